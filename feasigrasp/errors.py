@@ -1,0 +1,21 @@
+"""The errors a user can act on; every message names the value, the limit and the mend."""
+
+
+class FeasigraspError(Exception):
+    """Base class of the project's own errors."""
+
+
+class PointCloudError(FeasigraspError, ValueError):
+    """A point cloud that no distance field can be fitted to (too few points, NaN, wrong shape)."""
+
+
+class MeshError(FeasigraspError, ValueError):
+    """A mesh that cannot become a rigid object (missing, not watertight, wrong scale)."""
+
+
+class ScenarioError(FeasigraspError, ValueError):
+    """A scenario file or name that does not describe something runnable."""
+
+
+class GraspError(FeasigraspError, ValueError):
+    """A set of grasps or a gripper description with inconsistent content."""

@@ -1,0 +1,1 @@
+"""Experiments: runs, metrics, result files, replays."""

@@ -1,0 +1,1 @@
+"""The mathematics: NumPy, numba and torch only. Nothing in this package imports Drake."""

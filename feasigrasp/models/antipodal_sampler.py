@@ -1,0 +1,121 @@
+"""Model-free grasp sampler: contact pairs on the completed surface along the inward normal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.grasp_filter import filter_grasps
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+
+Array = NDArray[np.float64]
+
+#: First point looked at on the way through the object; thinner walls are not seen [m].
+_ENTRY = 0.002
+#: Grasps closer than this to a better one are copies of it.
+_SAME_POSITION, _SAME_ANGLE = 0.010, np.deg2rad(20.0)
+
+
+@dataclass(frozen=True, eq=False)
+class AntipodalSampler:
+    """Samples parallel-jaw grasps from a distance field: ``sampler(gpdf) -> GraspSet``.
+
+    For each point of the completed surface the ray along the inward normal b gives the opposite
+    contact. Every contact pair is approached from several directions perpendicular to b; what the
+    filter leaves is thinned to different grasps. The same field gives the same grasps.
+
+    Attributes:
+        gripper: The hand.
+        n_candidates: Grasps that are filtered.
+        n_grasps: Most grasps returned.
+        n_approaches: Approach directions per contact pair.
+        seed: Seeds the approach directions.
+    """
+
+    gripper: ParallelGripper = field(default_factory=ParallelGripper)
+    n_candidates: int = 800
+    n_grasps: int = 64
+    n_approaches: int = 8
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the counts."""
+        for name in ("n_candidates", "n_grasps", "n_approaches"):
+            if getattr(self, name) < 1:
+                raise GraspError(f"AntipodalSampler.{name} = {getattr(self, name)}; give 1 or more")
+
+    def __call__(self, gpdf: Gpdf) -> GraspSet:
+        """Filtered grasps, best first, in the frame of the field (object frame O)."""
+        X_OG, width, no_exit = self.candidates(gpdf)
+        grasps = filter_grasps(gpdf, X_OG, width, self.gripper)
+        grasps = grasps.select(_distinct(grasps, self.n_grasps), "near copy")
+        if no_exit:
+            rejected = {"too wide": no_exit, **grasps.rejected}
+            rejected["too wide"] = no_exit + grasps.rejected.get("too wide", 0)
+            grasps = GraspSet(grasps.X_OG, grasps.width, grasps.score, rejected)
+        return grasps
+
+    def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, int]:
+        """Unfiltered grasps.
+
+        Returns:
+            Poses X_OG (n, 4, 4), widths (n,), and the number of surface points whose ray leaves
+            the object nowhere within the hand's opening.
+        """
+        rng = np.random.default_rng(self.seed)
+        surface = gpdf.completion
+        b = -surface.normals
+        width = gpdf.ray_exits(surface.points, b, self.gripper.max_opening, _ENTRY)
+        hit = np.isfinite(width)
+        first, b, width = surface.points[hit], b[hit], width[hit]
+        n_pairs = -(-self.n_candidates // self.n_approaches)
+        if len(width) > n_pairs:
+            opposite = gpdf.normals(first + width[:, None] * b)
+            best = np.argsort(-np.einsum("ni,ni->n", opposite, b), kind="stable")[:n_pairs]
+            first, b, width = first[best], b[best], width[best]
+        frames = _frames(b, self.n_approaches, rng)
+        X_OG = np.tile(np.eye(4), (*frames.shape[:2], 1, 1))
+        X_OG[..., :3, :3] = frames
+        X_OG[..., :3, 3] = (first + 0.5 * width[:, None] * b)[:, None]
+        X_OG = X_OG.reshape(-1, 4, 4)[: self.n_candidates]
+        return X_OG, np.repeat(width, self.n_approaches)[: self.n_candidates], int((~hit).sum())
+
+
+def _frames(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:
+    """Grasp rotations [b, z x b, z] for evenly spaced approaches z round b, (n, n_approaches, 3, 3)."""
+    helper = np.eye(3)[np.abs(b).argmin(axis=1)]
+    u = np.cross(b, helper)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(b, u)
+    phase = rng.uniform(0.0, 2 * np.pi, (len(b), 1))
+    angle = (phase + np.arange(n_approaches) * 2 * np.pi / n_approaches)[..., None]
+    z = np.cos(angle) * u[:, None] + np.sin(angle) * v[:, None]
+    x = np.broadcast_to(b[:, None], z.shape)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def _distinct(grasps: GraspSet, count: int) -> NDArray[np.int64]:
+    """Indices of at most ``count`` grasps, best first, none a near copy of a better one."""
+    left = np.ones(len(grasps), dtype=bool)
+    chosen: list[int] = []
+    for i in range(len(grasps)):
+        if not left[i]:
+            continue
+        chosen.append(i)
+        if len(chosen) == count:
+            break
+        apart = np.linalg.norm(grasps.X_OG[:, :3, 3] - grasps.X_OG[i, :3, 3], axis=1)
+        left &= (apart / _SAME_POSITION) ** 2 + (_angle_to(grasps, i) / _SAME_ANGLE) ** 2 > 1.0
+    return np.array(chosen, dtype=np.int64)
+
+
+def _angle_to(grasps: GraspSet, i: int) -> Array:
+    """Rotation angle from grasp i to every grasp or to its 180-degree flip, whichever is less."""
+    R = grasps.X_OG[:, :3, :3]
+    xx, yy, zz = np.einsum("nij,ij->nj", R, R[i]).T
+    return np.arccos(np.clip((np.abs(xx + yy) + zz - 1.0) / 2.0, -1.0, 1.0))

@@ -1,0 +1,129 @@
+"""Post-filter of parallel-jaw grasps against a completed surface.
+
+Choi & Figueroa (arXiv 2311.02576, "Data-driven grasp sampler"): gripper points must lie outside
+the surface, and the normals at the two contacts must oppose each other. Here the second contact is
+``c2 = c1 + w b`` with b pointing from c1 into the object; the authors' script forgets the
+translation in that look-up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+
+Array = NDArray[np.float64]
+
+#: Cosines between opposed contact normals that are tried one after the other.
+COSINE_STEPS = (-0.95, -0.9, -0.8)
+#: A contact further than this from the surface touches nothing [m].
+CONTACT_TOLERANCE = 0.005
+#: Lever arm from the object's centre to the contact line at which the score has dropped to 1/e [m].
+LEVER_LENGTH = 0.05
+
+
+def filter_grasps(
+    gpdf: Gpdf,
+    X_OG: ArrayLike,
+    width: ArrayLike,
+    gripper: ParallelGripper,
+    *,
+    margin: float = 0.003,
+    cosine_steps: Sequence[float] = COSINE_STEPS,
+    enough: int = 10,
+) -> GraspSet:
+    """Keeps the grasps that fit the hand, hold the object and collide with nothing.
+
+    Args:
+        gpdf: Distance field in frame O.
+        X_OG: Candidate grasp frames, shape (n, 4, 4).
+        width: Distance between the contacts, shape (n,) [m].
+        gripper: The hand; it approaches fully open.
+        margin: Least distance of the open hand from the surface [m].
+        cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
+            weaker one is used only while fewer than ``enough`` grasps pass.
+        enough: See ``cosine_steps``.
+
+    Returns:
+        The survivors, best first, with the number of candidates dropped for each reason: "too
+        wide", "off the surface", "nothing between the pads", "not antipodal", "gripper collides".
+
+    Raises:
+        GraspError: If poses and widths do not match.
+    """
+    poses = np.array(X_OG, dtype=float).reshape(-1, 4, 4)
+    candidates = GraspSet(poses, width, np.zeros(len(poses)))
+    if len(candidates) == 0:
+        return candidates
+
+    candidates = candidates.select(candidates.width <= gripper.max_opening - margin, "too wide")
+    first, second = contacts(candidates)
+    off = np.maximum(np.abs(gpdf.distance(first)), np.abs(gpdf.distance(second)))
+    candidates = candidates.select(off <= CONTACT_TOLERANCE, "off the surface")
+    candidates = candidates.select(_holds_something(gpdf, candidates), "nothing between the pads")
+
+    cosine = contact_cosine(gpdf, candidates)
+    opposed = cosine <= max(cosine_steps)
+    candidates, cosine = candidates.select(opposed, "not antipodal"), cosine[opposed]
+    free = ~gpdf.touches(candidates.X_OG, gripper.surface_points(gripper.max_opening), margin)
+    candidates, cosine = candidates.select(free, "gripper collides"), cosine[free]
+
+    for limit in sorted(cosine_steps):
+        if np.count_nonzero(cosine <= limit) >= enough:
+            break
+    kept = cosine <= limit
+    candidates, cosine = candidates.select(kept, "not antipodal"), cosine[kept]
+    score = _score(gpdf, candidates, cosine)
+    ranked = GraspSet(candidates.X_OG, candidates.width, score, candidates.rejected)
+    return ranked.select(np.argsort(-score, kind="stable"))
+
+
+def contacts(grasps: GraspSet) -> tuple[Array, Array]:
+    """The two contact points ``c1`` and ``c2 = c1 + w b`` of each grasp, shapes (n, 3), in O."""
+    half = 0.5 * grasps.width[:, None] * grasps.X_OG[:, :3, 0]
+    middle = grasps.X_OG[:, :3, 3]
+    return middle - half, middle + half
+
+
+def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
+    """How well the contacts oppose each other: -1 is a perfect antipodal pair, shape (n,).
+
+    The worst (largest) of three cosines: between the two outward normals, and of either normal
+    with the closing line. The latter two say whether both contacts lie in the friction cone.
+    """
+    first, second = contacts(grasps)
+    n1, n2, b = gpdf.normals(first), gpdf.normals(second), grasps.X_OG[:, :3, 0]
+    pair = np.einsum("ni,ni->n", n1, n2)
+    at_first = np.einsum("ni,ni->n", n1, b)
+    at_second = -np.einsum("ni,ni->n", n2, b)
+    return np.maximum(pair, np.maximum(at_first, at_second))
+
+
+def _holds_something(gpdf: Gpdf, grasps: GraspSet) -> NDArray[np.bool_]:
+    """Whether some part of the line between the pads is inside the object."""
+    if len(grasps) == 0:
+        return np.zeros(0, dtype=bool)
+    first, second = contacts(grasps)
+    share = np.array([0.2, 0.5, 0.8])[None, :, None]
+    between = first[:, None] + share * (second - first)[:, None]
+    return gpdf.distance(between.reshape(-1, 3)).reshape(-1, 3).min(axis=1) < 0.0
+
+
+def _score(gpdf: Gpdf, grasps: GraspSet, cosine: Array) -> Array:
+    """Opposition, lever arm to the centre and certainty of the contacts, as one number in [0, 1]."""
+    if len(grasps) == 0:
+        return np.zeros(0)
+    first, second = contacts(grasps)
+    to_centre = gpdf.completion.points.mean(axis=0) - grasps.X_OG[:, :3, 3]
+    lever = np.linalg.norm(np.cross(to_centre, grasps.X_OG[:, :3, 0]), axis=1)
+    unseen = np.maximum(gpdf.variance(first), gpdf.variance(second))
+    scale = max(float(gpdf.completion.variance.max()), 1e-12)
+    opposition = np.clip(-cosine, 0.0, 1.0)
+    certainty = np.clip(1.0 - unseen / scale, 0.0, 1.0)
+    return 0.5 * opposition + 0.3 * np.exp(-lever / LEVER_LENGTH) + 0.2 * certainty

@@ -1,0 +1,106 @@
+"""The way into a grasp: along the approach direction, so that open fingers straddle the object.
+
+A straight line to the grasp would sweep a finger through the object. Instead the hand follows the
+grasp pose pulled back along its approach direction, by an amount that shrinks with the sideways and
+angular error: the hand lines up first and slides in once it is lined up.
+"""
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.se3_kernels import log_kernel
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """Shape of the funnel.
+
+    Attributes:
+        max_standoff: Longest distance pulled back [m].
+        lateral_gain: Standoff per sideways error [m/m].
+        angular_gain: Standoff per angle error [m/rad].
+        lateral_tolerance: Sideways error without standoff [m].
+        angular_tolerance: Angle error without standoff [rad].
+    """
+
+    max_standoff: float = 0.10
+    lateral_gain: float = 4.0
+    angular_gain: float = 0.4
+    lateral_tolerance: float = 0.005
+    angular_tolerance: float = 0.06
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The attributes in order, for the kernels."""
+        return np.array(
+            [
+                self.max_standoff,
+                self.lateral_gain,
+                self.angular_gain,
+                self.lateral_tolerance,
+                self.angular_tolerance,
+            ]
+        )
+
+
+@nb.njit(cache=True)
+def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
+    """How far hand H must stay behind grasp G along its approach direction [m]."""
+    px = py = 0.0
+    for i in range(3):
+        d = X_OH[i, 3] - X_OG[i, 3]
+        px += X_OG[i, 0] * d
+        py += X_OG[i, 1] * d
+    trace = 0.0
+    for i in range(3):
+        for j in range(3):
+            trace += X_OG[i, j] * X_OH[i, j]
+    angle = np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+    lateral = max(0.0, np.hypot(px, py) - funnel[3])
+    standoff = funnel[1] * lateral + funnel[2] * max(0.0, angle - funnel[4])
+    return min(funnel[0], standoff)
+
+
+@nb.njit(cache=True)
+def funnel_targets_kernel(X_OG, X_OH, funnel, targets):  # type: ignore[no-untyped-def]
+    """Writes the poses (n, 4, 4) that a hand at ``X_OH`` should steer to on its way into grasps."""
+    for k in range(len(X_OG)):
+        standoff = standoff_kernel(X_OG[k], X_OH, funnel)
+        targets[k] = X_OG[k]
+        for i in range(3):
+            targets[k, i, 3] -= standoff * X_OG[k, i, 2]
+
+
+@nb.njit(cache=True)
+def grasp_errors_kernel(X_OG, X_OH, errors):  # type: ignore[no-untyped-def]
+    """Writes position [m] and angle [rad] error of the hand to every grasp, shape (n, 2)."""
+    X = np.empty((4, 4))
+    for k in range(len(X_OG)):
+        d = X_OH[:3, 3] - X_OG[k, :3, 3]
+        X[:] = 0.0
+        X[3, 3] = 1.0
+        X[:3, :3] = X_OG[k, :3, :3].T @ X_OH[:3, :3]
+        xi = log_kernel(X)
+        errors[k, 0] = np.sqrt(np.sum(d * d))
+        errors[k, 1] = np.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2)
+
+
+def grasp_errors(X_OG: FloatArray, X_OH: FloatArray) -> FloatArray:
+    """Position [m] and angle [rad] error of the hand H to every grasp, shape (n, 2)."""
+    errors = np.empty((len(X_OG), 2))
+    grasp_errors_kernel(np.ascontiguousarray(X_OG), np.ascontiguousarray(X_OH), errors)
+    return errors
+
+
+def funnel_targets(X_OG: FloatArray, X_OH: FloatArray, funnel: Funnel) -> FloatArray:
+    """Poses (n, 4, 4) that the hand H should steer to on its way into the grasps (n, 4, 4)."""
+    targets = np.empty((len(X_OG), 4, 4))
+    funnel_targets_kernel(
+        np.ascontiguousarray(X_OG), np.ascontiguousarray(X_OH), funnel.parameters, targets
+    )
+    return targets

@@ -1,0 +1,150 @@
+"""The phases of a grasp, and where the hand should go in each of them.
+
+approach -> close -> lift -> hold -> done; back to approach when the fingers close on nothing.
+"""
+
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models import se3
+from feasigrasp.models.grasp_funnel import grasp_errors
+from feasigrasp.models.grasps import GraspSet
+
+FloatArray = NDArray[np.float64]
+
+
+class Phase(IntEnum):
+    """What the gripper is doing."""
+
+    APPROACH = 0
+    CLOSE = 1
+    LIFT = 2
+    HOLD = 3
+    DONE = 4
+
+
+@dataclass
+class GraspSequenceConfig:
+    """When the gripper closes, and what happens then.
+
+    Attributes:
+        close: Whether the gripper closes at all; if not, the arm follows for ever.
+        position_tolerance: Distance to a grasp below which the hand is there [m].
+        angle_tolerance: The same for the angle [rad].
+        dwell: How long the hand must be there before the fingers close [s].
+        closing_speed: Rate at which the distance between the pads shrinks [m/s].
+        squeeze_time: Time from the start of closing to letting go of the object [s].
+        min_width: Fingers that come closer than this have missed the object [m].
+        lift: Displacement of the hand after that, in the world [m].
+        lift_time: Duration of the lift [s].
+        hold_time: Time the object must stay in the hand afterwards [s].
+    """
+
+    close: bool = True
+    position_tolerance: float = 0.006
+    angle_tolerance: float = 0.08
+    dwell: float = 0.1
+    closing_speed: float = 0.15
+    squeeze_time: float = 1.0
+    min_width: float = 0.002
+    lift: list[float] = field(default_factory=lambda: [-0.05, 0.0, 0.10])
+    lift_time: float = 1.5
+    hold_time: float = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class GraspState:
+    """Where in the sequence a grasp is.
+
+    Attributes:
+        phase: The present phase.
+        since: When it began [s].
+        near_since: Since when the hand has been at a grasp [s]; NaN if it is not.
+        grasp: The grasp that the hand committed to, in O; None while approaching.
+        X_WO: Object pose when it was let go, shape (4, 4); None before.
+    """
+
+    phase: Phase = Phase.APPROACH
+    since: float = 0.0
+    near_since: float = float("nan")
+    grasp: GraspSet | None = None
+    X_WO: FloatArray | None = None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "GraspState":
+        """Immutable, so a copy is itself."""
+        return self
+
+    def advanced(
+        self,
+        t: float,
+        X_WH: FloatArray,
+        X_WO: FloatArray,
+        grasps: GraspSet,
+        opening: float,
+        config: GraspSequenceConfig,
+    ) -> "GraspState":
+        """The state at time t.
+
+        Args:
+            t: Time [s].
+            X_WH: Pose of the hand (its grasp frame), shape (4, 4).
+            X_WO: Pose of the object, shape (4, 4).
+            grasps: Reachable grasps in O.
+            opening: Measured distance between the pads [m].
+            config: Tolerances and durations.
+        """
+        elapsed = t - self.since
+        X_OH = se3.inverse(X_WO) @ X_WH
+        match self.phase:
+            case Phase.APPROACH if config.close:
+                return self._approach(t, X_OH, grasps, config)
+            case Phase.CLOSE if elapsed >= config.squeeze_time - 1e-9:
+                if opening < config.min_width:
+                    return GraspState(since=t)
+                assert self.grasp is not None
+                held = GraspSet(X_OH[None], self.grasp.width, self.grasp.score)
+                return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO)
+            case Phase.LIFT if elapsed >= config.lift_time - 1e-9:
+                return replace(self, phase=Phase.HOLD, since=t)
+            case Phase.HOLD if elapsed >= config.hold_time - 1e-9:
+                return replace(self, phase=Phase.DONE, since=t)
+        return self
+
+    def _approach(
+        self, t: float, X_OH: FloatArray, grasps: GraspSet, config: GraspSequenceConfig
+    ) -> "GraspState":
+        if len(grasps) == 0:
+            return replace(self, near_since=float("nan"))
+        errors = grasp_errors(grasps.X_OG, X_OH)
+        relative = np.max(errors / [config.position_tolerance, config.angle_tolerance], axis=1)
+        nearest = int(np.argmin(relative))
+        if relative[nearest] > 1.0:
+            return replace(self, near_since=float("nan"))
+        near_since = t if np.isnan(self.near_since) else self.near_since
+        if t - near_since < config.dwell - 1e-9:
+            return replace(self, near_since=near_since)
+        return GraspState(Phase.CLOSE, t, grasp=grasps.select(np.array([nearest])))
+
+    def target(
+        self, t: float, X_WO: FloatArray, V_WO: FloatArray, config: GraspSequenceConfig
+    ) -> tuple[FloatArray, FloatArray]:
+        """Pose and twist of the object that the arm should follow: the real one, until it is let go.
+
+        From then on it is the pose at which it was let go, moved along the lift without a jump in
+        velocity.
+        """
+        if self.X_WO is None:
+            return X_WO, V_WO
+        lift = np.asarray(config.lift, dtype=float)
+        s = 1.0
+        rate = 0.0
+        if self.phase == Phase.LIFT:
+            s = float(np.clip((t - self.since) / config.lift_time, 0.0, 1.0))
+            rate = 6.0 * s * (1.0 - s) / config.lift_time
+        X = self.X_WO.copy()
+        X[:3, 3] += lift * (3.0 * s**2 - 2.0 * s**3)
+        return X, np.concatenate([np.zeros(3), lift * rate])

@@ -1,0 +1,90 @@
+"""The value that samplers, filters and controllers hand on: a set of parallel-jaw grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.errors import GraspError
+
+if TYPE_CHECKING:
+    from feasigrasp.models.gpdf import Gpdf
+
+#: Any grasp sampler, model-free or learned: a distance field in, filtered grasps out.
+GraspSamplerFn = Callable[["Gpdf"], "GraspSet"]
+
+
+@dataclass(frozen=True, eq=False)
+class GraspSet:
+    """Parallel-jaw grasps of one object, in the object frame O.
+
+    Frame G of a grasp has its origin midway between the two contacts; ``x`` is the closing
+    direction, ``z`` the approach direction and ``y = z x x``. The arrays are read-only and a deep
+    copy is the object itself, so that a set can travel through Drake's abstract ports for free.
+
+    Attributes:
+        X_OG: Grasp poses in the object frame, shape (n, 4, 4) [m].
+        width: Distance between the two contact points, shape (n,) [m].
+        score: Higher is better, in [0, 1], shape (n,).
+        rejected: How many candidates each filter removed, by reason.
+    """
+
+    X_OG: NDArray[np.float64]
+    width: NDArray[np.float64]
+    score: NDArray[np.float64]
+    rejected: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays and checks that they agree."""
+        X_OG = np.array(self.X_OG, dtype=float).reshape(-1, 4, 4)
+        width = np.array(self.width, dtype=float).reshape(-1)
+        score = np.array(self.score, dtype=float).reshape(-1)
+        if not len(X_OG) == len(width) == len(score):
+            raise GraspError(
+                f"GraspSet: {len(X_OG)} poses, {len(width)} widths and {len(score)} scores; "
+                "give one width and one score per pose."
+            )
+        if not (np.isfinite(X_OG).all() and np.isfinite(width).all() and np.isfinite(score).all()):
+            raise GraspError("GraspSet: NaN or infinity in poses, widths or scores; drop them first.")
+        for name, array in (("X_OG", X_OG), ("width", width), ("score", score)):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "rejected", MappingProxyType(dict(self.rejected)))
+
+    @classmethod
+    def empty(cls, rejected: Mapping[str, int] | None = None) -> GraspSet:
+        """A set without grasps (nothing seen yet, or nothing survived the filters)."""
+        return cls(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0), rejected or {})
+
+    def __len__(self) -> int:
+        """Number of grasps."""
+        return len(self.width)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GraspSet:
+        """The set is immutable, so a copy is itself."""
+        return self
+
+    def select(self, keep: NDArray[Any], reason: str | None = None) -> GraspSet:
+        """The grasps that ``keep`` (mask or indices) names; the others counted under ``reason``."""
+        chosen = GraspSet(self.X_OG[keep], self.width[keep], self.score[keep], self.rejected)
+        dropped = len(self) - len(chosen)
+        if reason is None or dropped <= 0:
+            return chosen
+        counts = dict(self.rejected)
+        counts[reason] = counts.get(reason, 0) + dropped
+        return GraspSet(chosen.X_OG, chosen.width, chosen.score, counts)
+
+    def with_twins(self) -> GraspSet:
+        """Adds the 180-degree flip about z of every grasp: the same grasp, another hand pose."""
+        flip = np.diag([-1.0, -1.0, 1.0, 1.0])
+        return GraspSet(
+            np.concatenate([self.X_OG, self.X_OG @ flip]),
+            np.tile(self.width, 2),
+            np.tile(self.score, 2),
+            self.rejected,
+        )

@@ -1,0 +1,130 @@
+"""Geometry of a parallel gripper, the one source for model files, filters and controllers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.errors import GraspError
+
+
+def _flange_to_grasp(offset: float) -> NDArray[np.float64]:
+    X_FG = np.eye(4)
+    X_FG[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # closing direction x_G along y_F
+    X_FG[2, 3] = offset
+    return X_FG
+
+
+@dataclass(frozen=True, eq=False)
+class ParallelGripper:
+    """A two-finger parallel gripper, described in its grasp frame G.
+
+    The defaults stand in for the SAKE EZGripper of the paper: the range in which its pads stay
+    parallel, and its reach of 0.18 m from the flange to the pad centre.
+
+    Attributes:
+        max_opening: Distance between the pads when fully open [m].
+        finger_thickness: Size of a finger along x (closing direction) [m].
+        finger_width: Size of a finger along y [m].
+        tip: z of the finger tips, in front of the pad centre [m].
+        heel: z of the finger's inner end, behind the pad centre, negative [m].
+        palm_size: Palm box along x, y, z [m]; its front face lies at ``heel``.
+        tool_offset: Distance from the flange to the pad centre along the flange's z-axis [m].
+        camera_box: Box in G that encloses the tilted wrist camera (size along x, y, z) [m].
+        camera_center: Its centre in G [m]: beside the palm, so far out that the palm's edge does
+            not hide the pad centre from the camera.
+        camera_tilt: Angle by which the camera's optical axis leans from the approach direction
+            towards the tool axis, which it crosses in front of the finger tips [rad].
+    """
+
+    max_opening: float = 0.085
+    finger_thickness: float = 0.015
+    finger_width: float = 0.030
+    tip: float = 0.025
+    heel: float = -0.050
+    palm_size: tuple[float, float, float] = (0.082, 0.079, 0.065)
+    tool_offset: float = 0.18
+    camera_box: tuple[float, float, float] = (0.090, 0.031, 0.031)
+    camera_center: tuple[float, float, float] = (0.0, 0.085, -0.105)
+    camera_tilt: float = np.deg2rad(15.0)
+    X_FG: NDArray[np.float64] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Checks the sizes and derives the pose of the grasp frame in the flange frame."""
+        self._check()
+        X_FG = _flange_to_grasp(self.tool_offset)
+        X_FG.flags.writeable = False
+        object.__setattr__(self, "X_FG", X_FG)
+
+    def _check(self) -> None:
+        lengths = {
+            "max_opening": (self.max_opening,),
+            "finger_thickness": (self.finger_thickness,),
+            "finger_width": (self.finger_width,),
+            "tip": (self.tip,),
+            "palm_size": self.palm_size,
+            "camera_box": self.camera_box,
+            "tool_offset": (self.tool_offset,),
+        }
+        for name, values in lengths.items():
+            size = 3 if name in ("palm_size", "camera_box") else 1
+            if len(values) != size or not all(np.isfinite(v) and 0 < v < 1 for v in values):
+                raise GraspError(
+                    f"ParallelGripper.{name} = {getattr(self, name)}: give "
+                    f"{'three lengths' if size == 3 else 'a length'} between 0 and 1 m (metres?)"
+                )
+        if not -1 < self.heel < 0:
+            raise GraspError(
+                f"ParallelGripper.heel = {self.heel}: it lies behind the pad centre; give a "
+                "negative z in metres"
+            )
+        if len(self.camera_center) != 3 or not np.isfinite(self.camera_center).all():
+            raise GraspError(
+                f"ParallelGripper.camera_center = {self.camera_center}: give x, y, z in metres"
+            )
+        if self.tool_offset < self.palm_size[2] - self.heel - 1e-9:
+            raise GraspError(
+                f"ParallelGripper: the palm ends {self.palm_size[2] - self.heel:.3f} m behind the "
+                f"pad centre, the flange is only tool_offset = {self.tool_offset} m behind it"
+            )
+
+    def surface_points(self, opening: float) -> NDArray[np.float64]:
+        """Points on the hand's outside, for collision checks against a distance field.
+
+        Tips, outer faces and edges of both fingers, front and back of the palm, and the wrist
+        camera; not the inner faces of the pads, which are meant to touch. At most 2 cm apart on
+        the fingers and the front of the palm, so that little slips through between them.
+
+        Args:
+            opening: Distance between the pads [m], from 0 to ``max_opening``.
+
+        Returns:
+            Shape (k, 3), in the grasp frame G [m].
+
+        Raises:
+            GraspError: If the hand cannot open that far.
+        """
+        if not 0.0 <= opening <= self.max_opening + 1e-9:
+            raise GraspError(
+                f"opening = {opening} m is outside 0 ... max_opening = {self.max_opening} m"
+            )
+        side = self.finger_width / 2
+        near = opening / 2 + 0.2 * self.finger_thickness  # just off the pad's inner face
+        far = opening / 2 + self.finger_thickness
+        along = np.linspace(self.tip, self.heel, 6)[:-1]
+        fingers = [
+            _grid([-near, near], [-side, 0.0, side], along),
+            _grid([-far, far], [-side, side], along),
+        ]
+        px, py, pz = (size / 2 for size in self.palm_size)
+        front = _grid(np.linspace(-px, px, 5), np.linspace(-py, py, 5), [self.heel])
+        back = _grid([-px, px], [-py, py], [self.heel - 2 * pz])
+        cx, cy, cz = (size / 2 for size in self.camera_box)
+        camera = _grid([-cx, 0.0, cx], [-cy, cy], [cz]) + np.array(self.camera_center)
+        return np.concatenate([*fingers, front, camera, back])
+
+
+def _grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> NDArray[np.float64]:
+    return np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)

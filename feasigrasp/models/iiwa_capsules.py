@@ -1,0 +1,150 @@
+"""Capsules around the arm and its hand: the one source for URDF, self-collision and table checks.
+
+A capsule is a segment with a radius. The links' sizes follow the real arm (tubes of 0.136 m
+diameter; at the shoulder, the elbow and the wrist each link bulges to one side of the joint, to
+0.115 m or 0.099 m from the arm's centre line). The hand is `ParallelGripper` fully opened.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+
+#: Rigid bodies that carry capsules; ``BODY_LINK`` names the link that each of them moves with.
+HAND_NAMES = ("palm", "left_finger", "right_finger", "camera")
+BODY_NAMES = (*(f"iiwa_link_{i}" for i in range(8)), *HAND_NAMES)
+BODY_LINK = np.array([*range(8), 7, 7, 7, 7])
+PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
+
+TUBE_RADIUS = 0.068
+
+#: Pairs of bodies that can come close inside the joint limits. Left out are neighbours, links 5 and
+#: 7 (both turn about the wrist, which keeps them 8 mm apart), and every pair whose distance never
+#: falls below 3 cm; a test searches for the minima.
+BODY_PAIRS: tuple[tuple[int, int], ...] = (
+    *product((0,), (4, 5, 6, 7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
+    *product((1,), (7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
+    *product((2,), (PALM, LEFT_FINGER, RIGHT_FINGER)),
+)
+
+
+class Capsule(NamedTuple):
+    """A segment from ``a`` to ``b`` with a radius, in the frame of the body's link [m]."""
+
+    body: int
+    a: tuple[float, float, float]
+    b: tuple[float, float, float]
+    radius: float
+
+
+class CapsuleModel(NamedTuple):
+    """Capsules and the pairs to check, as the arrays that the kernels of self_collision take.
+
+    Attributes:
+        link: Link that each capsule moves with, shape (c,).
+        ends: End points in that link's frame, shape (c, 2, 3) [m].
+        radius: Shape (c,) [m].
+        reach: Radius of the ball about the segment's middle that holds the capsule, shape (c,) [m].
+        pairs: Indices of the capsules of each checked pair, the lower link first, shape (p, 2).
+        movers: Indices of the capsules whose height can change (links 2 to 7), shape (m,).
+    """
+
+    link: NDArray[np.int64]
+    ends: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    reach: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+    movers: NDArray[np.int64]
+
+
+def arm_capsules() -> tuple[Capsule, ...]:
+    """The capsules of the base and the seven links."""
+    shoulder = JOINT_HEIGHTS[1] - JOINT_HEIGHTS[0]
+    elbow = JOINT_HEIGHTS[3] - JOINT_HEIGHTS[2]
+    wrist = JOINT_HEIGHTS[5] - JOINT_HEIGHTS[4]
+    upper_tube = JOINT_HEIGHTS[2] - JOINT_HEIGHTS[1]
+    lower_tube = JOINT_HEIGHTS[4] - JOINT_HEIGHTS[3]
+    r, out = TUBE_RADIUS, 0.115 - TUBE_RADIUS
+    return (
+        Capsule(0, (-0.010, 0.0, 0.0), (-0.010, 0.0, 0.050), 0.108),
+        Capsule(1, (0.0, 0.0, 0.02), (0.0, 0.0, shoulder), r),
+        Capsule(1, (0.0, -out, shoulder), (0.0, 0.0, shoulder), r),
+        Capsule(2, (0.0, 0.0, 0.0), (0.0, 0.0, upper_tube - 0.02), r),
+        Capsule(2, (0.0, 0.0, 0.0), (0.0, out, 0.0), r),
+        Capsule(3, (0.0, 0.0, 0.02), (0.0, 0.0, elbow), r),
+        Capsule(3, (0.0, 0.0, elbow), (0.0, out, elbow), r),
+        Capsule(4, (0.0, 0.0, 0.0), (0.0, 0.0, lower_tube - 0.02), r),
+        Capsule(4, (0.0, -out, 0.0), (0.0, 0.0, 0.0), r),
+        Capsule(5, (0.0, 0.0, 0.02), (0.0, 0.0, 0.05), r),
+        Capsule(5, (0.0, -0.054, wrist - 0.09), (0.0, -0.054, wrist), 0.045),
+        Capsule(6, (0.0, -0.018, 0.0), (0.0, 0.022, 0.0), 0.070),
+        Capsule(7, (0.0, 0.0, 0.020), (0.0, 0.0, 0.024), 0.050),
+    )
+
+
+def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]:
+    """The capsules of palm, opened fingers and wrist camera, carried by link 7.
+
+    The palm and the camera are enclosed. A finger's capsule ends at its tip and is as wide as the
+    finger, so the finger's corners stand out of it by less than its radius of ``finger_width/2``.
+    """
+    gripper = gripper or ParallelGripper()
+    X_7G = gripper.X_FG.copy()
+    X_7G[2, 3] += FLANGE_HEIGHT - JOINT_HEIGHTS[6]
+
+    def capsule(body: int, a: list[float], b: list[float], radius: float) -> Capsule:
+        ends = np.array([a, b]) @ X_7G[:3, :3].T + X_7G[:3, 3]
+        return Capsule(body, tuple(ends[0].tolist()), tuple(ends[1].tolist()), radius)
+
+    palm_x, palm_y, palm_z = gripper.palm_size
+    finger = gripper.finger_width / 2
+    x = gripper.max_opening / 2 + gripper.finger_thickness / 2
+    top = gripper.tip - finger
+    length, height, _ = gripper.camera_box
+    _, y, z = gripper.camera_center
+    return (
+        capsule(
+            PALM,
+            [0, 0, gripper.heel - palm_z],
+            [0, 0, gripper.heel],
+            float(np.hypot(palm_x, palm_y) / 2),
+        ),
+        capsule(LEFT_FINGER, [x, 0, gripper.heel], [x, 0, top], finger),
+        capsule(RIGHT_FINGER, [-x, 0, gripper.heel], [-x, 0, top], finger),
+        capsule(CAMERA, [-length / 2, y, z], [length / 2, y, z], height / np.sqrt(2)),
+    )
+
+
+def capsule_model(
+    gripper: ParallelGripper | None = None, *, with_hand: bool = True
+) -> CapsuleModel:
+    """The arrays of the arm, and of its hand unless ``with_hand`` is false."""
+    capsules = arm_capsules() + (hand_capsules(gripper) if with_hand else ())
+    by_body: dict[int, list[int]] = {}
+    for index, capsule in enumerate(capsules):
+        by_body.setdefault(capsule.body, []).append(index)
+    pairs = [
+        pair
+        for low, high in BODY_PAIRS
+        for pair in product(by_body.get(low, ()), by_body.get(high, ()))
+    ]
+    link = np.array([BODY_LINK[c.body] for c in capsules])
+    ends = np.array([(c.a, c.b) for c in capsules])
+    radius = np.array([c.radius for c in capsules])
+    model = CapsuleModel(
+        link=link,
+        ends=ends,
+        radius=radius,
+        reach=radius + np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2,
+        pairs=np.array(pairs),
+        movers=np.flatnonzero(link >= 2),
+    )
+    for array in model:
+        array.flags.writeable = False
+    return model

@@ -1,0 +1,357 @@
+"""Expectation maximisation on SE(3): the compiled half of ``fit_riemannian_mixture``.
+
+One fused pass over poses and components yields all that an M step needs: per component the sums
+of r, r v and r v v^T. Memory does not grow with n x K, so three million poses are no problem.
+Poses come as structure of arrays (quaternions (4, n), positions (3, n)) and are worked on in
+blocks, so that the compiler turns the inner loops into SIMD code.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from feasigrasp.models.fast_exp import fast_exp
+from feasigrasp.models.se3_kernels import exp_kernel, quaternion_kernel, quaternion_log_kernel
+
+Array = NDArray[np.float64]
+
+#: Poses per block: tangents of a block stay in the L1 cache.
+_BLOCK = 128
+#: A mean has converged when it moves less than this [rad, and m over the length scale].
+_MEAN_TOLERANCE = 1e-3
+_MEAN_ITERATIONS = 5
+#: Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
+_DUPLICATE = 1e-12
+
+
+@njit(cache=True)
+def seed_means(
+    quaternions: Array, positions: Array, weights: Array, length_scale: float, draws: Array
+) -> tuple[NDArray[np.int64], float]:
+    """Greedy k-means++ in the metric angle^2 + (distance / length_scale)^2.
+
+    Args:
+        quaternions: Unit quaternions, shape (4, n).
+        positions: Positions, shape (3, n) [m].
+        weights: Weight of each pose, shape (n,).
+        length_scale: Metres that weigh as much as a radian.
+        draws: Uniform variates in [0, 1), shape (K, candidates): the randomness.
+
+    Returns:
+        Indices of at most K distinct seeds, and the root mean square distance to the nearest
+        seed per tangent dimension [rad].
+    """
+    n, k = len(weights), len(draws)
+    seeds = np.empty(k, dtype=np.int64)
+    nearest = np.full(n, np.inf)
+    candidate, best = np.empty(n), np.empty(n)
+    count, potential = 0, np.inf
+    for i in range(k):
+        if i > 0 and potential <= _DUPLICATE * n:
+            break
+        lowest = np.inf
+        for j in range(draws.shape[1]):
+            index = _draw(weights, nearest, draws[i, j], i == 0)
+            _squared_distances(quaternions, positions, index, length_scale, candidate)
+            total = 0.0
+            for m in range(n):
+                candidate[m] = min(candidate[m], nearest[m])
+                total += weights[m] * candidate[m]
+            if total < lowest:
+                lowest, seeds[i] = total, index
+                candidate, best = best, candidate
+        nearest, best = best, nearest
+        potential, count = lowest, i + 1
+    return seeds[:count], math.sqrt(potential / 6.0 / len(weights))
+
+
+@njit(cache=True)
+def _draw(weights: Array, nearest: Array, uniform: float, first: bool) -> int:
+    """Index drawn with probability weight (times squared distance after the first seed)."""
+    total = 0.0
+    for i in range(len(weights)):
+        total += weights[i] * (1.0 if first else nearest[i])
+    target, chosen, reached = uniform * total, 0, 0.0
+    for i in range(len(weights)):
+        mass = weights[i] * (1.0 if first else nearest[i])
+        if mass > 0.0:
+            chosen = i
+            reached += mass
+            if reached > target:
+                break
+    return chosen
+
+
+@njit(cache=True)
+def _squared_distances(q: Array, p: Array, index: int, length_scale: float, out: Array) -> None:
+    scale = 1.0 / length_scale**2
+    for i in range(len(out)):
+        cosine = 0.0
+        for j in range(4):
+            cosine += q[j, i] * q[j, index]
+        angle = 2.0 * math.acos(min(1.0, abs(cosine)))
+        square = 0.0
+        for j in range(3):
+            square += (p[j, i] - p[j, index]) ** 2
+        out[i] = angle * angle + scale * square
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _block_tangents(block: Array, mean: Array, out: Array) -> None:
+    """Log(mean^-1 x) of a block of poses: block (7 _BLOCK,) of q and p, out (6 _BLOCK,)."""
+    mw, mx, my, mz = quaternion_kernel(mean)
+    r00, r01, r02, t0 = mean[0, 0], mean[0, 1], mean[0, 2], mean[0, 3]
+    r10, r11, r12, t1 = mean[1, 0], mean[1, 1], mean[1, 2], mean[1, 3]
+    r20, r21, r22, t2 = mean[2, 0], mean[2, 1], mean[2, 2], mean[2, 3]
+    for i in range(_BLOCK):
+        q0, q1 = block[i], block[_BLOCK + i]
+        q2, q3 = block[2 * _BLOCK + i], block[3 * _BLOCK + i]
+        w = mw * q0 + mx * q1 + my * q2 + mz * q3
+        sign = 1.0 if w >= 0.0 else -1.0
+        dx = block[4 * _BLOCK + i] - t0
+        dy = block[5 * _BLOCK + i] - t1
+        dz = block[6 * _BLOCK + i] - t2
+        v0, v1, v2, v3, v4, v5 = quaternion_log_kernel(
+            sign * w,
+            sign * (mw * q1 - mx * q0 - my * q3 + mz * q2),
+            sign * (mw * q2 - my * q0 - mz * q1 + mx * q3),
+            sign * (mw * q3 - mz * q0 - mx * q2 + my * q1),
+            r00 * dx + r10 * dy + r20 * dz,
+            r01 * dx + r11 * dy + r21 * dz,
+            r02 * dx + r12 * dy + r22 * dz,
+        )
+        out[i], out[_BLOCK + i], out[2 * _BLOCK + i] = v0, v1, v2
+        out[3 * _BLOCK + i], out[4 * _BLOCK + i], out[5 * _BLOCK + i] = v3, v4, v5
+
+
+@njit(cache=True, fastmath={"contract"})
+def _block_log_density(v: Array, W: Array, constant: float, out: Array) -> None:
+    """constant - |W v|^2 / 2 of a block of tangents (6 _BLOCK,); W is lower triangular."""
+    out[:] = constant
+    for a in range(6):
+        w0, w1, w2, w3, w4, w5 = W[a, 0], W[a, 1], W[a, 2], W[a, 3], W[a, 4], W[a, 5]
+        for i in range(_BLOCK):
+            z = w0 * v[i] + w1 * v[_BLOCK + i] + w2 * v[2 * _BLOCK + i]
+            z += w3 * v[3 * _BLOCK + i] + w4 * v[4 * _BLOCK + i] + w5 * v[5 * _BLOCK + i]
+            out[i] -= 0.5 * z * z
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _block_posterior(log_density: Array, weights: Array) -> float:
+    """Turns log densities (K, b) into weighted responsibilities; returns the log likelihood."""
+    largest, total = log_density[0].copy(), np.zeros(_BLOCK)
+    for i in range(1, len(log_density)):
+        row = log_density[i]
+        for j in range(_BLOCK):
+            largest[j] = max(largest[j], row[j])
+    for i in range(len(log_density)):
+        row = log_density[i]
+        for j in range(_BLOCK):
+            row[j] = fast_exp(row[j] - largest[j])
+            total[j] += row[j]
+    likelihood = 0.0
+    for j in range(_BLOCK):
+        likelihood += weights[j] * (largest[j] + math.log(total[j]))
+        total[j] = weights[j] / total[j]
+    for i in range(len(log_density)):
+        row = log_density[i]
+        for j in range(_BLOCK):
+            row[j] *= total[j]
+    return likelihood
+
+
+@njit(cache=True, fastmath={"contract", "reassoc"})
+def _add_moments(r: Array, v: Array, first: Array, second: Array) -> float:
+    """Adds sum r v and the lower triangle of sum r v v^T of a block; returns sum r."""
+    total, scaled = 0.0, np.empty(_BLOCK)
+    for j in range(_BLOCK):
+        total += r[j]
+    for a in range(6):
+        s = 0.0
+        for j in range(_BLOCK):
+            scaled[j] = r[j] * v[a * _BLOCK + j]
+            s += scaled[j]
+        first[a] += s
+        for b in range(a + 1):
+            s = 0.0
+            for j in range(_BLOCK):
+                s += scaled[j] * v[b * _BLOCK + j]
+            second[a, b] += s
+    return total
+
+
+@njit(cache=True)
+def _pass(
+    posterior: tuple[Array, Array, Array, Array, Array, Array],
+    targets: Array,
+    moved: bool,
+    mass: Array,
+    first: Array,
+    second: Array,
+) -> float:
+    """Moments about ``targets`` under the responsibilities of the given mixture.
+
+    ``posterior`` holds the poses (quaternions, positions, weights) and the mixture (means,
+    whitening, log normalisers plus log weights). ``targets`` are the means themselves unless
+    ``moved``. Returns the log likelihood.
+    """
+    quaternions, positions, weights, means, whitening, constants = posterior
+    n, k = len(weights), len(means)
+    tangents, log_density = np.empty((k, 6 * _BLOCK)), np.empty((k, _BLOCK))
+    block, w = np.empty(7 * _BLOCK), np.empty(_BLOCK)
+    likelihood = 0.0
+    mass[:] = 0.0
+    first[:] = 0.0
+    second[:] = 0.0
+    for start in range(0, n, _BLOCK):
+        for j in range(_BLOCK):
+            # The last block is filled up with copies of the last pose, of weight zero.
+            source = min(start + j, n - 1)
+            w[j] = weights[source] if start + j < n else 0.0
+            for a in range(4):
+                block[a * _BLOCK + j] = quaternions[a, source]
+            for a in range(3):
+                block[(4 + a) * _BLOCK + j] = positions[a, source]
+        for i in range(k):
+            _block_tangents(block, means[i], tangents[i])
+            _block_log_density(tangents[i], whitening[i], constants[i], log_density[i])
+        likelihood += _block_posterior(log_density, w)
+        for i in range(k):
+            if moved:
+                _block_tangents(block, targets[i], tangents[i])
+            mass[i] += _add_moments(log_density[i], tangents[i], first[i], second[i])
+    return likelihood
+
+
+@njit(cache=True, error_model="numpy")
+def _whiten(covariance: Array, W: Array) -> float:
+    """Writes the inverse Cholesky factor of a covariance; returns log((2 pi)^-3 |S|^-1/2)."""
+    L = np.zeros((6, 6))
+    constant = -3.0 * math.log(2.0 * math.pi)
+    for i in range(6):
+        for j in range(i + 1):
+            s = covariance[i, j]
+            for m in range(j):
+                s -= L[i, m] * L[j, m]
+            L[i, j] = math.sqrt(s) if i == j else s / L[j, j]
+        constant -= math.log(L[i, i])
+        W[i, i] = 1.0 / L[i, i]
+        for j in range(i):
+            s = 0.0
+            for m in range(j, i):
+                s += L[i, m] * W[m, j]
+            W[i, j] = -s / L[i, i]
+    return constant
+
+
+@njit(cache=True)
+def _move(X: Array, v: Array) -> None:
+    """X <- X exp(v)."""
+    Y = exp_kernel(v)
+    row = np.empty(4)
+    for i in range(3):
+        for j in range(4):
+            row[j] = X[i, 0] * Y[0, j] + X[i, 1] * Y[1, j] + X[i, 2] * Y[2, j]
+        row[3] += X[i, 3]
+        for j in range(4):
+            X[i, j] = row[j]
+
+
+@njit(cache=True)
+def _move_means(means: Array, mass: Array, first: Array, scale: Array) -> float:
+    """Moves every mean by its mean tangent; returns the largest step in units of ``scale``."""
+    largest, u = 0.0, np.empty(6)
+    for i in range(len(means)):
+        for a in range(6):
+            u[a] = first[i, a] / mass[i]
+            largest = max(largest, abs(u[a]) / scale[a])
+        _move(means[i], u)
+    return largest
+
+
+@njit(cache=True)
+def _covariance(mass: float, first: Array, second: Array, floor: Array, out: Array) -> None:
+    """Covariance of one component from its moments about a mean one small step away."""
+    for a in range(6):
+        for b in range(a + 1):
+            out[a, b] = second[a, b] / mass - first[a] * first[b] / (mass * mass)
+            out[b, a] = out[a, b]
+        out[a, a] += floor[a]
+
+
+@njit(cache=True)
+def expectation_maximization(
+    quaternions: Array,
+    positions: Array,
+    sample_weights: Array,
+    means: Array,
+    covariances: Array,
+    scale: Array,
+    floor: Array,
+    max_iterations: int,
+    tolerance: float,
+) -> tuple[Array, Array, Array, Array]:
+    """EM from given means and covariances and equal weights.
+
+    Args:
+        quaternions: Unit quaternions of the poses, shape (4, n).
+        positions: Positions of the poses, shape (3, n) [m].
+        sample_weights: Weight of each pose, shape (n,); a component must collect 1 to survive.
+        means: Initial means, shape (K, 4, 4).
+        covariances: Initial covariances, shape (K, 6, 6).
+        scale: Size of each tangent dimension in the convergence test, shape (6,).
+        floor: Variance added to the diagonal of each covariance by each M step, shape (6,).
+        max_iterations: Bound on the number of E steps.
+        tolerance: Least gain of the log likelihood per unit of sample weight.
+
+    Returns:
+        Weights (K',), means (K', 4, 4), covariances (K', 6, 6) and the log likelihood of every
+        E step; K' <= K.
+    """
+    k, n_total = len(means), 0.0
+    for i in range(len(sample_weights)):
+        n_total += sample_weights[i]
+    means, covariances, targets = means.copy(), covariances.copy(), means.copy()
+    weights, mass = np.empty(k), np.empty(k)
+    for i in range(k):
+        weights[i] = 1.0 / k
+    whitening, constants = np.zeros((k, 6, 6)), np.empty(k)
+    first, second = np.empty((k, 6)), np.empty((k, 6, 6))
+    history = np.empty(max_iterations)
+    previous, steps = -np.inf, 0
+    while steps < max_iterations:
+        for i in range(k):
+            constants[i] = _whiten(covariances[i], whitening[i]) + math.log(weights[i])
+        posterior = (quaternions, positions, sample_weights, means[:k], whitening, constants)
+        likelihood = _pass(posterior, means[:k], False, mass, first, second)
+        history[steps] = likelihood
+        steps += 1
+        weakest = 0
+        for i in range(k):
+            if mass[i] < mass[weakest]:
+                weakest = i
+        if k > 1 and mass[weakest] < 1.0 - 1e-6:
+            # The last component takes the place of the starved one; then a new E step.
+            k -= 1
+            means[weakest], covariances[weakest] = means[k], covariances[k]
+            left = 1.0 - weights[weakest]
+            weights[weakest] = weights[k]
+            for i in range(k):
+                weights[i] /= left
+            previous = -np.inf
+            continue
+        if likelihood - previous < tolerance * n_total:
+            break
+        previous = likelihood
+        targets[:k] = means[:k]
+        for _ in range(_MEAN_ITERATIONS):
+            if _move_means(targets[:k], mass, first, scale) < _MEAN_TOLERANCE:
+                break
+            _pass(posterior, targets[:k], True, mass, first, second)
+        for i in range(k):
+            _covariance(mass[i], first[i], second[i], floor, covariances[i])
+            weights[i] = mass[i] / n_total
+        means[:k] = targets[:k]
+    return weights[:k], means[:k], covariances[:k], history[:steps]

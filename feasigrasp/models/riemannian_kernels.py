@@ -1,0 +1,120 @@
+"""Control-rate kernels of a Riemannian mixture: everything about one pose, for numba code.
+
+The parameters are those of ``RiemannianMixture.parameters``: ``log_weights (K,)``, ``means
+(K, 4, 4)``, their unit ``quaternions (K, 4)``, ``whitening (K, 6, 6)`` = inverse of the lower
+Cholesky factor of each covariance, and ``log_normalisers (K,)`` = log((2 pi)^-3 |Sigma|^-1/2).
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from feasigrasp.models.se3_kernels import (
+    quaternion_kernel,
+    quaternion_log_kernel,
+    right_jacobian_inverse_kernel,
+)
+
+Array = NDArray[np.float64]
+Parameters = tuple[Array, Array, Array, Array, Array]
+
+
+@njit(cache=True, error_model="numpy")
+def relative_log_kernel(
+    mean: Array,
+    m: Array,
+    q: tuple[float, float, float, float],
+    p: tuple[float, float, float],
+) -> tuple[float, float, float, float, float, float]:
+    """Log(mean^-1 x) of a pose x with unit quaternion q and position p; m is that of the mean."""
+    w = m[0] * q[0] + m[1] * q[1] + m[2] * q[2] + m[3] * q[3]
+    x = m[0] * q[1] - m[1] * q[0] - m[2] * q[3] + m[3] * q[2]
+    y = m[0] * q[2] - m[2] * q[0] - m[3] * q[1] + m[1] * q[3]
+    z = m[0] * q[3] - m[3] * q[0] - m[1] * q[2] + m[2] * q[1]
+    sign = math.copysign(1.0, w)
+    dx, dy, dz = p[0] - mean[0, 3], p[1] - mean[1, 3], p[2] - mean[2, 3]
+    return quaternion_log_kernel(
+        sign * w,
+        sign * x,
+        sign * y,
+        sign * z,
+        mean[0, 0] * dx + mean[1, 0] * dy + mean[2, 0] * dz,
+        mean[0, 1] * dx + mean[1, 1] * dy + mean[2, 1] * dz,
+        mean[0, 2] * dx + mean[1, 2] * dy + mean[2, 2] * dz,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def evaluate_kernel(
+    X: Array, parameters: Parameters, tangents: Array, log_densities: Array
+) -> None:
+    """Tangents (K, 6) and log densities (K,), without weights, of all components at one pose."""
+    _, means, quaternions, whitening, log_normalisers = parameters
+    q = quaternion_kernel(X)
+    p = (X[0, 3], X[1, 3], X[2, 3])
+    for k in range(len(means)):
+        v = relative_log_kernel(means[k], quaternions[k], q, p)
+        W = whitening[k]
+        square = 0.0
+        for i in range(6):
+            tangents[k, i] = v[i]
+            z = 0.0
+            for j in range(i + 1):
+                z += W[i, j] * tangents[k, j]
+            square += z * z
+        log_densities[k] = log_normalisers[k] - 0.5 * square
+
+
+@njit(cache=True, error_model="numpy")
+def posterior_kernel(log_weights: Array, log_densities: Array, responsibilities: Array) -> float:
+    """Writes the responsibilities (K,) and returns the log density of the mixture."""
+    largest = -math.inf
+    for k in range(len(log_weights)):
+        largest = max(largest, log_weights[k] + log_densities[k])
+    total = 0.0
+    for k in range(len(log_weights)):
+        responsibilities[k] = math.exp(log_weights[k] + log_densities[k] - largest)
+        total += responsibilities[k]
+    for k in range(len(log_weights)):
+        responsibilities[k] /= total
+    return largest + math.log(total)
+
+
+@njit(cache=True)
+def direction_kernel(X: Array, parameters: Parameters) -> Array:
+    """The preconditioned ascent direction (6,) at one pose: -sum_i r_i Log_mu_i(x)."""
+    n = len(parameters[0])
+    tangents, log_densities, responsibilities = np.empty((n, 6)), np.empty(n), np.empty(n)
+    evaluate_kernel(X, parameters, tangents, log_densities)
+    posterior_kernel(parameters[0], log_densities, responsibilities)
+    out = np.zeros(6)
+    for k in range(n):
+        for i in range(6):
+            out[i] -= responsibilities[k] * tangents[k, i]
+    return out
+
+
+@njit(cache=True)
+def gradient_kernel(X: Array, parameters: Parameters) -> Array:
+    """Gradient (6,) of the log density at one pose with respect to a body perturbation."""
+    n = len(parameters[0])
+    tangents, log_densities, responsibilities = np.empty((n, 6)), np.empty(n), np.empty(n)
+    evaluate_kernel(X, parameters, tangents, log_densities)
+    posterior_kernel(parameters[0], log_densities, responsibilities)
+    out = np.zeros(6)
+    for k in range(n):
+        W = parameters[3][k]
+        J = right_jacobian_inverse_kernel(tangents[k])
+        for i in range(6):
+            z = 0.0
+            for j in range(i + 1):
+                z += W[i, j] * tangents[k, j]
+            # J^T W^T z, one row of W at a time.
+            for j in range(6):
+                s = 0.0
+                for h in range(i + 1):
+                    s += W[i, h] * J[h, j]
+                out[j] -= responsibilities[k] * z * s
+    return out

@@ -1,0 +1,319 @@
+"""Gaussian mixtures on SE(3): density, gradient, fit (the paper's Riemannian mixture model, RMM)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.riemannian_em import expectation_maximization, seed_means
+from feasigrasp.models.riemannian_kernels import (
+    Parameters,
+    direction_kernel,
+    evaluate_kernel,
+    gradient_kernel,
+    posterior_kernel,
+)
+from feasigrasp.models.se3_kernels import quaternion_kernel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RiemannianMixture:
+    """A mixture of Gaussians on SE(3), ``p(x) = sum_i w_i N(Log_mu_i(x); 0, Sigma_i)``.
+
+    ``Log_mu(x) = log(mu^-1 x)`` is the left-invariant tangent vector [angular; linear] at the
+    mean (the paper's section III-C), so that moving all means and x together changes nothing.
+    The arrays are read-only and a deep copy is the object itself.
+
+    Methods take poses ``X`` of shape (..., 4, 4) and keep the leading axes: one pose (4, 4) at
+    the control rate (a few microseconds), (n, 4, 4) for a set. Numba code calls the kernels of
+    :mod:`feasigrasp.models.riemannian_kernels` with ``parameters``.
+
+    Attributes:
+        weights: Component weights, non-negative, normalised to sum 1, shape (K,). A weight of
+            zero switches a component off.
+        means: Component means, shape (K, 4, 4) [m].
+        covariances: Covariances in the tangent space of each mean, shape (K, 6, 6) [rad, m].
+
+    Raises:
+        GraspError: If the shapes disagree, a value is not finite, the weights sum to zero, a
+            mean is not a rigid pose, or a covariance is not positive definite.
+    """
+
+    weights: Array
+    means: Array
+    covariances: Array
+    parameters: Parameters = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Checks and freezes the arrays and factorises the covariances once."""
+        weights = np.array(self.weights, dtype=float).reshape(-1)
+        n = len(weights)
+        means = _checked_poses(self.means, "RiemannianMixture.means").copy()
+        covariances = np.array(self.covariances, dtype=float)
+        if n == 0 or means.shape != (n, 4, 4) or covariances.shape != (n, 6, 6):
+            raise GraspError(
+                f"RiemannianMixture: weights {weights.shape}, means {means.shape} and covariances "
+                f"{covariances.shape} disagree; give (K,), (K, 4, 4) and (K, 6, 6) with K >= 1."
+            )
+        if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.sum() > 0):
+            raise GraspError(
+                f"RiemannianMixture: weights {weights} must be finite, not negative and not all 0."
+            )
+        weights /= weights.sum()
+        try:
+            factors = np.linalg.cholesky(covariances)
+        except np.linalg.LinAlgError as error:
+            raise GraspError(
+                "RiemannianMixture: a covariance is not positive definite; raise the floors."
+            ) from error
+        if not np.isfinite(factors).all():
+            raise GraspError("RiemannianMixture: NaN or infinity in the covariances.")
+        with np.errstate(divide="ignore"):
+            log_weights = np.log(weights)
+        diagonal = np.diagonal(factors, axis1=1, axis2=2)
+        log_normalisers = -3.0 * math.log(2.0 * math.pi) - np.log(diagonal).sum(axis=1)
+        whitening = np.tril(np.linalg.inv(factors))
+        parameters = (log_weights, means, _quaternions(means), whitening, log_normalisers)
+        for array in (weights, covariances, *parameters):
+            array.flags.writeable = False
+        object.__setattr__(self, "weights", weights)
+        object.__setattr__(self, "means", means)
+        object.__setattr__(self, "covariances", covariances)
+        object.__setattr__(self, "parameters", parameters)
+
+    def __len__(self) -> int:
+        """Number of components K."""
+        return len(self.weights)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> RiemannianMixture:
+        """The mixture is immutable, so a copy is itself."""
+        return self
+
+    def tangents(self, X: ArrayLike) -> Array:
+        """Log_mu_i(x), shape (..., K, 6) [rad, m]."""
+        return self._evaluate(X)[0]
+
+    def component_log_densities(self, X: ArrayLike) -> Array:
+        """log N(x; mu_i, Sigma_i) without the weights, shape (..., K)."""
+        return self._evaluate(X)[1]
+
+    def responsibilities(self, X: ArrayLike) -> Array:
+        """Probability that each component made x, shape (..., K); sums to 1 at any distance."""
+        return self._evaluate(X)[2]
+
+    def log_density(self, X: ArrayLike) -> Array:
+        """Log density of the mixture, shape (...); finite far from every component."""
+        return self._evaluate(X)[3]
+
+    def gradient(self, X: ArrayLike) -> Array:
+        """Gradient of the log density for a body perturbation ``x exp(eps)``, shape (..., 6).
+
+        ``sum_i r_i J_r^-T(xi_i) (-Sigma_i^-1 xi_i)`` with ``xi_i = Log_mu_i(x)``. The paper prints
+        ``J_r^-1(mu^-1)`` instead (section IV-D.1), which disagrees with finite differences.
+        """
+        return self._map(_gradients, X)
+
+    def direction(self, X: ArrayLike) -> Array:
+        """Preconditioned ascent direction ``-sum_i r_i Log_mu_i(x)``, shape (..., 6) [rad, m].
+
+        Each term of the gradient has its Sigma_i^-1 cancelled: a body displacement that, for a
+        single component, leads along the geodesic exactly onto its mean.
+        """
+        return self._map(_directions, X)
+
+    def transformed(self, X_AB: ArrayLike) -> RiemannianMixture:
+        """The mixture in frame A of one given in frame B: means moved, covariances unchanged."""
+        return RiemannianMixture(self.weights, np.asarray(X_AB) @ self.means, self.covariances)
+
+    def bic(self, X: ArrayLike) -> float:
+        """Bayesian information criterion of poses (n, 4, 4); lower is better."""
+        log_density = self.log_density(_checked_poses(X, "bic: X"))
+        return (28 * len(self) - 1) * math.log(len(log_density)) - 2.0 * float(log_density.sum())
+
+    def medoids(self, X_samples: ArrayLike) -> NDArray[np.intp]:
+        """Index of the most likely of the samples (n, 4, 4) under each component, shape (K,)."""
+        X_samples = _checked_poses(X_samples, "medoids: X_samples")
+        return np.asarray(np.argmax(self.component_log_densities(X_samples), axis=0))
+
+    def with_medoid_means(self, X_samples: ArrayLike) -> RiemannianMixture:
+        """The mixture with every mean replaced by its medoid.
+
+        The mean of valid grasps is often no valid grasp; a medoid is one of the samples.
+        """
+        means = np.asarray(X_samples)[self.medoids(X_samples)]
+        return RiemannianMixture(self.weights, means, self.covariances)
+
+    def _evaluate(self, X: ArrayLike) -> tuple[Array, Array, Array, Array]:
+        X, lead = _flat_poses(X)
+        n, k = len(X), len(self)
+        out = np.empty((n, k, 6)), np.empty((n, k)), np.empty((n, k)), np.empty(n)
+        _evaluations(X, self.parameters, *out)
+        return (
+            out[0].reshape(*lead, k, 6),
+            out[1].reshape(*lead, k),
+            out[2].reshape(*lead, k),
+            out[3].reshape(lead),
+        )
+
+    def _map(self, loop: Callable[[Array, Parameters, Array], None], X: ArrayLike) -> Array:
+        X, lead = _flat_poses(X)
+        out = np.empty((len(X), 6))
+        loop(X, self.parameters, out)
+        return out.reshape(*lead, 6)
+
+
+def fit_riemannian_mixture(
+    X: ArrayLike,
+    n_components: int,
+    rng: np.random.Generator,
+    *,
+    sample_weights: ArrayLike | None = None,
+    length_scale: float = 0.1,
+    rotation_floor: float = 0.05,
+    translation_floor: float = 0.005,
+    max_iterations: int = 50,
+    tolerance: float = 1e-4,
+) -> RiemannianMixture:
+    """Fits a mixture to poses by expectation maximisation with Riemannian means.
+
+    Components start at k-means++ seeds. Each M step iterates every mean to convergence and adds
+    the squared floors once to the diagonal of every covariance. A component that is left with
+    less than one effective pose is dropped, and K never exceeds the number of distinct poses.
+    The fit of ``T X`` is ``T`` times the fit of ``X`` for the same state of ``rng``.
+
+    Args:
+        X: Poses, shape (n, 4, 4), n >= 1 [m].
+        n_components: Number of components K wanted; the result may have fewer.
+        rng: Source of randomness of the seeds.
+        sample_weights: Importance of each pose, not negative, shape (n,); only ratios matter.
+        length_scale: The distance that weighs as much as one radian in seeding [m/rad].
+        rotation_floor: Standard deviation added to every rotational direction [rad].
+        translation_floor: Standard deviation added to every translational direction [m].
+        max_iterations: Upper bound on the number of EM iterations.
+        tolerance: EM ends when the mean log likelihood per pose gains less than this.
+
+    Raises:
+        GraspError: If X is empty, not finite or not rigid, or a parameter is out of range.
+    """
+    X = _checked_poses(X, "fit_riemannian_mixture: X")
+    n = len(X)
+    weights = np.ones(n) if sample_weights is None else np.array(sample_weights, dtype=float)
+    if weights.shape != (n,) or not np.isfinite(weights).all() or (weights < 0).any():
+        raise GraspError(
+            f"fit_riemannian_mixture: sample_weights of shape {weights.shape} for {n} poses; give "
+            "one finite weight >= 0 per pose."
+        )
+    if not weights.sum() > 0:
+        raise GraspError("fit_riemannian_mixture: all sample_weights are 0; give a positive one.")
+    for name, value in (
+        ("n_components", n_components),
+        ("length_scale", length_scale),
+        ("rotation_floor", rotation_floor),
+        ("translation_floor", translation_floor),
+        ("max_iterations", max_iterations),
+    ):
+        if not (math.isfinite(value) and value > 0):
+            raise GraspError(f"fit_riemannian_mixture: {name} = {value} must be positive.")
+    weights *= n / weights.sum()
+    quaternions = np.ascontiguousarray(_quaternions(X).T)
+    positions = np.ascontiguousarray(X[:, :3, 3].T)
+    draws = rng.random((min(n_components, n), 4))
+    seeds, spread = seed_means(quaternions, positions, weights, length_scale, draws)
+    scale = np.array([1.0] * 3 + [length_scale] * 3)
+    floor = np.array([rotation_floor] * 3 + [translation_floor] * 3) ** 2
+    start = np.diag(spread**2 * scale**2 + floor)
+    result = expectation_maximization(
+        quaternions,
+        positions,
+        weights,
+        np.ascontiguousarray(X[seeds]),
+        np.tile(start, (len(seeds), 1, 1)),
+        scale,
+        floor,
+        max_iterations,
+        tolerance,
+    )
+    return RiemannianMixture(*result[:3])
+
+
+def fit_best_mixture(
+    X: ArrayLike, rng: np.random.Generator, max_components: int = 10, **options: Any
+) -> RiemannianMixture:
+    """The fit with the lowest BIC among K = 1 ... ``max_components``.
+
+    ``options`` are those of :func:`fit_riemannian_mixture`.
+    """
+    X = _checked_poses(X, "fit_best_mixture: X")
+    fits = [
+        fit_riemannian_mixture(X, k, rng, **options)
+        for k in range(1, max(1, min(max_components, len(X))) + 1)
+    ]
+    return min(fits, key=lambda mixture: mixture.bic(X))
+
+
+def _flat_poses(X: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Poses as a contiguous (n, 4, 4) array, and their leading axes."""
+    X = np.ascontiguousarray(X, dtype=float)
+    if X.shape[-2:] != (4, 4):
+        raise GraspError(f"RiemannianMixture: expected poses of shape (..., 4, 4), got {X.shape}.")
+    return X.reshape(-1, 4, 4), X.shape[:-2]
+
+
+def _checked_poses(X: ArrayLike, name: str) -> Array:
+    """Poses (n, 4, 4), n >= 1, that are finite and rigid."""
+    X = np.ascontiguousarray(X, dtype=float)
+    if X.ndim != 3 or X.shape[1:] != (4, 4) or len(X) == 0:
+        raise GraspError(f"{name}: expected poses of shape (n, 4, 4), n >= 1, got {X.shape}.")
+    if not np.isfinite(X).all():
+        raise GraspError(f"{name}: NaN or infinity in the poses; drop them first.")
+    R = X[:, :3, :3]
+    error = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+    if error.max() > 1e-4 or (np.linalg.det(R) < 0).any():
+        raise GraspError(
+            f"{name}: pose {int(np.argmax(error))} is not rigid (|R R^T - I| = {error.max():.1e}, "
+            "limit 1e-4, or a reflection); orthonormalise the rotations."
+        )
+    return X
+
+
+@njit(cache=True)
+def _pose_quaternions(X: Array, out: Array) -> None:
+    for i in range(len(X)):
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = quaternion_kernel(X[i])
+
+
+def _quaternions(X: Array) -> Array:
+    """Unit quaternions (n, 4) of poses (n, 4, 4)."""
+    out = np.empty((len(X), 4))
+    _pose_quaternions(X, out)
+    return out
+
+
+@njit(cache=True)
+def _evaluations(
+    X: Array, parameters: Parameters, tangents: Array, log: Array, r: Array, total: Array
+) -> None:
+    for i in range(len(X)):
+        evaluate_kernel(X[i], parameters, tangents[i], log[i])
+        total[i] = posterior_kernel(parameters[0], log[i], r[i])
+
+
+@njit(cache=True)
+def _gradients(X: Array, parameters: Parameters, out: Array) -> None:
+    for i in range(len(X)):
+        out[i] = gradient_kernel(X[i], parameters)
+
+
+@njit(cache=True)
+def _directions(X: Array, parameters: Parameters, out: Array) -> None:
+    for i in range(len(X)):
+        out[i] = direction_kernel(X[i], parameters)

@@ -1,0 +1,222 @@
+"""A rigid object to grasp: its surface, mass and inertia, built in or from any mesh file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+from scipy.spatial.distance import pdist
+
+from feasigrasp.errors import MeshError
+from feasigrasp.models.triangle_mesh import MAX_FACES, decimate, read_solid, write_obj
+from feasigrasp.resources import model_path
+
+#: Used when neither a mass nor a density is known: a hollow household object [kg/m^3].
+DEFAULT_DENSITY = 300.0
+_DEFAULT_COLOR = (0.65, 0.65, 0.68, 1.0)
+_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
+
+
+@dataclass(frozen=True, eq=False)
+class RigidObject:
+    """A rigid body with a closed surface and uniform density.
+
+    The object frame O has the axes of the mesh frame M of the file and its origin at the centre
+    of mass: ``X_MO = (I, p_MO)``. (YCB meshes, for example, are not centred in their files.)
+    Everything downstream of perception lives in O. The arrays are read-only.
+
+    Attributes:
+        name: What the object is called.
+        vertices: Surface vertices in O, shape (n, 3) [m].
+        faces: Vertex indices, counter-clockwise seen from outside, shape (m, 3).
+        mass: Mass [kg].
+        p_MO: Centre of mass in the (scaled) mesh frame M, shape (3,) [m].
+        inertia: Rotational inertia about the centre of mass, in O, shape (3, 3) [kg m^2].
+        color: Red, green, blue, alpha in [0, 1].
+        notes: What the loader had to repair or could not do, one sentence each.
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    mass: float
+    p_MO: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+    color: tuple[float, float, float, float] = _DEFAULT_COLOR
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name, dtype in (("vertices", float), ("faces", np.int64)):
+            self._freeze(name, np.array(getattr(self, name), dtype=dtype).reshape(-1, 3))
+        self._freeze("p_MO", np.array(self.p_MO, dtype=float).reshape(3))
+        self._freeze("inertia", np.array(self.inertia, dtype=float).reshape(3, 3))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> RigidObject:
+        """The object itself: it is immutable."""
+        return self
+
+    def _freeze(self, name: str, array: NDArray[Any]) -> None:
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
+
+    @property
+    def mesh(self) -> trimesh.Trimesh:
+        """The surface in O as a new trimesh object."""
+        return trimesh.Trimesh(self.vertices, self.faces, process=False)
+
+    @property
+    def extents(self) -> NDArray[np.float64]:
+        """Sides of the axis-aligned bounding box, shape (3,) [m]."""
+        return np.asarray(np.ptp(self.vertices, axis=0))
+
+    @property
+    def diameter(self) -> float:
+        """Largest distance between two points of the surface [m]."""
+        return float(pdist(self.vertices[ConvexHull(self.vertices).vertices]).max())
+
+    @property
+    def density(self) -> float:
+        """Mass per enclosed volume [kg/m^3]."""
+        return self.mass / float(self.mesh.volume)
+
+
+def builtin_objects() -> list[str]:
+    """Names of the objects that come with the project, sorted."""
+    return sorted(_read_catalogue(model_path("objects")))
+
+
+def load_object(
+    name_or_path: str | Path,
+    *,
+    scale: float = 1.0,
+    density: float | None = None,
+    mass: float | None = None,
+) -> RigidObject:
+    """Loads a built-in object or any closed mesh file.
+
+    The mass is, in this order: ``mass``; ``density`` times volume; the mass that a catalogue
+    beside the file gives (times ``scale`` cubed); 300 kg/m^3 times volume. A catalogue is a JSON
+    file in the mesh's folder or its parent with ``{"objects": [{"name", "mesh", "mass_kg"}]}``, as
+    in ``models/objects`` and in the YCB layout; its masses belong to meshes in metres. Meshes of
+    more than 4000 faces are decimated.
+
+    Args:
+        name_or_path: One of `builtin_objects()`, a mesh file, or ``folder/name`` for an entry of
+            a folder's catalogue.
+        scale: Factor from the units of the file to metres (0.001 for a file in millimetres).
+        density: Density [kg/m^3].
+        mass: Mass [kg].
+
+    Returns:
+        The object; what was repaired on the way is in its ``notes``.
+
+    Raises:
+        MeshError: If there is no such object, or its mesh is not one closed solid of a graspable
+            order of size, or mass or density is not positive.
+    """
+    path, entry = _resolve(name_or_path)
+    if mass is not None and density is not None:
+        raise MeshError(f"{path}: both mass={mass} and density={density} given; give one of them.")
+    for what, value in (("mass", mass), ("density", density)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise MeshError(f"{path}: {what}={value}; give a positive number in SI units.")
+
+    solid, repairs = read_solid(path, scale)
+    mesh, reduction = decimate(solid, MAX_FACES)
+    if mass is None and density is None and "mass_kg" in entry:
+        mass = _positive_mass(path, entry["mass_kg"]) * scale**3
+    unit = mesh.mass_properties  # of density 1
+    mass = mass if mass is not None else (density or DEFAULT_DENSITY) * float(unit.volume)
+    p_MO = np.asarray(unit.center_mass)
+    return RigidObject(
+        name=str(entry.get("name", path.stem)),
+        vertices=mesh.vertices - p_MO,
+        faces=mesh.faces,
+        mass=mass,
+        p_MO=p_MO,
+        inertia=np.asarray(unit.inertia) * mass / float(unit.volume),
+        color=tuple(entry.get("color", _DEFAULT_COLOR)),
+        notes=repairs + reduction,
+    )
+
+
+def load_objects(
+    directory: str | Path, *, scale: float = 1.0, density: float | None = None
+) -> list[RigidObject]:
+    """Loads every object of a folder, in the order of their names.
+
+    Args:
+        directory: A folder with a catalogue (the YCB layout, see `load_object`) or with mesh files.
+        scale: Factor from the units of the files to metres.
+        density: Density instead of the catalogue's masses [kg/m^3].
+
+    Raises:
+        MeshError: If the folder is missing or holds no meshes, or one of them cannot be loaded.
+    """
+    directory = Path(directory)
+    if not directory.is_dir():
+        raise MeshError(f"{directory}: no such folder; give a folder of meshes.")
+    entries = _read_catalogue(directory)
+    paths = sorted(p for p in directory.iterdir() if p.suffix.lower() in _SUFFIXES)
+    if entries:
+        paths = [directory / entry["mesh"] for _, entry in sorted(entries.items())]
+    if not paths:
+        raise MeshError(
+            f"{directory}: no mesh files ({', '.join(_SUFFIXES)}) and no catalogue in it; "
+            "give a folder of meshes."
+        )
+    return [load_object(path, scale=scale, density=density) for path in paths]
+
+
+def write_mesh(obj: RigidObject, path: str | Path) -> None:
+    """Writes the surface in frame O (origin at the centre of mass) as OBJ with vertex normals."""
+    write_obj(Path(path), obj.vertices, obj.faces)
+
+
+def _resolve(name_or_path: str | Path) -> tuple[Path, Mapping[str, Any]]:
+    """The mesh file, and what a catalogue says about it (possibly nothing)."""
+    name, path = str(name_or_path), Path(name_or_path)
+    built_in = _read_catalogue(model_path("objects"))
+    if name in built_in:
+        return model_path("objects", built_in[name]["mesh"]), built_in[name]
+    if path.suffix.lower() in _SUFFIXES or path.is_file():
+        for folder in (path.parent, path.parent.parent):
+            for entry in _read_catalogue(folder).values():
+                if (folder / entry["mesh"]).resolve() == path.resolve():
+                    return path, entry
+        return path, {}
+    listed = _read_catalogue(path.parent) if path.parent != Path() else {}
+    if path.name in listed:
+        return path.parent / listed[path.name]["mesh"], listed[path.name]
+    raise MeshError(
+        f"'{name}' is neither a built-in object nor a mesh file. Built in: "
+        f"{', '.join(sorted(built_in))}. Or give the path of a mesh ({', '.join(_SUFFIXES)})."
+    )
+
+
+def _read_catalogue(folder: Path) -> dict[str, Mapping[str, Any]]:
+    """Entries by name of the first JSON file of a folder that lists meshes; none if none does."""
+    for file in sorted(folder.glob("*.json")):
+        try:
+            content = json.loads(file.read_text())
+        except (OSError, UnicodeDecodeError, json.JSONDecodeError):
+            continue  # some other file that happens to lie there
+        listed = content.get("objects") if isinstance(content, dict) else None
+        keys = {"name", "mesh"}
+        if isinstance(listed, list) and all(isinstance(e, dict) and keys <= set(e) for e in listed):
+            return {str(entry["name"]): entry for entry in listed}
+    return {}
+
+
+def _positive_mass(path: Path, value: Any) -> float:
+    if not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
+        raise MeshError(f"{path}: its catalogue gives mass_kg={value}; give a positive number.")
+    return float(value)

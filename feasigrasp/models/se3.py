@@ -1,0 +1,228 @@
+"""Rigid motions SE(3): exponential, logarithm, adjoint and Jacobians, over any leading axes.
+
+A tangent vector is ``v = [w; u]``, angular part first [rad; m]; a pose is a 4x4 matrix. The
+logarithm is that of the *group* (a screw), so ``exp(log(X)) = X`` for every pose, and a distance
+built from ``log(inverse(X) @ Y)`` does not change when both poses move together. Everything is
+accurate at rotation angle zero and up to pi inclusive.
+
+``name`` works on arrays ``(..., 6)`` or ``(..., 4, 4)`` and returns a new array; ``name_kernel``
+is the same for one element and can be called from other numba code.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models.se3_kernels import (
+    adjoint_kernel,
+    exp_kernel,
+    hat_kernel,
+    inverse_kernel,
+    left_jacobian_inverse_kernel,
+    left_jacobian_kernel,
+    log_kernel,
+    right_jacobian_inverse_kernel,
+    right_jacobian_kernel,
+    so3_exp_kernel,
+    so3_log_kernel,
+)
+
+__all__ = [
+    "adjoint",
+    "adjoint_kernel",
+    "exp",
+    "exp_kernel",
+    "hat",
+    "hat_kernel",
+    "inverse",
+    "inverse_kernel",
+    "left_jacobian",
+    "left_jacobian_inverse",
+    "left_jacobian_inverse_kernel",
+    "left_jacobian_kernel",
+    "log",
+    "log_kernel",
+    "make_pose",
+    "random_pose",
+    "right_jacobian",
+    "right_jacobian_inverse",
+    "right_jacobian_inverse_kernel",
+    "right_jacobian_kernel",
+    "rotation_angle",
+    "so3_exp",
+    "so3_exp_kernel",
+    "so3_log",
+    "so3_log_kernel",
+]
+
+Array = NDArray[np.float64]
+
+_VECTOR3, _VECTOR6, _MATRIX3, _POSE, _MATRIX6 = (3,), (6,), (3, 3), (4, 4), (6, 6)
+
+
+def exp(v: ArrayLike) -> Array:
+    """Poses (..., 4, 4) of tangent vectors (..., 6)."""
+    return _map(_exp, v, _VECTOR6, _POSE)
+
+
+def log(X: ArrayLike) -> Array:
+    """Tangent vectors (..., 6) of poses (..., 4, 4); the angular part is at most pi long.
+
+    At exactly pi the axis is right and its sign, which is then free, is arbitrary.
+    """
+    return _map(_log, X, _POSE, _VECTOR6)
+
+
+def inverse(X: ArrayLike) -> Array:
+    """Inverses of poses (..., 4, 4), from the transposed rotation."""
+    return _map(_inverse, X, _POSE, _POSE)
+
+
+def adjoint(X: ArrayLike) -> Array:
+    """Adjoints (..., 6, 6) of poses: ``X exp(v) X^-1 = exp(adjoint(X) v)``.
+
+    With X_AB it moves a body twist to the other frame: ``V_A = adjoint(X_AB) V_B``.
+    """
+    return _map(_adjoint, X, _POSE, _MATRIX6)
+
+
+def left_jacobian(v: ArrayLike) -> Array:
+    """J_l (..., 6, 6): ``exp(v + dv) = exp(J_l(v) dv) exp(v)`` to first order."""
+    return _map(_left_jacobian, v, _VECTOR6, _MATRIX6)
+
+
+def left_jacobian_inverse(v: ArrayLike) -> Array:
+    """Inverse (..., 6, 6) of the left Jacobian; singular at a rotation of 2 pi only."""
+    return _map(_left_jacobian_inverse, v, _VECTOR6, _MATRIX6)
+
+
+def right_jacobian(v: ArrayLike) -> Array:
+    """J_r (..., 6, 6): ``exp(v + dv) = exp(v) exp(J_r(v) dv)`` to first order."""
+    return left_jacobian(np.negative(v))
+
+
+def right_jacobian_inverse(v: ArrayLike) -> Array:
+    """Inverse (..., 6, 6) of the right Jacobian: ``log(exp(v) exp(e)) = v + J_r^-1(v) e``."""
+    return left_jacobian_inverse(np.negative(v))
+
+
+def so3_exp(w: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad]."""
+    return _map(_so3_exp, w, _VECTOR3, _MATRIX3)
+
+
+def so3_log(R: ArrayLike) -> Array:
+    """Rotation vectors (..., 3), at most pi long, of rotation matrices (..., 3, 3)."""
+    return _map(_so3_log, R, _MATRIX3, _VECTOR3)
+
+
+def rotation_angle(R: ArrayLike) -> Array:
+    """Angles (...) in [0, pi] of rotation matrices (..., 3, 3)."""
+    return np.asarray(np.linalg.norm(so3_log(R), axis=-1))
+
+
+def hat(w: ArrayLike) -> Array:
+    """Cross-product matrices (..., 3, 3): ``hat(w) @ x = cross(w, x)``."""
+    return _map(_hat, w, _VECTOR3, _MATRIX3)
+
+
+def make_pose(R: ArrayLike, p: ArrayLike) -> Array:
+    """Poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3), broadcast together."""
+    R, p = _checked(R, _MATRIX3), _checked(p, _VECTOR3)
+    X = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
+    X[..., :3, :3] = R
+    X[..., :3, 3] = p
+    X[..., 3, 3] = 1.0
+    return X
+
+
+def random_pose(rng: np.random.Generator, n: int) -> Array:
+    """Poses (n, 4, 4) with uniform rotations and positions uniform in [-1, 1]^3 m."""
+    # A 4-vector of normal variates is a uniform direction, hence a uniform unit quaternion.
+    q = rng.standard_normal((n, 4))
+    w, xyz = q[:, :1, None], q[:, 1:]
+    turn = 2.0 * hat(xyz) @ (w * np.eye(3) + hat(xyz))
+    R = np.eye(3) + turn / np.sum(q**2, axis=1)[:, None, None]
+    return make_pose(R, rng.uniform(-1.0, 1.0, (n, 3)))
+
+
+def _checked(array: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """The input as a contiguous float64 array whose trailing axes have the given shape."""
+    array = np.ascontiguousarray(array, dtype=float)
+    if array.shape[-len(shape) :] != shape:
+        expected = "(..., " + ", ".join(map(str, shape)) + ")"
+        raise ValueError(f"se3: expected an array of shape {expected}, got {array.shape}.")
+    return array
+
+
+def _map(
+    loop: Callable[[Array, Array], None],
+    array: ArrayLike,
+    shape: tuple[int, ...],
+    out_shape: tuple[int, ...],
+) -> Array:
+    """Runs a compiled loop over the flattened leading axes of the input."""
+    array = _checked(array, shape)
+    lead = array.shape[: -len(shape)]
+    out = np.empty((int(np.prod(lead)), *out_shape))
+    loop(array.reshape(len(out), *shape), out)
+    return out.reshape(*lead, *out_shape)
+
+
+# One loop per kernel: numba's on-disk cache does not recognise kernels passed as arguments.
+
+
+@njit(cache=True)
+def _exp(v: Array, out: Array) -> None:
+    for i in range(len(v)):
+        out[i] = exp_kernel(v[i])
+
+
+@njit(cache=True)
+def _log(X: Array, out: Array) -> None:
+    for i in range(len(X)):
+        out[i] = log_kernel(X[i])
+
+
+@njit(cache=True)
+def _inverse(X: Array, out: Array) -> None:
+    for i in range(len(X)):
+        out[i] = inverse_kernel(X[i])
+
+
+@njit(cache=True)
+def _adjoint(X: Array, out: Array) -> None:
+    for i in range(len(X)):
+        out[i] = adjoint_kernel(X[i])
+
+
+@njit(cache=True)
+def _left_jacobian(v: Array, out: Array) -> None:
+    for i in range(len(v)):
+        out[i] = left_jacobian_kernel(v[i])
+
+
+@njit(cache=True)
+def _left_jacobian_inverse(v: Array, out: Array) -> None:
+    for i in range(len(v)):
+        out[i] = left_jacobian_inverse_kernel(v[i])
+
+
+@njit(cache=True)
+def _so3_exp(w: Array, out: Array) -> None:
+    for i in range(len(w)):
+        out[i] = so3_exp_kernel(w[i])
+
+
+@njit(cache=True)
+def _so3_log(R: Array, out: Array) -> None:
+    for i in range(len(R)):
+        out[i] = so3_log_kernel(R[i])
+
+
+@njit(cache=True)
+def _hat(w: Array, out: Array) -> None:
+    for i in range(len(w)):
+        out[i] = hat_kernel(w[i])

@@ -1,0 +1,148 @@
+"""Task-space control over a Riemannian mixture of grasps (paper section IV-D.1).
+
+The hand follows the gradient of the mixture's log-density, preconditioned so that every component
+is approached along its geodesic, while it is carried along with the object's twist. Three things
+are added to the paper's law, because without them the arm ends at its limits or lags behind:
+
+- the object's twist is fed forward;
+- a component counts by how soon the arm can be there, ``exp(-travel time / tau)``, with the travel
+  time of the nearest exact inverse-kinematics solution; components out of reach count nothing;
+- the redundant joint motion leads to that solution, and a QP keeps limits and clearances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models import se3
+from feasigrasp.models.grasp_funnel import Funnel, funnel_targets
+from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TaskControlOptions:
+    """Gains of the task-space controller.
+
+    Attributes:
+        gain: Rate at which the hand closes its distance to the grasps [1/s].
+        max_linear: Largest speed relative to the object [m/s].
+        max_angular: Largest angular speed relative to the object [rad/s].
+        travel_time_scale: tau, the travel time that costs a component a factor e [s].
+        posture_gain: Rate at which redundant motion leads to the nearest solution [1/s].
+        funnel: The way into a grasp.
+        safety: Margins of the QP.
+    """
+
+    gain: float = 5.0
+    max_linear: float = 0.4
+    max_angular: float = 1.5
+    travel_time_scale: float = 0.05
+    posture_gain: float = 1.0
+    funnel: Funnel = field(default_factory=Funnel)
+    safety: SafetyOptions = field(default_factory=SafetyOptions)
+
+
+def clipped_twist(u: FloatArray, max_angular: float, max_linear: float) -> FloatArray:
+    """A twist shortened, direction kept, so that neither part is faster than its limit."""
+    angular, linear = np.linalg.norm(u[:3]), np.linalg.norm(u[3:])
+    scale = max(1.0, float(angular) / max_angular, float(linear) / max_linear)
+    return u / scale
+
+
+def carried_twist(V_WO: FloatArray, p_OG_W: FloatArray) -> FloatArray:
+    """Twist of a frame that is fixed to the object, at its own origin.
+
+    Args:
+        V_WO: The object's twist at its origin, [angular; linear], shape (6,).
+        p_OG_W: From the object's origin to the frame's, in the world, shape (3,) [m].
+    """
+    return np.concatenate([V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], p_OG_W)])
+
+
+def log_probabilities(
+    mixture: RiemannianMixture, X_OH: FloatArray, travel_time: FloatArray, scale: float
+) -> FloatArray:
+    """Unnormalised log-probability that the hand belongs to each component, shape (K,).
+
+    The density is tempered by the distance of the nearest component, so that far from all grasps,
+    where the plain density is all but zero, the travel times decide.
+    """
+    log_density = mixture.component_log_densities(X_OH[None])[0] + np.log(mixture.weights)
+    temperature = max(1.0, float(-log_density.max()))
+    return np.asarray(log_density / temperature - travel_time / scale)
+
+
+def task_space_velocity(
+    q: FloatArray,
+    mixture: RiemannianMixture,
+    X_WO: FloatArray,
+    V_WO: FloatArray,
+    reachability: Reachability,
+    options: TaskControlOptions,
+) -> FloatArray:
+    """Joint velocity of the safe task-space controller.
+
+    Args:
+        q: Joint positions [rad], shape (7,).
+        mixture: Mixture of grasps in the object frame, its means actual grasps.
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        reachability: Decides which components can be reached, and how soon.
+        options: Gains.
+
+    Returns:
+        Joint velocity [rad/s], shape (7,); zero if no component can be reached.
+    """
+    X_WH, J_WH = pose_and_jacobian(q, reachability.gripper.X_FG)
+    X_OH = se3.inverse(X_WO) @ X_WH
+    solutions, travel_time = reachability.nearest(X_WO @ mixture.means, q)
+    within = np.isfinite(travel_time)
+    if not within.any():
+        return safe_velocity(q, np.zeros(7), options=options.safety)
+    log_p = log_probabilities(mixture, X_OH, travel_time, options.travel_time_scale)
+    weight = np.exp(log_p - log_p[within].max())
+    weight /= weight.sum()
+
+    # Body twist of the hand, relative to the object, along the geodesics into the funnels.
+    targets = funnel_targets(mixture.means, X_OH, options.funnel)
+    errors = se3.log(se3.inverse(targets) @ X_OH)
+    u_H = clipped_twist(
+        -options.gain * weight @ errors, options.max_angular, options.max_linear
+    )
+    R_WH = X_WH[:3, :3]
+    V_WH = np.concatenate([R_WH @ u_H[:3], R_WH @ u_H[3:]])
+    V_WH += carried_twist(V_WO, X_WH[:3, 3] - X_WO[:3, 3])
+    posture = weight[within] @ (solutions[within] - q)
+    return safe_velocity(q, options.posture_gain * posture, J_WH, V_WH, options.safety)
+
+
+def paper_task_space_velocity(
+    q: FloatArray,
+    mixture: RiemannianMixture,
+    X_WO: FloatArray,
+    V_WO: FloatArray,
+    X_FG: FloatArray,
+    options: TaskControlOptions,
+) -> FloatArray:
+    """The paper's law with its corrections: ``qd = J^+ V``, nothing enforced.
+
+    The twist V is the preconditioned direction of the log-density plus the object's own twist.
+    Arguments and result as `task_space_velocity`; ``X_FG`` is the grasp frame on the flange.
+    """
+    X_WH, J_WH = pose_and_jacobian(q, X_FG)
+    X_OH = se3.inverse(X_WO) @ X_WH
+    u_H = clipped_twist(
+        options.gain * mixture.direction(X_OH[None])[0], options.max_angular, options.max_linear
+    )
+    R_WH = X_WH[:3, :3]
+    V_WH = np.concatenate([R_WH @ u_H[:3], R_WH @ u_H[3:]])
+    V_WH += carried_twist(V_WO, X_WH[:3, 3] - X_WO[:3, 3])
+    return np.asarray(np.linalg.pinv(J_WH) @ V_WH)

@@ -1,0 +1,264 @@
+"""Closed triangle meshes: reading, repair, decimation, mass properties, writing.
+
+Everything that makes a mesh file from somewhere into the surface of one solid body, and every
+reason why it cannot be one, is in this file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from feasigrasp.errors import MeshError
+
+#: Largest side of a body that an arm of this size can have to do with [m].
+MIN_EXTENT, MAX_EXTENT = 0.005, 1.0
+#: Faces beyond this number slow contact down without changing a grasp.
+MAX_FACES = 4000
+#: Edges sharper than this stay sharp in the shading [rad].
+_CREASE = np.radians(40.0)
+
+
+def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    """Reads the surface of one solid body from a mesh file.
+
+    Vertices are merged by position (normals and texture seams are dropped), the winding is made
+    consistent and outward, and the result is checked. A closed surface inside another one is the
+    wall of a cavity. Not checked: whether the surface cuts through itself.
+
+    Args:
+        path: Any mesh file that trimesh reads.
+        scale: Factor from the units of the file to metres.
+
+    Returns:
+        The mesh in its own frame M [m], and a sentence for everything that had to be repaired.
+
+    Raises:
+        MeshError: If the file is missing or unreadable, has no faces, NaN, open edges, no volume,
+            several bodies, or a size outside 5 mm to 1 m.
+    """
+    if not (np.isfinite(scale) and scale > 0):
+        raise MeshError(f"{path}: scale={scale}; give a positive number such as 0.001 for mm.")
+    mesh = _read(path)
+    mesh.apply_scale(scale)
+    _check_extent(mesh, path, scale)
+    _check_closed(mesh, path)
+    notes = _orient(mesh)
+    _check_one_body(mesh, path)
+    return mesh, notes
+
+
+def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    """Reduces a closed mesh by quadric edge collapse, if it has more than ``max_faces`` faces.
+
+    Returns:
+        A closed mesh, and what was done. If the collapse tears the surface, splits it or changes
+        its volume by more than 2 %, the original comes back, and the note says so.
+    """
+    if len(mesh.faces) <= max_faces:
+        return mesh, ()
+    import open3d as o3d  # a slow import that most objects never need
+
+    fine = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
+    )
+    coarse = fine.simplify_quadric_decimation(max_faces)
+    result = _clean(np.asarray(coarse.vertices), np.asarray(coarse.triangles))
+    was = f"{len(mesh.faces)} faces"
+    if not result.is_watertight or not result.is_winding_consistent:
+        return mesh, (f"kept all {was}: decimation to {max_faces} tears the surface",)
+    if result.body_count != mesh.body_count or abs(result.volume / mesh.volume - 1) > 0.02:
+        return mesh, (f"kept all {was}: decimation to {max_faces} changes the shape",)
+    return result, (f"decimated from {was} to {len(result.faces)}",)
+
+
+def write_obj(path: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+    """Writes an OBJ with vertex normals, which Drake's RenderEngineVtk needs to draw it.
+
+    Vertices stay shared, so the file is as watertight as the mesh; a vertex on a crease sharper
+    than 40 degrees carries one normal per side (``f v//n``).
+    """
+    normals, corners = _crease_normals(vertices, faces)
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices + 0.0]
+    lines += [f"vn {x:.3f} {y:.3f} {z:.3f}" for x, y, z in normals]
+    lines += [
+        "f " + " ".join(f"{v + 1}//{n + 1}" for v, n in zip(face, corner, strict=True))
+        for face, corner in zip(faces, corners, strict=True)
+    ]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _read(path: Path) -> trimesh.Trimesh:
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file; give the path of a mesh (obj, ply, stl, off, glb).")
+    try:
+        raw: Any = trimesh.load_mesh(path, process=False)
+        vertices, faces = np.array(raw.vertices, dtype=float), np.array(raw.faces)
+    except Exception as error:  # trimesh's readers raise whatever they stumble over
+        raise MeshError(
+            f"{path}: not readable as a triangle mesh ({type(error).__name__}: {error}); "
+            "export it as OBJ, PLY or STL."
+        ) from error
+    if not len(faces):
+        raise MeshError(f"{path}: {len(vertices)} points but no faces; give a surface mesh.")
+    if not np.isfinite(vertices).all():
+        bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+        raise MeshError(f"{path}: {bad} vertices are NaN or infinite; export the mesh again.")
+    mesh = _clean(vertices, faces)
+    if not len(mesh.faces):
+        raise MeshError(f"{path}: all {len(faces)} faces have no area; give a solid in its units.")
+    return mesh
+
+
+def _clean(vertices: NDArray[np.float64], faces: NDArray[Any]) -> trimesh.Trimesh:
+    """Merges vertices by position and drops faces that collapse to an edge by that."""
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.merge_vertices()
+    f = mesh.faces
+    mesh.update_faces((f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0]))
+    mesh.update_faces(mesh.unique_faces())
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
+def _check_extent(mesh: trimesh.Trimesh, path: Path, scale: float) -> None:
+    extent = float(mesh.extents.max())
+    if MIN_EXTENT <= extent <= MAX_EXTENT:
+        return
+    units = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "metres": 1.0}
+    fits = [
+        f"scale={value} ({unit})"
+        for unit, value in units.items()
+        if 0.02 <= extent / scale * value <= 0.5
+    ]
+    mend = " or ".join(fits) or f"scale={scale * 0.1 / extent:.2g} (largest side 0.1 m)"
+    raise MeshError(
+        f"{path}: the largest side is {extent:.4g} m with scale={scale:g}, outside "
+        f"[{MIN_EXTENT}, {MAX_EXTENT}] m; the file is probably not in metres. Try {mend}."
+    )
+
+
+def _check_closed(mesh: trimesh.Trimesh, path: Path) -> None:
+    _, faces_per_edge = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
+    open_edges = int((faces_per_edge == 1).sum())
+    crowded = int((faces_per_edge > 2).sum())
+    if not open_edges and not crowded:
+        return
+    raise MeshError(
+        f"{path}: not watertight, {open_edges} open edges and {crowded} edges shared by more than "
+        f"two faces (of {len(faces_per_edge)}); mass and inside are undefined. Close it, e.g. "
+        "MeshLab 'Close Holes' / 'Repair non Manifold Edges', Blender's voxel remesh, or "
+        "trimesh.repair.fill_holes."
+    )
+
+
+def _orient(mesh: trimesh.Trimesh) -> tuple[str, ...]:
+    """Makes the winding consistent and outward; a shell inside another one faces its cavity."""
+    notes: list[str] = []
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_winding(mesh)
+        notes.append("winding made consistent")
+    label = _shell_of_faces(mesh)
+    shells = [_part(mesh, label == i) for i in range(label.max() + 1)]
+    turned = [
+        (_signed_volume(shell) < 0)
+        != bool(sum(_encloses(o, shell) for o in shells if o is not shell) % 2)
+        for shell in shells
+    ]
+    if any(turned):
+        faces = mesh.faces.copy()
+        flip = np.array(turned)[label]
+        faces[flip] = faces[flip][:, ::-1]
+        mesh.faces = faces
+        notes.append("normals turned outward")
+    return tuple(notes)
+
+
+def _check_one_body(mesh: trimesh.Trimesh, path: Path) -> None:
+    label = _shell_of_faces(mesh)
+    volumes = [_signed_volume(_part(mesh, label == i)) for i in range(label.max() + 1)]
+    bodies = sorted((v for v in volumes if v > 0), reverse=True)
+    if len(bodies) > 1:
+        listed = ", ".join(f"{v * 1e6:.3g}" for v in bodies[:5])
+        raise MeshError(
+            f"{path}: {len(bodies)} separate bodies ({listed} cm^3); a rigid object is one closed "
+            "surface. Unite them (trimesh.boolean.union, Blender's boolean modifier) or export "
+            "one body per file."
+        )
+    if sum(volumes) < 1e-7 * float(mesh.extents.max()) ** 3:
+        raise MeshError(f"{path}: encloses no volume; give a solid, not a sheet folded on itself.")
+
+
+def _shell_of_faces(mesh: trimesh.Trimesh) -> NDArray[np.int64]:
+    """The connected surface that each face belongs to, counted from 0."""
+    label = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(mesh.faces))
+    return np.asarray(label, dtype=np.int64)
+
+
+def _part(mesh: trimesh.Trimesh, member: NDArray[np.bool_]) -> trimesh.Trimesh:
+    part = trimesh.Trimesh(mesh.vertices, mesh.faces[member], process=False)
+    part.remove_unreferenced_vertices()
+    return part
+
+
+def _signed_volume(mesh: trimesh.Trimesh) -> float:
+    a, b, c = (mesh.triangles[:, i] - mesh.bounds[0] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def _encloses(outer: trimesh.Trimesh, inner: trimesh.Trimesh) -> bool:
+    """Whether one closed surface lies inside another (tested at up to 16 of its vertices)."""
+    if (inner.bounds[0] < outer.bounds[0]).any() or (inner.bounds[1] > outer.bounds[1]).any():
+        return False
+    points = inner.vertices[:: -(-len(inner.vertices) // 16)]
+    return all(_winding_number(outer.triangles - point) > 0.5 for point in points)
+
+
+def _winding_number(triangles: NDArray[np.float64]) -> float:
+    """Absolute winding number of a closed surface about the origin (van Oosterom, Strackee 1983).
+
+    Args:
+        triangles: Corners, shape (m, 3, 3).
+    """
+    a, b, c = (triangles[:, i] for i in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", v, w) for v, w in ((a, b), (b, c), (c, a)))
+    numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+    solid_angle = 2.0 * np.arctan2(numerator, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return float(abs(solid_angle.sum())) / (4.0 * np.pi)
+
+
+def _crease_normals(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Angle-weighted vertex normals, shared only by the corners on one side of a crease.
+
+    Returns:
+        Normals (k, 3), and the normal's index of every corner of every face (m, 3).
+    """
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    smooth = mesh.face_adjacency_angles < _CREASE
+    pairs, edges = mesh.face_adjacency[smooth], mesh.face_adjacency_edges[smooth]
+    # A node per corner; corners of two smoothly joined faces at a common vertex are one.
+    corner_of = {
+        (int(f), int(v)): 3 * f + k for f, face in enumerate(faces) for k, v in enumerate(face)
+    }
+    links = np.array(
+        [
+            (corner_of[int(f), int(v)], corner_of[int(g), int(v)])
+            for (f, g), edge in zip(pairs, edges, strict=True)
+            for v in edge
+        ],
+        dtype=int,
+    ).reshape(-1, 2)
+    label = trimesh.graph.connected_component_labels(links, faces.size)
+    weighted = (mesh.face_normals[:, None] * mesh.face_angles[..., None]).reshape(-1, 3)
+    normals = np.zeros((label.max() + 1, 3))
+    np.add.at(normals, label, weighted)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-300
+    rounded, index = np.unique(np.round(normals, 3) + 0.0, axis=0, return_inverse=True)
+    return rounded, index.reshape(-1)[label].reshape(faces.shape)

@@ -1,0 +1,46 @@
+"""Where the model files live: beside the package in a wheel, at the root in a checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feasigrasp.errors import FeasigraspError
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+class ResourceError(FeasigraspError, FileNotFoundError):
+    """A model file that is not part of this installation."""
+
+
+def model_path(*parts: str) -> Path:
+    """Finds a file or folder of the project's ``models/`` folder.
+
+    A wheel carries the folder as ``feasigrasp/_models``; in a checkout (editable installation or
+    ``PYTHONPATH``) it is ``models/`` at the repository root.
+
+    Args:
+        *parts: Path below ``models/``, e.g. ``model_path("objects", "mug.obj")``; none for the
+            folder itself.
+
+    Returns:
+        The absolute path of an existing file or folder.
+
+    Raises:
+        ResourceError: If there is no ``models/`` folder, or nothing of that name in it.
+    """
+    places = (_PACKAGE / "_models", _PACKAGE.parent / "models")
+    root = next((place for place in places if place.is_dir()), None)
+    if root is None:
+        raise ResourceError(
+            f"The models/ folder is neither at {places[0]} (wheel) nor at {places[1]} (checkout); "
+            "reinstall feasigrasp, or run it from a complete checkout."
+        )
+    path = root.joinpath(*parts)
+    if not path.exists():
+        siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
+        raise ResourceError(
+            f"{Path(*parts)} is not in {root}; "
+            f"{path.parent.name}/ holds: {', '.join(siblings) or 'nothing'}."
+        )
+    return path

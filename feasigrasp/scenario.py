@@ -1,0 +1,274 @@
+"""The scenario: one dataclass that *is* the YAML format of ``diagrams/*.scenarios.yaml``.
+
+A scenario file maps names to scenarios; a file is read with `load_scenario`, which refuses unknown
+keys by name, and what ran is written back with `dump_scenario`.
+"""
+
+import dataclasses as dc
+import typing
+from pathlib import Path
+
+import numpy as np
+import yaml
+from pydrake.common import RandomGenerator
+from pydrake.common.schema import Rotation, Sample, Transform, Uniform
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.multibody.parsing import ModelDirective
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.sensors import CameraConfig
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.grasp_sequence import GraspSequenceConfig
+from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.systems.object_tracker import TrackerConfig
+
+
+@dc.dataclass
+class ObjectConfig:
+    """The object to grasp.
+
+    Attributes:
+        model: Name of a built-in object, or a path to a mesh.
+        scale: Factor from the mesh's unit to metres.
+        mass: Mass [kg]; from the object's data or its volume if not given.
+        friction: Coulomb friction of its surface, and of the fingers on it.
+        rotation: Orientation at the start; ``!Uniform {}`` draws it from the seed.
+    """
+
+    model: str = "mustard_bottle"
+    scale: float = 1.0
+    mass: float | None = None
+    friction: float = 0.8
+    rotation: typing.Union[  # noqa: UP007 - the form of Drake's own schema
+        Rotation.Identity, Rotation.Rpy, Rotation.AngleAxis, Rotation.Uniform
+    ] = dc.field(default_factory=Rotation.Identity)
+
+
+@dc.dataclass
+class MotionConfig:
+    """How the object moves until it is let go; see `HarmonicMotion` for the formula.
+
+    Attributes:
+        center: [m].
+        amplitude: [m], along x, y, z.
+        harmonic: Multiple of the phase along x, y, z.
+        offset_deg: Phase offset along x, y, z [deg]; 90 makes a cosine.
+        rate: Phase rate [rad/s].
+        start_phase: Phase at the start [rad]; ``!Uniform`` draws it from the seed.
+        spin_axis: Axis of the constant rotation, in the world.
+        spin: Its speed [rad/s].
+    """
+
+    center: list[float] = dc.field(default_factory=lambda: [0.5, 0.0, 0.55])
+    amplitude: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    harmonic: list[float] = dc.field(default_factory=lambda: [1.0, 1.0, 1.0])
+    offset_deg: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    rate: float = 0.2 * np.pi
+    start_phase: typing.Union[float, Uniform] = 0.0  # noqa: UP007 - Drake's YAML needs Union
+    spin_axis: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 1.0])
+    spin: float = 0.2
+
+
+@dc.dataclass
+class PerceptionConfig:
+    """How often the object is looked at, and the distance field that is fitted.
+
+    Attributes:
+        camera: Name of the camera that is used.
+        period: Time between views [s].
+        latency: Time from a view to its grasps [s].
+        max_points: Points that the field is fitted to.
+        length_scale: Length scale of the field's kernel [m].
+        voxel_size: Resolution at which views are merged in the object frame [m].
+        n_candidates: Grasp candidates drawn per update.
+        n_grasps: Grasps kept per update.
+    """
+
+    camera: str = "wrist_camera"
+    period: float = 0.5
+    latency: float = 0.1
+    max_points: int = 512
+    length_scale: float = 0.3
+    voxel_size: float = 0.003
+    n_candidates: int = 800
+    n_grasps: int = 64
+
+
+@dc.dataclass
+class ReachabilityConfig:
+    """The reachability filter between perception and control.
+
+    Attributes:
+        period: Time between updates [s].
+        horizon: A grasp must stay reachable this long, as the object moves now [s].
+    """
+
+    period: float = 0.05
+    horizon: float = 1.0
+
+
+@dc.dataclass
+class ControlConfig:
+    """The arm's controller.
+
+    Attributes:
+        controller: ``task`` (Riemannian mixture) or ``joint`` (distance field over IK solutions).
+        mode: ``safe`` enforces limits and clearances, ``paper`` enforces nothing.
+        period: Control period [s].
+    """
+
+    controller: str = "task"
+    mode: str = "safe"
+    period: float = 0.005
+
+
+def _default_plant() -> MultibodyPlantConfig:
+    return MultibodyPlantConfig(
+        time_step=0.002,
+        contact_model="hydroelastic_with_fallback",
+        discrete_contact_approximation="lagged",
+    )
+
+
+def _default_simulator() -> SimulatorConfig:
+    return SimulatorConfig(max_step_size=0.01, publish_every_time_step=False)
+
+
+@dc.dataclass
+class Scenario:
+    """Everything that a run depends on.
+
+    Attributes:
+        random_seed: Seed of all that the scenario leaves to chance.
+        simulation_duration: Length of the run [s]; a run ends earlier when the grasp is over.
+        simulator_config: Drake's simulator settings.
+        plant_config: Drake's plant settings.
+        directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``.
+        cameras: Cameras by name.
+        q_start: Joint positions at the start [deg].
+        object: The object.
+        motion: How it moves.
+        tracker: How its pose is measured.
+        perception: Views, distance field, grasps.
+        reachability: Reachability filter.
+        control: Controller.
+        grasp: Closing, letting go, lifting.
+    """
+
+    random_seed: int = 0
+    simulation_duration: float = 30.0
+    simulator_config: SimulatorConfig = dc.field(default_factory=_default_simulator)
+    plant_config: MultibodyPlantConfig = dc.field(default_factory=_default_plant)
+    directives: list[ModelDirective] = dc.field(default_factory=list)
+    cameras: dict[str, CameraConfig] = dc.field(default_factory=dict)
+    q_start: list[float] = dc.field(default_factory=lambda: [0.0] * 7)
+    object: ObjectConfig = dc.field(default_factory=ObjectConfig)
+    motion: MotionConfig = dc.field(default_factory=MotionConfig)
+    tracker: TrackerConfig = dc.field(default_factory=TrackerConfig)
+    perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
+    reachability: ReachabilityConfig = dc.field(default_factory=ReachabilityConfig)
+    control: ControlConfig = dc.field(default_factory=ControlConfig)
+    grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
+
+
+def scenario_names(filename: str | Path) -> list[str]:
+    """The names of the scenarios in a file; those that start with ``_`` are shared anchors.
+
+    Raises:
+        ScenarioError: There is no such file, or it is not YAML.
+    """
+    try:
+        content = yaml.load(Path(filename).read_text(), Loader=yaml.BaseLoader)
+    except FileNotFoundError as error:
+        raise ScenarioError(f"no scenario file {filename}; check --scenario_file") from error
+    except yaml.YAMLError as error:
+        raise ScenarioError(f"{filename} is not valid YAML: {error}") from error
+    return [name for name in content or {} if not name.startswith("_")]
+
+
+def load_scenario(
+    filename: str | Path, name: str, overrides: str | None = None
+) -> Scenario:
+    """Reads one scenario of a file.
+
+    Args:
+        filename: YAML file that maps names to scenarios.
+        name: Which one.
+        overrides: YAML text that is applied on top, e.g. ``"{object: {model: mug}}"``.
+
+    Raises:
+        ScenarioError: Unknown file, scenario, key or value.
+    """
+    names = scenario_names(filename)
+    if name not in names:
+        raise ScenarioError(f"no scenario {name!r} in {filename}; it has {', '.join(names)}")
+    try:
+        scenario = yaml_load_typed(
+            schema=Scenario, filename=str(filename), child_name=name, defaults=Scenario()
+        )
+        if overrides:
+            scenario = yaml_load_typed(schema=Scenario, data=overrides, defaults=scenario)
+    except (RuntimeError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
+        raise ScenarioError(f"scenario {name!r} in {filename}: {error}") from error
+    _check(scenario)
+    return scenario
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The scenario as YAML text, readable by `load_scenario` as an override of the defaults."""
+    return str(yaml_dump_typed(scenario, schema=Scenario, defaults=Scenario()))
+
+
+def make_motion(scenario: Scenario) -> HarmonicMotion:
+    """The object's motion, with everything random drawn from the scenario's seed."""
+    generator = RandomGenerator(scenario.random_seed)
+    config = scenario.motion
+    start_phase = Sample(config.start_phase, generator)
+    orientation = Transform()
+    orientation.rotation = scenario.object.rotation
+    R_WO = orientation.Sample(generator).rotation().matrix()
+    return HarmonicMotion(
+        center=np.asarray(config.center, dtype=float),
+        amplitude=np.asarray(config.amplitude, dtype=float),
+        harmonic=np.asarray(config.harmonic, dtype=float),
+        offset_deg=np.asarray(config.offset_deg, dtype=float),
+        rate=config.rate,
+        start_phase=start_phase,
+        spin_axis=np.asarray(config.spin_axis, dtype=float),
+        spin=config.spin,
+        R_WO=R_WO,
+    )
+
+
+_CHOICES = {"controller": ("task", "joint"), "mode": ("safe", "paper")}
+
+
+def _check(scenario: Scenario) -> None:
+    for key, allowed in _CHOICES.items():
+        value = getattr(scenario.control, key)
+        if value not in allowed:
+            raise ScenarioError(f"control.{key} is {value!r}; choose one of {', '.join(allowed)}")
+    if len(scenario.q_start) != 7:
+        raise ScenarioError(f"q_start has {len(scenario.q_start)} entries; the iiwa has 7 joints")
+    if scenario.perception.camera not in scenario.cameras:
+        raise ScenarioError(
+            f"perception.camera is {scenario.perception.camera!r}, but cameras has "
+            f"{', '.join(scenario.cameras) or 'none'}"
+        )
+    for key in ("center", "amplitude", "harmonic", "offset_deg", "spin_axis"):
+        value = getattr(scenario.motion, key)
+        if len(value) != 3:
+            raise ScenarioError(f"motion.{key} has {len(value)} entries; give x, y and z")
+    if not np.any(scenario.motion.spin_axis):
+        raise ScenarioError("motion.spin_axis is zero; give an axis, and spin: 0 for no rotation")
+    periods = {
+        "perception.period": scenario.perception.period,
+        "reachability.period": scenario.reachability.period,
+        "control.period": scenario.control.period,
+        "tracker.period": scenario.tracker.period,
+        "simulation_duration": scenario.simulation_duration,
+    }
+    for key, value in periods.items():
+        if value <= 0.0:
+            raise ScenarioError(f"{key} is {value} s; it must be positive")

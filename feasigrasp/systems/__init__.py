@@ -1,0 +1,1 @@
+"""Thin Drake ``LeafSystem``s and ``Diagram``s around ``feasigrasp.models``."""

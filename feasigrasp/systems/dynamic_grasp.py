@@ -1,0 +1,166 @@
+"""The whole pipeline as one diagram, from the scenario that describes it."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
+
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.rigid_object import RigidObject, load_object
+from feasigrasp.scenario import Scenario, make_motion
+from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.grasp_sampler import GraspSampler
+from feasigrasp.systems.gripper_sequencer import GripperSequencer
+from feasigrasp.systems.metrics import Metrics
+from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
+from feasigrasp.systems.reachability_filter import ReachabilityFilter
+from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
+from feasigrasp.systems.station import Station, StationConfig
+from feasigrasp.systems.velocity_drive import VelocityDrive
+
+#: Period of the metrics' log [s].
+LOG_PERIOD = 0.02
+
+
+def load_scenario_object(scenario: Scenario) -> RigidObject:
+    """The object that a scenario names, built-in or from a mesh file."""
+    config = scenario.object
+    return load_object(config.model, scale=config.scale, mass=config.mass)
+
+
+def make_station(scenario: Scenario) -> Station:
+    """The robot cell of a scenario, with its moving object."""
+    return Station(
+        StationConfig(
+            plant=scenario.plant_config,
+            directives=scenario.directives,
+            cameras=scenario.cameras,
+            q_start=np.deg2rad(scenario.q_start),
+            friction=scenario.object.friction,
+            enforce_joint_limits=scenario.control.mode == "safe",
+        ),
+        load_scenario_object(scenario),
+        make_motion(scenario),
+    )
+
+
+def make_controller(scenario: Scenario, reachability: Reachability) -> LeafSystem:
+    """The controller of a scenario; both kinds have the same ports."""
+    mode = scenario.control.mode
+    if scenario.control.controller == "joint":
+        return GPJointController(
+            reachability, solution_period=scenario.reachability.period, mode=mode
+        )
+    return RMMTaskController(reachability, mode=mode, seed=scenario.random_seed)
+
+
+def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
+    """Builds station, perception, grasp sampling, reachability, control and metrics.
+
+    The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``, ``latency``,
+    ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``, ``tracker`` and
+    ``metrics``; the samples of ``metrics`` are in the vector log ``log(metrics)``.
+
+    Args:
+        scenario: What to build.
+        meshcat: Where to show it; with the completed cloud and the grasps on the object.
+    """
+    gripper = ParallelGripper()
+    reachability = Reachability(gripper)
+    perception = scenario.perception
+    camera = perception.camera
+    empty = AbstractValue.Make(GraspSet.empty())
+
+    builder = DiagramBuilder()
+    add, connect = builder.AddNamedSystem, builder.Connect
+    station = add("station", make_station(scenario))
+    tracker = add("tracker", ObjectTracker(scenario.tracker))
+    segmentation = add("segmentation", SegmentPointCloud(int(station.object_body.index())))
+    to_gpdf = add(
+        "perception",
+        PointCloudToGPDF(
+            perception.period,
+            max_points=perception.max_points,
+            length_scale=perception.length_scale,
+            voxel_size=perception.voxel_size,
+        ),
+    )
+    sampler = add(
+        "sampler",
+        GraspSampler(
+            AntipodalSampler(
+                gripper, n_candidates=perception.n_candidates, n_grasps=perception.n_grasps
+            )
+        ),
+    )
+    latency = add("latency", ZeroOrderHold(perception.period, empty, perception.latency))
+    reach = add(
+        "reachability", ReachabilityFilter(reachability, horizon=scenario.reachability.horizon)
+    )
+    reachable = add("reachable", ZeroOrderHold(scenario.reachability.period, empty))
+    sequencer = add(
+        "sequencer",
+        GripperSequencer(scenario.grasp, gripper, period=scenario.reachability.period),
+    )
+    controller = add("controller", make_controller(scenario, reachability))
+    drive = add(
+        "drive",
+        VelocityDrive(
+            scenario.control.period, enforce_position_limits=scenario.control.mode == "safe"
+        ),
+    )
+    metrics = add("metrics", Metrics(gripper))
+
+    # Perception: camera -> object's points -> distance field -> grasps, all in the object frame.
+    connect(station.GetOutputPort("object.pose"), tracker.GetInputPort("pose"))
+    connect(
+        station.GetOutputPort(f"{camera}.point_cloud"), segmentation.GetInputPort("point_cloud")
+    )
+    connect(
+        station.GetOutputPort(f"{camera}.label_image"), segmentation.GetInputPort("label_image")
+    )
+    connect(segmentation.GetOutputPort("point_cloud"), to_gpdf.GetInputPort("point_cloud"))
+    connect(tracker.GetOutputPort("object_pose"), to_gpdf.GetInputPort("object_pose"))
+    connect(station.GetOutputPort(f"{camera}.pose"), to_gpdf.GetInputPort("camera_pose"))
+    connect(to_gpdf.GetOutputPort("gpdf"), sampler.GetInputPort("gpdf"))
+    connect(sampler.GetOutputPort("grasps"), latency.get_input_port())
+
+    # Adaptation: what can be reached as the object moves.
+    connect(latency.get_output_port(), reach.GetInputPort("grasps"))
+    connect(reach.GetOutputPort("grasps"), reachable.get_input_port())
+    for port in ("object_pose", "object_velocity"):
+        connect(tracker.GetOutputPort(port), reach.GetInputPort(port))
+        connect(tracker.GetOutputPort(port), sequencer.GetInputPort(port))
+        connect(sequencer.GetOutputPort(port), controller.GetInputPort(port))
+
+    # Control: sequencer -> controller -> drive -> arm and gripper.
+    connect(reachable.get_output_port(), sequencer.GetInputPort("grasps"))
+    connect(sequencer.GetOutputPort("grasps"), controller.GetInputPort("grasps"))
+    connect(controller.GetOutputPort("commanded_velocity"), drive.GetInputPort("velocity"))
+    connect(drive.GetOutputPort("desired_state"), station.GetInputPort("iiwa.desired_state"))
+    for system in (sequencer, controller, drive):
+        connect(station.GetOutputPort("iiwa.position_measured"), system.GetInputPort("position"))
+    connect(
+        station.GetOutputPort("gripper.state_measured"), sequencer.GetInputPort("gripper_state")
+    )
+    connect(sequencer.GetOutputPort("gripper_position"), station.GetInputPort("gripper.position"))
+    connect(sequencer.GetOutputPort("object_hold"), station.GetInputPort("object.hold"))
+
+    # Measurement.
+    connect(station.GetOutputPort("iiwa.state_estimated"), metrics.GetInputPort("state"))
+    connect(station.GetOutputPort("object.pose"), metrics.GetInputPort("object_pose"))
+    connect(sequencer.GetOutputPort("grasps"), metrics.GetInputPort("grasps"))
+    connect(sequencer.GetOutputPort("phase"), metrics.GetInputPort("phase"))
+    LogVectorOutput(metrics.get_output_port(), builder, LOG_PERIOD).set_name("log(metrics)")
+
+    diagram = builder.Build()
+    diagram.set_name("dynamic_grasp")
+    return diagram

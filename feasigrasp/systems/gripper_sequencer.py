@@ -1,0 +1,139 @@
+"""Closes the gripper on the object, lets the object go, and lifts it."""
+
+from __future__ import annotations
+
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.framework import Context, LeafSystem
+
+from feasigrasp.models.grasp_sequence import GraspSequenceConfig, GraspState, Phase
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import NUM_JOINTS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
+
+
+class GripperSequencer(LeafSystem):
+    """Decides when to close, and what the arm follows from then on.
+
+    .. pydrake_system::
+
+        name: GripperSequencer
+        input_ports:
+        - position
+        - grasps
+        - object_pose
+        - object_velocity
+        - gripper_state
+        output_ports:
+        - grasps
+        - object_pose
+        - object_velocity
+        - gripper_position
+        - object_hold
+        - phase
+
+    It stands between the reachability filter and a controller, and passes grasps, object pose and
+    twist through while the hand approaches. Once the hand has been at a grasp for a moment, only
+    that grasp is passed on and the fingers close; after the object is let go, pose and twist are
+    those of a lift. ``gripper_position`` is the commanded distance between the pads [m],
+    ``gripper_state`` the measured one and its rate, ``object_hold`` 1 until the object is let go,
+    ``phase`` a `Phase`. The state advances every ``period`` seconds, the rate at which grasps
+    arrive.
+    """
+
+    #: Commanded distance between closed pads; negative, so that they squeeze whatever is between.
+    CLOSED = -0.05
+
+    def __init__(
+        self, config: GraspSequenceConfig, gripper: ParallelGripper, *, period: float = 0.05
+    ) -> None:
+        """A sequencer for one gripper."""
+        super().__init__()
+        self._config = config
+        self._gripper = gripper
+        self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
+        self._grasps = self.DeclareAbstractInputPort(
+            "grasps", AbstractValue.Make(GraspSet.empty())
+        )
+        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
+        self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
+        self._gripper_state = self.DeclareVectorInputPort("gripper_state", 2)
+        self._index = self.DeclareAbstractState(AbstractValue.Make(GraspState()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._advance)
+
+        state, time = self.abstract_state_ticket(self._index), self.time_ticket()
+        self.DeclareAbstractOutputPort(
+            "grasps",
+            lambda: AbstractValue.Make(GraspSet.empty()),
+            self._calc_grasps,
+            {state, self._grasps.ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "object_pose",
+            Value[RigidTransform],
+            self._calc_pose,
+            {state, time, self._pose.ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "object_velocity",
+            Value[SpatialVelocity],
+            self._calc_velocity,
+            {state, time, self._velocity.ticket()},
+        )
+        self.DeclareVectorOutputPort("gripper_position", 1, self._calc_gripper, {state, time})
+        self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
+        self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
+
+    def state(self, context: Context) -> GraspState:
+        """Where the sequence is."""
+        state: GraspState = context.get_abstract_state(int(self._index)).get_value()
+        return state
+
+    def _advance(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+        advanced = self.state(context).advanced(
+            context.get_time(),
+            forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
+            self._pose.Eval(context).GetAsMatrix4(),
+            self._grasps.Eval(context),
+            self._gripper_state.Eval(context)[0],
+            self._config,
+        )
+        state.get_mutable_abstract_state(int(self._index)).set_value(advanced)
+
+    def _target(self, context: Context):  # type: ignore[no-untyped-def]
+        return self.state(context).target(
+            context.get_time(),
+            self._pose.Eval(context).GetAsMatrix4(),
+            self._velocity.Eval(context).get_coeffs(),
+            self._config,
+        )
+
+    def _calc_grasps(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        committed = self.state(context).grasp
+        output.set_value(self._grasps.Eval(context) if committed is None else committed)
+
+    def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        X_WO = self._target(context)[0]
+        R_WO = RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])
+        output.set_value(RigidTransform(R_WO, X_WO[:3, 3]))
+
+    def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        output.set_value(SpatialVelocity(self._target(context)[1]))
+
+    def _calc_gripper(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        state = self.state(context)
+        opening = self._gripper.max_opening
+        if state.phase == Phase.CLOSE:
+            travelled = self._config.closing_speed * (context.get_time() - state.since)
+            opening = max(self.CLOSED, opening - travelled)
+        elif state.phase > Phase.CLOSE:
+            opening = self.CLOSED
+        output.SetAtIndex(0, opening)
+
+    def _calc_hold(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        output.SetAtIndex(0, float(self.state(context).X_WO is None))
+
+    def _calc_phase(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        output.SetAtIndex(0, float(self.state(context).phase))

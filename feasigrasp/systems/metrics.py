@@ -1,0 +1,95 @@
+"""What is measured during a run, sample by sample; `feasigrasp.evaluation.metrics` sums it up."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, LeafSystem
+
+from feasigrasp.models import se3
+from feasigrasp.models.grasp_funnel import grasp_errors
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import NUM_JOINTS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics, manipulability
+from feasigrasp.models.self_collision import min_distance
+
+#: The entries of one sample, in order; lengths in metres, angles in radians.
+SAMPLE_NAMES = (
+    "self_distance",
+    "limit_margin",
+    "velocity_ratio",
+    "manipulability",
+    "grasp_position_error",
+    "grasp_angle_error",
+    "p_HO_x",
+    "p_HO_y",
+    "p_HO_z",
+    "p_WO_x",
+    "p_WO_y",
+    "p_WO_z",
+    "phase",
+)
+
+
+class Metrics(LeafSystem):
+    """Samples everything that the paper's dynamic test reports.
+
+    .. pydrake_system::
+
+        name: Metrics
+        input_ports:
+        - state
+        - object_pose
+        - grasps
+        - phase
+        output_ports:
+        - sample
+
+    ``state`` is the arm's V14 state, ``object_pose`` the true one, ``grasps`` what the controller is
+    given, in the object frame. ``sample`` holds `SAMPLE_NAMES`: smallest distance between
+    non-adjacent bodies of the arm and hand, by capsules and independent of the simulation's
+    collision filter; smallest distance to a joint limit (negative beyond it); largest joint speed
+    over its limit; manipulability at the flange; error to the nearest grasp (NaN without grasps);
+    the object's position in the hand and in the world.
+    """
+
+    def __init__(self, gripper: ParallelGripper) -> None:
+        """Metrics for an arm that carries ``gripper``."""
+        super().__init__()
+        self._gripper = gripper
+        self._state = self.DeclareVectorInputPort("state", 2 * NUM_JOINTS)
+        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
+        self._grasps = self.DeclareAbstractInputPort(
+            "grasps", AbstractValue.Make(GraspSet.empty())
+        )
+        self._phase = self.DeclareVectorInputPort("phase", 1)
+        self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), self._calc)
+
+    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        q, v = np.split(self._state.Eval(context), 2)
+        X_WO = self._pose.Eval(context).GetAsMatrix4()
+        X_OH = se3.inverse(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
+        grasps: GraspSet = self._grasps.Eval(context)
+        nearest = np.full(2, np.nan)
+        if len(grasps) > 0:
+            errors = grasp_errors(grasps.X_OG, X_OH)
+            nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
+        p_HO = se3.inverse(X_OH)[:3, 3]
+        output.SetFromVector(
+            np.concatenate(
+                [
+                    [
+                        min_distance(q),
+                        np.min(POSITION_LIMITS - np.abs(q)),
+                        np.max(np.abs(v) / VELOCITY_LIMITS),
+                        float(manipulability(q)),
+                    ],
+                    nearest,
+                    p_HO,
+                    X_WO[:3, 3],
+                    self._phase.Eval(context),
+                ]
+            )
+        )

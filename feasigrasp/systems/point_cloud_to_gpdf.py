@@ -1,0 +1,110 @@
+"""Perception: views of the object, merged in its own frame, become a distance field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.perception import PointCloud
+from pydrake.systems.framework import Context, LeafSystem
+
+from feasigrasp.models.gpdf import MIN_POINTS, Gpdf, fit_gpdf
+from feasigrasp.models.view_fusion import FusedCloud
+
+
+@dataclass(frozen=True, eq=False)
+class Perceived:
+    """What has been seen of the object.
+
+    Attributes:
+        cloud: The merged views, in the object frame O.
+        gpdf: The field fitted to them, in O; None until the object was seen.
+    """
+
+    cloud: FusedCloud
+    gpdf: Gpdf | None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Perceived:
+        """Immutable, so a copy is itself."""
+        return self
+
+
+class PointCloudToGPDF(LeafSystem):
+    """Fits a Gaussian-process distance field to the views of a tracked object.
+
+    .. pydrake_system::
+
+        name: PointCloudToGPDF
+        input_ports:
+        - point_cloud
+        - object_pose
+        - camera_pose
+        output_ports:
+        - gpdf
+        - perceived
+
+    ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
+    ``camera_pose`` X_WC are ``RigidTransform``. ``gpdf`` is a `Gpdf` in the object frame O, or None
+    before the first usable view; ``perceived`` holds the merged cloud as well. The inputs are read
+    every ``period`` seconds. A view with too few finite points (object out of sight, or hidden by
+    the hand) changes nothing: the field of the earlier views stays valid in O.
+    """
+
+    def __init__(
+        self,
+        period: float = 0.5,
+        *,
+        max_points: int = 512,
+        length_scale: float = 0.3,
+        voxel_size: float = 0.003,
+        min_points: int = 4 * MIN_POINTS,
+    ) -> None:
+        """A perception that looks every ``period`` seconds.
+
+        Args:
+            period: Time between views [s].
+            max_points: Surface points that the field is fitted to.
+            length_scale: Length scale of the field's kernel [m].
+            voxel_size: Resolution at which views are merged [m].
+            min_points: A view with fewer finite points is ignored.
+        """
+        super().__init__()
+        self._max_points = max_points
+        self._length_scale = length_scale
+        self._min_points = min_points
+        self._cloud = self.DeclareAbstractInputPort(
+            "point_cloud", AbstractValue.Make(PointCloud())
+        )
+        self._object_pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
+        self._camera_pose = self.DeclareAbstractInputPort("camera_pose", Value[RigidTransform]())
+        nothing = Perceived(FusedCloud.empty(voxel_size), None)
+        self._state = self.DeclareAbstractState(AbstractValue.Make(nothing))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
+        seen = {self.abstract_state_ticket(self._state)}
+        self.DeclareAbstractOutputPort("gpdf", Value[object], self._calc_gpdf, seen)
+        self.DeclareStateOutputPort("perceived", self._state)
+
+    def _look(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+        points_W = self._cloud.Eval(context).xyzs().T
+        points_W = points_W[np.isfinite(points_W).all(axis=1)]
+        if len(points_W) < self._min_points:
+            return
+        X_OW = self._object_pose.Eval(context).inverse()
+        p_OC = X_OW @ self._camera_pose.Eval(context).translation()
+        seen: Perceived = context.get_abstract_state(int(self._state)).get_value()
+        cloud = seen.cloud.merged((X_OW @ points_W.T).T, p_OC)
+        if len(cloud.points) < MIN_POINTS:
+            return
+        gpdf = fit_gpdf(
+            cloud.points,
+            viewpoint=cloud.directions,
+            max_points=self._max_points,
+            length_scale=self._length_scale,
+        )
+        state.get_mutable_abstract_state(int(self._state)).set_value(Perceived(cloud, gpdf))
+
+    def _calc_gpdf(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        output.set_value(context.get_abstract_state(int(self._state)).get_value().gpdf)

@@ -1,0 +1,219 @@
+"""The robot cell as one diagram: arm, gripper, wrist camera, table and a moving object."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import Value
+from pydrake.geometry import SceneGraph
+from pydrake.lcm import DrakeLcm
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.parsing import (
+    ModelDirective,
+    ModelDirectives,
+    Parser,
+    ProcessModelDirectives,
+)
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import PdControllerGains
+from pydrake.perception import DepthImageToPointCloud
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Demultiplexer, MatrixGain
+from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, PixelType
+
+from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.resources import model_path
+from feasigrasp.systems.object_model import add_object
+from feasigrasp.systems.object_servo import ObjectServo
+
+#: Gains of the joints' PD controllers, from the base to the flange; damping is 1.8 sqrt(kp).
+ARM_KP = np.array([2000.0, 2000.0, 1500.0, 1500.0, 800.0, 500.0, 300.0])
+#: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.
+FINGER_KP, FINGER_KD = 3000.0, 60.0
+
+
+@dataclass
+class StationConfig:
+    """What stands in the cell.
+
+    Attributes:
+        plant: Drake's plant settings.
+        directives: Model directives with model instances ``iiwa`` and ``gripper``.
+        cameras: Cameras by name.
+        q_start: Joint positions at the start [rad], shape (7,).
+        friction: Coulomb friction of the object.
+        enforce_joint_limits: Whether the joints have end stops.
+    """
+
+    plant: MultibodyPlantConfig
+    directives: list[ModelDirective] = field(default_factory=list)
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    q_start: np.ndarray = field(default_factory=lambda: np.zeros(7))
+    friction: float = 0.8
+    enforce_joint_limits: bool = True
+
+
+class _BodyState(LeafSystem):
+    """Pose and spatial velocity out of a floating body's V13 state."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._state = self.DeclareVectorInputPort("state", 13)
+        self.DeclareAbstractOutputPort("pose", Value[RigidTransform], self._calc_pose)
+        self.DeclareAbstractOutputPort("velocity", Value[SpatialVelocity], self._calc_velocity)
+
+    def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        x = self._state.Eval(context)
+        output.set_value(RigidTransform(Quaternion(x[:4] / np.linalg.norm(x[:4])), x[4:7]))
+
+    def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        output.set_value(SpatialVelocity(self._state.Eval(context)[7:13]))
+
+
+class Station(Diagram):
+    """One robot cell; the port names follow Drake's hardware stations.
+
+    .. pydrake_system::
+
+        name: Station
+        input_ports:
+        - iiwa.desired_state
+        - gripper.position
+        - object.hold
+        output_ports:
+        - iiwa.position_measured
+        - iiwa.state_estimated
+        - gripper.state_measured
+        - object.pose
+        - object.velocity
+        - <camera>.point_cloud
+        - <camera>.color_image
+        - <camera>.depth_image
+        - <camera>.label_image
+        - <camera>.pose
+        - contact_results
+        - query_object
+
+    ``iiwa.desired_state`` and ``iiwa.state_estimated`` are V14 (positions [rad], velocities
+    [rad/s]); ``gripper.position`` is the distance between the pads [m] and
+    ``gripper.state_measured`` that distance and its rate; ``object.hold`` is 1 while the object is
+    carried along its motion and 0 once it is let go. Point clouds are in the world frame.
+    """
+
+    def __init__(self, config: StationConfig, obj: RigidObject, motion: HarmonicMotion) -> None:
+        """Builds the cell around one object that moves as ``motion`` says."""
+        super().__init__()
+        # Renderers read mesh files late: the folder lives as long as the station.
+        self._files = tempfile.TemporaryDirectory(prefix="feasigrasp-")
+        builder = DiagramBuilder()
+        self.plant, self.scene_graph = AddMultibodyPlant(config.plant, builder)
+        plant = self.plant
+        _add_models(plant, config)
+        self.object_instance = add_object(
+            plant, obj, directory=self._files.name, friction=config.friction
+        )
+        self.object_body = plant.GetBodyByName("object", self.object_instance)
+        plant.SetDefaultFloatingBaseBodyPose(self.object_body, RigidTransform(motion.pose(0.0)))
+        plant.Finalize()
+
+        self._export_arm(builder, config)
+        self._export_gripper(builder)
+        self._export_object(builder, motion)
+        for name, camera in config.cameras.items():
+            _export_camera(builder, name, camera, plant, self.scene_graph)
+        builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
+        builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
+        builder.BuildInto(self)
+
+    def _export_arm(self, builder: DiagramBuilder, config: StationConfig) -> None:
+        plant, iiwa = self.plant, self.plant.GetModelInstanceByName("iiwa")
+        builder.ExportInput(plant.get_desired_state_input_port(iiwa), "iiwa.desired_state")
+        state = plant.get_state_output_port(iiwa)
+        position = builder.AddNamedSystem("iiwa_position", Demultiplexer([7, 7]))
+        builder.Connect(state, position.get_input_port())
+        builder.ExportOutput(position.get_output_port(0), "iiwa.position_measured")
+        builder.ExportOutput(state, "iiwa.state_estimated")
+
+    def _export_gripper(self, builder: DiagramBuilder) -> None:
+        plant, gripper = self.plant, self.plant.GetModelInstanceByName("gripper")
+        # Either finger moves half the opening; the right one mimics the left.
+        command = builder.AddNamedSystem("gripper_command", MatrixGain(np.array([[0.5], [0.0]])))
+        builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(gripper))
+        builder.ExportInput(command.get_input_port(), "gripper.position")
+        measured = builder.AddNamedSystem(
+            "gripper_state", MatrixGain(np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]]))
+        )
+        builder.Connect(plant.get_state_output_port(gripper), measured.get_input_port())
+        builder.ExportOutput(measured.get_output_port(), "gripper.state_measured")
+
+    def _export_object(self, builder: DiagramBuilder, motion: HarmonicMotion) -> None:
+        plant = self.plant
+        state = plant.get_state_output_port(self.object_instance)
+        body_state = builder.AddNamedSystem("object_state", _BodyState())
+        builder.Connect(state, body_state.get_input_port())
+        builder.ExportOutput(body_state.GetOutputPort("pose"), "object.pose")
+        builder.ExportOutput(body_state.GetOutputPort("velocity"), "object.velocity")
+        servo = builder.AddNamedSystem(
+            "object_servo", ObjectServo(plant, self.object_body.index(), motion)
+        )
+        builder.Connect(state, servo.GetInputPort("state"))
+        builder.Connect(
+            servo.GetOutputPort("spatial_force"), plant.get_applied_spatial_force_input_port()
+        )
+        builder.ExportInput(servo.GetInputPort("hold"), "object.hold")
+
+
+def _add_models(plant: MultibodyPlant, config: StationConfig) -> None:
+    parser = Parser(plant)
+    parser.package_map().AddPackageXml(str(model_path("package.xml")))
+    ProcessModelDirectives(ModelDirectives(directives=config.directives), plant, parser)
+    iiwa = plant.GetModelInstanceByName("iiwa")
+    for i, (kp, q) in enumerate(zip(ARM_KP, config.q_start, strict=True), start=1):
+        joint = plant.GetJointByName(f"iiwa_joint_{i}", iiwa)
+        actuator = plant.GetJointActuatorByName(f"iiwa_joint_{i}", iiwa)
+        actuator.set_controller_gains(PdControllerGains(p=kp, d=1.8 * np.sqrt(kp)))
+        joint.set_default_positions([q])
+        if not config.enforce_joint_limits:
+            joint.set_position_limits([-np.inf], [np.inf])
+    gripper = plant.GetModelInstanceByName("gripper")
+    finger = plant.GetJointActuatorByName("left_finger_joint", gripper)
+    finger.set_controller_gains(PdControllerGains(p=FINGER_KP, d=FINGER_KD))
+    for name in ("left_finger_joint", "right_finger_joint"):
+        joint = plant.GetJointByName(name, gripper)
+        joint.set_default_positions(joint.position_upper_limits())
+    # The real arm compensates its own weight and its tool's.
+    for instance in ("iiwa", "gripper", "camera"):
+        if plant.HasModelInstanceNamed(instance):
+            plant.set_gravity_enabled(plant.GetModelInstanceByName(instance), False)
+
+
+def _export_camera(
+    builder: DiagramBuilder,
+    name: str,
+    config: CameraConfig,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+) -> None:
+    config.name = name
+    # An LCM sink that goes nowhere: images are rendered only when somebody reads them.
+    ApplyCameraConfig(
+        config, builder, plant=plant, scene_graph=scene_graph, lcm=DrakeLcm("memq://null")
+    )
+    sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
+    _, depth_camera = config.MakeCameras()
+    cloud = builder.AddNamedSystem(
+        f"{name}_point_cloud",
+        DepthImageToPointCloud(depth_camera.core().intrinsics(), PixelType.kDepth32F),
+    )
+    builder.Connect(sensor.depth_image_32F_output_port(), cloud.depth_image_input_port())
+    builder.Connect(sensor.body_pose_in_world_output_port(), cloud.camera_pose_input_port())
+    builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
+    builder.ExportOutput(sensor.color_image_output_port(), f"{name}.color_image")
+    builder.ExportOutput(sensor.depth_image_32F_output_port(), f"{name}.depth_image")
+    builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
+    builder.ExportOutput(sensor.body_pose_in_world_output_port(), f"{name}.pose")

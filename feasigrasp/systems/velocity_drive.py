@@ -1,0 +1,61 @@
+"""Turns joint velocity commands into the desired states that an iiwa follows."""
+
+import numpy as np
+from pydrake.systems.framework import Context, LeafSystem
+
+from feasigrasp.models.iiwa import (
+    ACCELERATION_LIMITS,
+    NUM_JOINTS,
+    POSITION_LIMITS,
+    VELOCITY_LIMITS,
+)
+
+
+class VelocityDrive(LeafSystem):
+    """Integrates a commanded joint velocity within the velocity and acceleration limits.
+
+    .. pydrake_system::
+
+        name: VelocityDrive
+        input_ports:
+        - velocity
+        - position
+        output_ports:
+        - desired_state
+
+    ``velocity`` [rad/s] and ``position`` [rad] are V7, ``desired_state`` is V14 (positions, then
+    velocities). At initialisation the measured position is latched. A command that is not finite
+    counts as zero. With ``enforce_position_limits`` the desired position never leaves the limits.
+    """
+
+    #: The desired position never runs further than this ahead of the measured one [rad].
+    MAX_LEAD = 0.10
+
+    def __init__(self, period: float, *, enforce_position_limits: bool = True) -> None:
+        """A drive that updates every ``period`` seconds."""
+        super().__init__()
+        self._period = period
+        self._limits = POSITION_LIMITS if enforce_position_limits else np.full(7, np.inf)
+        self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
+        self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
+        state = self.DeclareDiscreteState(2 * NUM_JOINTS)
+        self.DeclareStateOutputPort("desired_state", state)
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def _initialize(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
+        q = self._position.Eval(context)
+        discrete_state.get_mutable_vector().SetFromVector(np.concatenate([q, np.zeros(NUM_JOINTS)]))
+
+    def _update(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
+        desired = context.get_discrete_state_vector().value()
+        q, v = desired[:NUM_JOINTS], desired[NUM_JOINTS:]
+        command = self._velocity.Eval(context)
+        if not np.isfinite(command).all():
+            command = np.zeros(NUM_JOINTS)
+        dv = ACCELERATION_LIMITS * self._period
+        v_next = np.clip(np.clip(command, -VELOCITY_LIMITS, VELOCITY_LIMITS), v - dv, v + dv)
+        measured = self._position.Eval(context)
+        q_next = np.clip(q + self._period * v_next, measured - self.MAX_LEAD, measured + self.MAX_LEAD)
+        q_next = np.clip(q_next, -self._limits, self._limits)
+        discrete_state.get_mutable_vector().SetFromVector(np.concatenate([q_next, v_next]))

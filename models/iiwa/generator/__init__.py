@@ -1,0 +1,1 @@
+"""Writes the description of the robot cell from the facts in feasigrasp.models."""

@@ -1,0 +1,90 @@
+"""The URDF of the parallel gripper."""
+
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from feasigrasp.models.gripper import ParallelGripper
+from generator import xml
+
+#: Static and dynamic friction of pads, fingers and palm.
+FRICTION = 0.8
+# Rubber pads. They make contact patches instead of points, so a held object does not creep.
+PAD_MODULUS = 1e7
+PAD_DISSIPATION = 20.0
+PAD_THICKNESS = 0.006
+PAD_COLOR = "0.06 0.06 0.07 1"
+
+# 0.34 kg is the mass of the SAKE EZGripper Dual, 0.05 kg that of its mount.
+FINGER_MASS = 0.035
+BODY_MASS = 0.34 + 0.05 - 2 * FINGER_MASS
+#: Force of the one actuator, which both fingers share [N].
+GRIP_EFFORT = 80.0
+FINGER_VELOCITY = 0.2
+
+SIDES = (("left", 1.0), ("right", -1.0))
+
+
+def _finger(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper) -> None:
+    """Adds a finger; its frame has the axes of G and its origin on the face of the pad."""
+    link = ET.SubElement(robot, "link", name=f"{side}_finger")
+    length = gripper.tip - gripper.heel
+    size = np.array([gripper.finger_thickness, gripper.finger_width, length])
+    center = np.array([sign * gripper.finger_thickness / 2, 0.0, gripper.tip - length / 2])
+    xml.inertial(link, FINGER_MASS, center, xml.box_inertia(FINGER_MASS, size))
+    pad_size = np.array([PAD_THICKNESS, gripper.finger_width, 2 * gripper.tip])
+    pad_center = np.array([sign * PAD_THICKNESS / 2, 0.0, 0.0])
+    xml.visual_mesh(link, f"{side}_finger")
+    xml.shape(link, "visual", xml.box(pad_size), name="pad", xyz=pad_center, color=PAD_COLOR)
+    pad = xml.shape(link, "collision", xml.box(pad_size), name="pad", xyz=pad_center)
+    xml.proximity(
+        pad,
+        friction=FRICTION,
+        dissipation=PAD_DISSIPATION,
+        modulus=PAD_MODULUS,
+        resolution=gripper.tip,
+    )
+    bone_size = size - (PAD_THICKNESS, 0.002, 0.0)
+    bone_center = center + (sign * PAD_THICKNESS / 2, 0.0, 0.0)
+    bone = xml.shape(link, "collision", xml.box(bone_size), name="bone", xyz=bone_center)
+    xml.proximity(bone, friction=FRICTION)
+
+
+def _finger_joint(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper) -> None:
+    """Adds a prismatic joint whose position is half the gap; the right finger mimics the left."""
+    joint = ET.SubElement(robot, "joint", name=f"{side}_finger_joint", type="prismatic")
+    ET.SubElement(joint, "parent", link="gripper_body")
+    ET.SubElement(joint, "child", link=f"{side}_finger")
+    xml.origin(joint, gripper.X_FG[:3, 3], (0.0, 0.0, np.pi / 2))
+    ET.SubElement(joint, "axis", xyz=xml.numbers((sign, 0.0, 0.0)))
+    limit = {
+        "lower": 0.0,
+        "upper": gripper.max_opening / 2,
+        "velocity": FINGER_VELOCITY,
+        "effort": GRIP_EFFORT if side == "left" else 0.0,
+    }
+    ET.SubElement(joint, "limit", {k: xml.number(v) for k, v in limit.items()})
+    if side == "right":
+        ET.SubElement(joint, "mimic", joint="left_finger_joint", multiplier="1", offset="0")
+
+
+def gripper_urdf(gripper: ParallelGripper) -> str:
+    """Text of gripper.urdf: base frame = the flange F, grasp frame ``grasp_frame``."""
+    robot = ET.Element("robot", name="gripper")
+    body = ET.SubElement(robot, "link", name="gripper_body")
+    palm_x, palm_y, palm_z = gripper.palm_size
+    center = np.array([0.0, 0.0, gripper.tool_offset + gripper.heel - palm_z / 2])
+    palm = np.array([palm_y, palm_x, palm_z])  # x_G is y_F
+    xml.inertial(body, BODY_MASS, center, xml.box_inertia(BODY_MASS, palm))
+    xml.visual_mesh(body, "gripper_body")
+    collision = xml.shape(body, "collision", xml.box(palm), name="palm", xyz=center)
+    xml.proximity(collision, friction=FRICTION)
+    for side, sign in SIDES:
+        _finger(robot, side, sign, gripper)
+    for side, sign in SIDES:
+        _finger_joint(robot, side, sign, gripper)
+    xml.actuator(robot, "left_finger_joint")
+    xml.frame(robot, "grasp_frame", "gripper_body", gripper.X_FG[:3, 3], (0.0, 0.0, np.pi / 2))
+    members = ["gripper_body", "left_finger", "right_finger"]
+    xml.collision_filter(robot, "group_gripper", members, ["group_gripper"])
+    return xml.document(robot)

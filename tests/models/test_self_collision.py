@@ -1,0 +1,229 @@
+"""The capsule checker against Drake's geometry engine, finite differences and a search."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Capsule as CapsuleShape
+from pydrake.geometry import Role
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.systems.framework import DiagramBuilder
+
+from feasigrasp.models import self_collision as sc
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.iiwa_capsules import (
+    BODY_LINK,
+    BODY_NAMES,
+    BODY_PAIRS,
+    arm_capsules,
+    capsule_model,
+    hand_capsules,
+)
+from feasigrasp.resources import model_path
+
+CAPSULES = arm_capsules() + hand_capsules()
+BODY = np.array([capsule.body for capsule in CAPSULES])
+
+
+def random_configurations(n, seed=0):
+    return np.random.default_rng(seed).uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+
+
+class DrakeArm:
+    """Our URDF in a plant, with the hand's capsules on massless geometry of link 7."""
+
+    def __init__(self):
+        builder = DiagramBuilder()
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
+        parser = Parser(self.plant)
+        parser.package_map().Add("feasigrasp", str(model_path()))
+        parser.AddModels(str(model_path("iiwa", "iiwa7.urdf")))
+        self.plant.WeldFrames(self.plant.world_frame(), self.plant.GetFrameByName("iiwa_link_0"))
+        link_7 = self.plant.GetBodyByName("iiwa_link_7")
+        for k in range(len(arm_capsules()), len(CAPSULES)):
+            a, b = np.array(CAPSULES[k].a), np.array(CAPSULES[k].b)
+            rotation = RotationMatrix.MakeFromOneVector(b - a, 2)
+            self.plant.RegisterCollisionGeometry(
+                link_7,
+                RigidTransform(rotation, (a + b) / 2),
+                CapsuleShape(CAPSULES[k].radius, np.linalg.norm(b - a)),
+                f"hand_{k}",
+                CoulombFriction(),
+            )
+        self.plant.Finalize()
+        # Names are iiwa7::capsule_<k-th of its link, in the order of arm_capsules()>, hand_<index>.
+        inspector = self.scene_graph.model_inspector()
+        self.capsule_of = {}
+        for geometry in inspector.GetAllGeometryIds(Role.kProximity):
+            kind, number = inspector.GetName(geometry).split("::")[-1].split("_")
+            frame = inspector.GetName(inspector.GetFrameId(geometry)).split("::")[-1]
+            body = BODY_NAMES.index(frame) if frame in BODY_NAMES else 0  # the base is anchored
+            own = np.flatnonzero(BODY == body)
+            self.capsule_of[geometry] = int(number if kind == "hand" else own[int(number)])
+        assert sorted(self.capsule_of.values()) == list(range(len(CAPSULES)))
+        self.diagram = builder.Build()
+        self.context = self.diagram.CreateDefaultContext()
+        self.plant_context = self.plant.GetMyContextFromRoot(self.context)
+
+    def query(self, q):
+        self.plant.SetPositions(self.plant_context, q)
+        context = self.scene_graph.GetMyContextFromRoot(self.context)
+        return self.scene_graph.get_query_output_port().Eval(context)
+
+    def distance(self, q, pair):
+        ids = {capsule: geometry for geometry, capsule in self.capsule_of.items()}
+        query = self.query(q)
+        return query.ComputeSignedDistancePairClosestPoints(ids[pair[0]], ids[pair[1]]).distance
+
+
+@pytest.fixture(scope="module")
+def drake_arm():
+    return DrakeArm()
+
+
+def test_collision_filter_leaves_exactly_the_pairs_of_the_checker(drake_arm):
+    inspector = drake_arm.scene_graph.model_inspector()
+    arm_only = {g: c for g, c in drake_arm.capsule_of.items() if BODY[c] < 8}
+    enabled = set()
+    for g, h in inspector.GetCollisionCandidates():
+        if g in arm_only and h in arm_only:
+            enabled.add(tuple(sorted((arm_only[g], arm_only[h]))))
+    expected = {tuple(p) for p in capsule_model(with_hand=False).pairs.tolist()}
+    assert enabled == expected
+
+
+def test_distances_agree_with_scene_graph(drake_arm):
+    model = capsule_model()
+    checked = 0
+    for q in random_configurations(40, seed=1):
+        ours = sc.signed_distances(q)
+        for pair, distance in zip(model.pairs.tolist(), ours, strict=True):
+            theirs = drake_arm.distance(q, pair)
+            # Drake's penetration depth of two capsules comes from an iterative solver.
+            assert distance == pytest.approx(theirs, abs=1e-6 if theirs > 0 else 1e-3)
+            checked += 1
+    assert checked == 40 * len(model.pairs)
+
+
+def test_verdicts_agree_with_scene_graph(drake_arm):
+    model = capsule_model()
+    pairs = {frozenset(p) for p in model.pairs.tolist()}
+    # Uniform samples hardly ever collide, so half of them are folded towards the base.
+    Q = random_configurations(5000, seed=2)
+    Q[2500:, 1] = np.sign(Q[2500:, 1]) * np.abs(Q[2500:, 1] / 2 + POSITION_LIMITS[1] / 2)
+    Q[2500:, 3] = np.sign(Q[2500:, 1]) * np.abs(Q[2500:, 3] / 4 - 0.75 * POSITION_LIMITS[3])
+    ours = sc.in_collision(Q)
+    theirs = np.empty(len(Q), dtype=bool)
+    for n, q in enumerate(Q):
+        hits = drake_arm.query(q).ComputePointPairPenetration()
+        touching = {
+            frozenset((drake_arm.capsule_of[h.id_A], drake_arm.capsule_of[h.id_B])) for h in hits
+        }
+        theirs[n] = bool(touching & pairs)
+    assert 100 < theirs.sum() < 4900
+    np.testing.assert_array_equal(ours, theirs)
+
+
+def test_margin_and_minimum_are_consistent():
+    Q = random_configurations(500, seed=3)
+    smallest = np.array([sc.min_distance(q) for q in Q])
+    np.testing.assert_array_equal(sc.in_collision(Q), smallest < 0)
+    np.testing.assert_array_equal(sc.in_collision(Q, margin=0.05), smallest < 0.05)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [sc.distances_and_gradients, lambda q: sc.table_distances_and_gradients(q, 0.1)],
+    ids=["pairs", "table"],
+)
+def test_gradients_by_finite_differences(function):
+    step = 1e-6
+    compared = 0
+    for q in random_configurations(60, seed=4):
+        value, gradient = function(q)
+        ahead = np.stack([function(q + step * e)[0] for e in np.eye(7)], axis=1)
+        behind = np.stack([function(q - step * e)[0] for e in np.eye(7)], axis=1)
+        forward, backward = (ahead - value[:, None]) / step, (value[:, None] - behind) / step
+        # Parallel segments and level capsules have a kink, where the two sides differ.
+        smooth = np.abs(forward - backward).max(axis=1) < 1e-4
+        central = (ahead - behind)[smooth] / (2 * step)
+        np.testing.assert_allclose(gradient[smooth], central, atol=1e-6)
+        compared += smooth.sum()
+    assert compared > 0.98 * 60 * len(value)
+
+
+def test_left_out_pairs_stay_apart():
+    """Random search plus descent on the distance, over the joint limits, for every other pair."""
+    from scipy.optimize import minimize
+
+    def searched(a, b):
+        apart = BODY_LINK[b] - BODY_LINK[a] >= 2
+        return apart and (a, b) not in BODY_PAIRS and (a, b) != (5, 7)
+
+    pairs = np.array(
+        [(i, j) for i in range(len(BODY)) for j in range(len(BODY)) if searched(BODY[i], BODY[j])]
+    )
+    model = capsule_model()._replace(pairs=pairs)
+    Q = random_configurations(3000, seed=5)
+    at_limit = np.random.default_rng(6).random(Q.shape) < 0.3
+    Q = np.where(at_limit, np.sign(Q) * POSITION_LIMITS, Q)
+    D = np.array([sc.signed_distances(q, model) for q in Q])
+    bounds = list(zip(-POSITION_LIMITS, POSITION_LIMITS, strict=True))
+    for k in range(len(pairs)):
+        one = model._replace(pairs=pairs[k : k + 1])
+
+        def objective(q, one=one):
+            distance, gradient = sc.distances_and_gradients(q, one)
+            return distance[0], gradient[0]
+
+        best = min(
+            minimize(objective, Q[n], jac=True, method="L-BFGS-B", bounds=bounds).fun
+            for n in np.argsort(D[:, k])[:3]
+        )
+        names = [BODY_NAMES[body] for body in BODY[pairs[k]]]
+        assert best > 0.03, f"{names} come within {best:.3f} m"
+
+
+def test_hand_capsules_hold_palm_and_camera():
+    gripper = ParallelGripper()
+    X_7G = gripper.X_FG.copy()
+    X_7G[2, 3] += 0.045
+
+    def covered(capsule, center, size):
+        corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * size + center
+        corners = corners @ X_7G[:3, :3].T + X_7G[:3, 3]
+        a, b = np.array(capsule.a), np.array(capsule.b)
+        t = np.clip((corners - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+        return np.linalg.norm(corners - a - t[:, None] * (b - a), axis=1) - capsule.radius
+
+    palm, left, right, camera = hand_capsules(gripper)
+    depth = gripper.palm_size[2]
+    assert covered(palm, (0, 0, gripper.heel - depth / 2), gripper.palm_size).max() < 1e-9
+    assert covered(camera, gripper.camera_center, gripper.camera_box).max() < 1e-9
+    x = (gripper.max_opening + gripper.finger_thickness) / 2
+    length = gripper.tip - gripper.heel
+    finger = (gripper.finger_thickness, gripper.finger_width, length)
+    center = np.array([x, 0, gripper.tip - length / 2])
+    assert covered(left, center, finger).max() < gripper.finger_width / 2
+    assert covered(right, center * (-1, 1, 1), finger).max() < gripper.finger_width / 2
+
+
+def test_table_clearance_of_the_upright_arm():
+    """At q = 0 with the table at 0.2 m: the lowest mover is link 2's drum, 0.34 - 0.068 m high."""
+    clearance, gradient = sc.table_distances_and_gradients(np.zeros(7), 0.2)
+    assert clearance.min() == pytest.approx(0.34 - 0.068 - 0.2)
+    assert gradient.shape == (len(capsule_model().movers), 7)
+    np.testing.assert_array_equal(gradient[:, 0], 0.0)  # turning the base moves nothing up
+
+
+def test_bad_input():
+    with pytest.raises(ValueError, match=r"shape \(7,\)"):
+        sc.signed_distances(np.zeros(6))
+    with pytest.raises(ValueError, match=r"shape \(n, 7\)"):
+        sc.in_collision(np.zeros(7))
+    with pytest.raises(ValueError, match="shape"):
+        sc.distances_and_gradients(np.zeros((2, 7)))
+    Q = np.zeros((2, 7))
+    Q[1, 3] = np.nan
+    np.testing.assert_array_equal(sc.in_collision(Q), [False, True])

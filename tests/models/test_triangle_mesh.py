@@ -1,0 +1,202 @@
+"""What is repaired in a mesh file, and what is refused with a mend."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from feasigrasp.errors import MeshError
+from feasigrasp.models.rigid_object import builtin_objects, load_object, load_objects
+
+
+def box(center=(0, 0, 0), size=0.05):
+    mesh = trimesh.creation.box([size] * 3)
+    mesh.apply_translation(center)
+    return mesh
+
+
+def save(mesh, path):
+    mesh.export(path)
+    return path
+
+
+def with_faces(mesh, faces):
+    return trimesh.Trimesh(mesh.vertices, faces, process=False)
+
+
+# ---------------------------------------------------------------- repaired
+
+
+def test_inconsistent_winding_is_fixed(tmp_path):
+    faces = box().faces.copy()
+    faces[::3] = faces[::3, ::-1]
+    obj = load_object(save(with_faces(box(), faces), tmp_path / "mixed.ply"))
+    assert obj.mesh.is_winding_consistent
+    assert obj.mesh.volume == pytest.approx(0.05**3)
+    assert "winding made consistent" in obj.notes
+
+
+def test_inside_out_mesh_is_turned(tmp_path):
+    path = save(with_faces(box(), box().faces[:, ::-1]), tmp_path / "inverted.ply")
+    obj = load_object(path)
+    assert obj.mesh.volume == pytest.approx(0.05**3)
+    assert obj.notes == ("normals turned outward",)
+
+
+def test_split_vertices_are_merged(tmp_path):
+    soup = box()
+    soup.unmerge_vertices()
+    obj = load_object(save(soup, tmp_path / "soup.ply"))
+    assert obj.vertices.shape == (8, 3)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_inner_surface_is_a_cavity_whatever_its_winding(tmp_path, turned):
+    inner = box(size=0.03)
+    if turned:
+        inner.invert()
+    shell = trimesh.util.concatenate([box(), inner])
+    obj = load_object(save(shell, tmp_path / "shell.ply"), density=1000.0)
+    assert obj.mass == pytest.approx(1000 * (0.05**3 - 0.03**3))
+    expected = 1000 * (0.05**5 - 0.03**5) / 6 * np.eye(3)
+    np.testing.assert_allclose(obj.inertia, expected, atol=1e-9)
+
+
+def test_large_mesh_is_decimated_and_stays_closed(tmp_path):
+    fine = trimesh.creation.icosphere(subdivisions=5, radius=0.04)  # 20480 faces
+    obj = load_object(save(fine, tmp_path / "fine.ply"), mass=0.1)
+    assert len(obj.faces) <= 4000
+    assert obj.mesh.is_watertight
+    assert obj.notes == (f"decimated from 20480 faces to {len(obj.faces)}",)
+    radius = np.linalg.norm(obj.vertices, axis=1)
+    np.testing.assert_allclose(radius, 0.04, rtol=0.01)
+
+
+def test_mesh_that_decimation_would_ruin_is_kept(tmp_path):
+    rng = np.random.default_rng(1)
+    sphere = trimesh.creation.icosphere(subdivisions=5, radius=0.04)
+    spikes = 1 - 0.9 * rng.random(len(sphere.vertices)) ** 2  # no 4000 faces can follow this
+    rough = trimesh.Trimesh(sphere.vertices * spikes[:, None], sphere.faces, process=False)
+    obj = load_object(save(rough, tmp_path / "rough.ply"))
+    assert len(obj.faces) == 20480
+    assert obj.notes[0].startswith("kept all 20480 faces")
+
+
+# ---------------------------------------------------------------- refused
+
+
+def test_unknown_name_lists_the_builtin_objects():
+    with pytest.raises(MeshError, match="'teapot' is neither a built-in") as error:
+        load_object("teapot")
+    assert all(name in str(error.value) for name in builtin_objects())
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(MeshError, match=r"gone\.obj: no such file"):
+        load_object(tmp_path / "gone.obj")
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "glb", "xyzzy"])
+def test_unreadable_file(tmp_path, suffix):
+    path = tmp_path / f"noise.{suffix}"
+    path.write_bytes(bytes(range(256)))
+    with pytest.raises(MeshError, match="noise.*(not readable|no faces)"):
+        load_object(path)
+
+
+def test_points_without_faces(tmp_path):
+    path = save(trimesh.PointCloud(box().vertices), tmp_path / "points.ply")
+    with pytest.raises(MeshError, match="points.ply: .*(no faces|not readable)"):
+        load_object(path)
+
+
+def test_open_mesh_counts_its_open_edges(tmp_path):
+    path = save(with_faces(box(), box().faces[1:]), tmp_path / "open.ply")
+    with pytest.raises(MeshError, match=r"open\.ply: not watertight, 3 open edges.*fill_holes"):
+        load_object(path)
+
+
+def test_bodies_joined_at_an_edge_are_refused(tmp_path):
+    joined = trimesh.util.concatenate([box(), box((0.05, 0.05, 0))])
+    with pytest.raises(MeshError, match="0 open edges and 1 edges shared by more than two"):
+        load_object(save(joined, tmp_path / "joined.ply"))
+
+
+@pytest.mark.parametrize(
+    ("size", "mend"),
+    [
+        (50.0, r"scale=0\.001 \(millimetres\)"),
+        (5.0, r"scale=0\.01 \(centimetres\)"),
+        (1e-4, "0.1 m"),
+    ],
+)
+def test_other_units_get_a_scale_suggested(tmp_path, size, mend):
+    path = save(box(size=size), tmp_path / "units.ply")
+    with pytest.raises(MeshError, match=f"units.ply: the largest side is.*{mend}"):
+        load_object(path)
+
+
+def test_suggested_scale_mends_a_file_in_millimetres(tmp_path):
+    obj = load_object(save(box(size=50.0), tmp_path / "mm.stl"), scale=0.001)
+    np.testing.assert_allclose(obj.extents, 0.05)
+    assert obj.mass == pytest.approx(300 * 0.05**3)
+
+
+@pytest.mark.parametrize("offset", [0.1, 0.02], ids=["apart", "overlapping"])
+def test_several_bodies_are_refused(tmp_path, offset):
+    two = trimesh.util.concatenate([box(), box((offset, 0.01, 0.01))])
+    with pytest.raises(MeshError, match="2 separate bodies .*Unite them"):
+        load_object(save(two, tmp_path / "two.ply"))
+
+
+def test_body_inside_a_cavity_is_a_second_body(tmp_path):
+    nested = trimesh.util.concatenate([box(), box(size=0.03), box(size=0.01)])
+    with pytest.raises(MeshError, match="2 separate bodies"):
+        load_object(save(nested, tmp_path / "nested.ply"))
+
+
+def test_folded_sheet_has_no_volume(tmp_path):
+    vertices = np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], dtype=float)
+    sheet = trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], process=False)
+    with pytest.raises(MeshError, match="encloses no volume"):
+        load_object(save(sheet, tmp_path / "sheet.ply"))
+
+
+def test_nan_vertices(tmp_path):
+    path = tmp_path / "nan.obj"
+    path.write_text("v 0 0 0\nv nan 0 0\nv 0 0.1 0\nf 1 2 3\n")
+    with pytest.raises(MeshError, match=r"nan\.obj: 1 vertices are NaN"):
+        load_object(path)
+
+
+@pytest.mark.parametrize("bad", [{"mass": 0.0}, {"mass": -1.0}, {"density": float("nan")}])
+def test_mass_and_density_must_be_positive(bad):
+    with pytest.raises(MeshError, match=r"box\.obj: (mass|density)=.*positive"):
+        load_object("box", **bad)
+
+
+def test_mass_and_density_exclude_each_other():
+    with pytest.raises(MeshError, match="both mass"):
+        load_object("box", mass=1.0, density=1.0)
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, float("inf")])
+def test_scale_must_be_positive(scale):
+    with pytest.raises(MeshError, match="scale=.*positive"):
+        load_object("box", scale=scale)
+
+
+def test_catalogue_with_a_bad_mass(tmp_path):
+    save(box(), tmp_path / "cube.obj")
+    entry = {"name": "cube", "mesh": "cube.obj", "mass_kg": -1}
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [entry]}))
+    with pytest.raises(MeshError, match="mass_kg=-1"):
+        load_object(tmp_path / "cube.obj")
+
+
+def test_folder_without_meshes(tmp_path):
+    with pytest.raises(MeshError, match="no mesh files"):
+        load_objects(tmp_path)
+    with pytest.raises(MeshError, match="no such folder"):
+        load_objects(tmp_path / "gone")
