@@ -42,7 +42,6 @@ done
 [[ -n $python ]] || fail "Python 3.11 or newer is needed, but \
 $(python3 --version 2> /dev/null || echo 'no python3') was found; install python3.11 (or newer)"
 
-
 # 2. What Debian packages apart: venv, and shared libraries that Drake and Open3D load.
 missing=$("$python" - << 'EOF'
 import ctypes

@@ -87,7 +87,7 @@ class AntipodalSampler:
 
 
 def _frames(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:
-    """Grasp rotations [b, z x b, z] for evenly spaced approaches z round b, (n, n_approaches, 3, 3)."""
+    """Rotations [b, z x b, z] for approaches z evenly round b, shape (n, n_approaches, 3, 3)."""
     helper = np.eye(3)[np.abs(b).argmin(axis=1)]
     u = np.cross(b, helper)
     u /= np.linalg.norm(u, axis=1, keepdims=True)

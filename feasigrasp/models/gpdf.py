@@ -35,6 +35,8 @@ MAX_EXTENT = 2.0
 MIN_EXTENT = 1e-3
 #: Above this many points the cloud is thinned evenly before farthest-point selection.
 _MAX_CANDIDATES = 2048
+#: Shortest step of a ray through the object [m].
+_RAY_STEP = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,7 @@ class Gpdf:
 
     @cached_property
     def completion(self) -> SurfacePoints:
-        """``surface()`` with its defaults, computed once: samplers, filters and pictures share it."""
+        """``surface()`` with its defaults, computed once for samplers, filters and pictures."""
         return self.surface()
 
     def ray_exits(
@@ -193,7 +195,7 @@ class Gpdf:
             np.array(directions, dtype=float, order="C"),
             start_length,
             max_length,
-            1e-3,
+            _RAY_STEP,
         )
 
     def touches(self, poses: ArrayLike, body_points: ArrayLike, margin: float) -> NDArray[np.bool_]:
@@ -245,7 +247,7 @@ def fit_gpdf(
     length_scale: float = 0.3,
     noise_variance: float = 0.0025,
     surface_offset: float | None = 0.002,
-    max_points: int = 512,
+    max_points: int = 320,
     viewpoint: ArrayLike | None = None,
 ) -> Gpdf:
     """Fits the distance field to a point cloud of one object.

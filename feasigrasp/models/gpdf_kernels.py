@@ -23,9 +23,9 @@ _TINY = 1e-30
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def gram_lower(nodes: Array, length_scale: float, noise_variance: float) -> Array:
-    """Lower triangle of ``K + s2 I`` as the columns of a Fortran-ordered matrix, i.e. its transpose.
+    """Lower triangle of ``K + s2 I``, transposed, shape ``(n, n)``.
 
-    Returns a C-ordered ``(n, n)`` array whose transpose is that matrix.
+    Filled row by row; its ``.T`` is the lower triangle in the Fortran order that LAPACK wants.
     """
     n = nodes.shape[1]
     transposed = np.zeros((n, n))
@@ -114,7 +114,7 @@ def values_and_gradients(
 
 @njit(cache=True, error_model="numpy")
 def newton_step(d: float, slope: float) -> float:
-    """Damped Newton step onto d = 0: |grad d| is 0.04 to 0.9, not 1, so a step of d is too short."""
+    """Damped Newton step onto d = 0; |grad d| is 0.04 to 0.9, so a step of d is too short."""
     return min(max(d / max(slope, SLOPE_FLOOR), -2.5 * abs(d)), 2.5 * abs(d))
 
 
@@ -170,7 +170,10 @@ def first_hits(
     apart = np.empty((k, k))
     for i in range(k):
         for j in range(k):
-            apart[i, j] = np.linalg.norm(body_points[i] - body_points[j])
+            u = body_points[i, 0] - body_points[j, 0]
+            v = body_points[i, 1] - body_points[j, 1]
+            w = body_points[i, 2] - body_points[j, 2]
+            apart[i, j] = np.sqrt(u * u + v * v + w * w)
     out = np.full(len(poses), -1)
     cleared = np.empty(k, dtype=np.bool_)
     for i in range(len(poses)):

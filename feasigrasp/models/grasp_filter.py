@@ -8,12 +8,11 @@ translation in that look-up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import Gpdf
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
@@ -63,23 +62,26 @@ def filter_grasps(
         return candidates
 
     candidates = candidates.select(candidates.width <= gripper.max_opening - margin, "too wide")
-    first, second = contacts(candidates)
-    off = np.maximum(np.abs(gpdf.distance(first)), np.abs(gpdf.distance(second)))
-    candidates = candidates.select(off <= CONTACT_TOLERANCE, "off the surface")
-    candidates = candidates.select(_holds_something(gpdf, candidates), "nothing between the pads")
-
-    cosine = contact_cosine(gpdf, candidates)
-    opposed = cosine <= max(cosine_steps)
-    candidates, cosine = candidates.select(opposed, "not antipodal"), cosine[opposed]
-    free = ~gpdf.touches(candidates.X_OG, gripper.surface_points(gripper.max_opening), margin)
-    candidates, cosine = candidates.select(free, "gripper collides"), cosine[free]
+    pairs, pair_of = _contact_pairs(candidates)
+    on_surface, holding = _touching(gpdf, pairs), _holding(gpdf, pairs)
+    cosine = contact_cosine(gpdf, pairs)
+    checks = {
+        "off the surface": on_surface[pair_of],
+        "nothing between the pads": holding[pair_of],
+        "not antipodal": (cosine <= max(cosine_steps))[pair_of],
+    }
+    candidates, pair_of = _apply(candidates, pair_of, checks)
+    hand = gripper.surface_points(gripper.max_opening)
+    free = ~gpdf.touches(candidates.X_OG, hand, margin)
+    candidates, pair_of = _apply(candidates, pair_of, {"gripper collides": free})
 
     for limit in sorted(cosine_steps):
-        if np.count_nonzero(cosine <= limit) >= enough:
+        if np.count_nonzero(cosine[pair_of] <= limit) >= enough:
             break
-    kept = cosine <= limit
-    candidates, cosine = candidates.select(kept, "not antipodal"), cosine[kept]
-    score = _score(gpdf, candidates, cosine)
+    opposed = cosine[pair_of] <= limit
+    candidates, pair_of = _apply(candidates, pair_of, {"not antipodal": opposed})
+    left, pair_of = np.unique(pair_of, return_inverse=True)
+    score = _score(gpdf, pairs.select(left), cosine[left])[pair_of]
     ranked = GraspSet(candidates.X_OG, candidates.width, score, candidates.rejected)
     return ranked.select(np.argsort(-score, kind="stable"))
 
@@ -105,20 +107,45 @@ def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
     return np.maximum(pair, np.maximum(at_first, at_second))
 
 
-def _holds_something(gpdf: Gpdf, grasps: GraspSet) -> NDArray[np.bool_]:
-    """Whether some part of the line between the pads is inside the object."""
-    if len(grasps) == 0:
-        return np.zeros(0, dtype=bool)
-    first, second = contacts(grasps)
+def _contact_pairs(grasps: GraspSet) -> tuple[GraspSet, NDArray[np.intp]]:
+    """One grasp per contact pair, and which of them each grasp belongs to.
+
+    Grasps that differ in their approach only share their contacts, and what depends on contacts
+    alone is the costly part.
+    """
+    line = np.column_stack([grasps.X_OG[:, :3, 3], grasps.X_OG[:, :3, 0], grasps.width])
+    _, first, pair_of = np.unique(line.round(7), axis=0, return_index=True, return_inverse=True)
+    return grasps.select(first), pair_of.reshape(-1)
+
+
+def _apply(
+    grasps: GraspSet, pair_of: NDArray[np.intp], checks: Mapping[str, NDArray[np.bool_]]
+) -> tuple[GraspSet, NDArray[np.intp]]:
+    """Drops the grasps that fail; each is counted under the first check that it fails."""
+    passed = np.ones(len(grasps), dtype=bool)
+    for reason, check in checks.items():
+        grasps, check = grasps.select(check[passed], reason), check & passed
+        passed = check
+    return grasps, pair_of[passed]
+
+
+def _touching(gpdf: Gpdf, pairs: GraspSet) -> NDArray[np.bool_]:
+    """Whether both contacts lie on the completed surface."""
+    first, second = contacts(pairs)
+    off = np.maximum(np.abs(gpdf.distance(first)), np.abs(gpdf.distance(second)))
+    return off <= CONTACT_TOLERANCE
+
+
+def _holding(gpdf: Gpdf, pairs: GraspSet) -> NDArray[np.bool_]:
+    """Whether some part of the line between the contacts is inside the object."""
+    first, second = contacts(pairs)
     share = np.array([0.2, 0.5, 0.8])[None, :, None]
     between = first[:, None] + share * (second - first)[:, None]
     return gpdf.distance(between.reshape(-1, 3)).reshape(-1, 3).min(axis=1) < 0.0
 
 
 def _score(gpdf: Gpdf, grasps: GraspSet, cosine: Array) -> Array:
-    """Opposition, lever arm to the centre and certainty of the contacts, as one number in [0, 1]."""
-    if len(grasps) == 0:
-        return np.zeros(0)
+    """Opposition, short lever arm and certainty of the contacts as one number in [0, 1]."""
     first, second = contacts(grasps)
     to_centre = gpdf.completion.points.mean(axis=0) - grasps.X_OG[:, :3, 3]
     lever = np.linalg.norm(np.cross(to_centre, grasps.X_OG[:, :3, 0]), axis=1)

@@ -12,14 +12,6 @@ from feasigrasp.models.reachability import Reachability
 FloatArray = NDArray[np.float64]
 
 
-def extrapolated_pose(X_WO: FloatArray, V_WO: FloatArray, dt: float) -> FloatArray:
-    """Pose after ``dt`` seconds at constant twist V_WO [angular; linear], shape (4, 4)."""
-    X = X_WO.copy()
-    X[:3, :3] = se3.so3_exp(V_WO[:3] * dt) @ X_WO[:3, :3]
-    X[:3, 3] += V_WO[3:] * dt
-    return X
-
-
 def reachable_grasps(
     grasps: GraspSet,
     X_WO: FloatArray,
@@ -45,5 +37,5 @@ def reachable_grasps(
     now = both.select(reachability.reachable(X_WO @ both.X_OG), "out of reach now")
     if len(now) == 0 or horizon <= 0.0:
         return now
-    X_later = extrapolated_pose(X_WO, V_WO, horizon)
+    X_later = se3.extrapolate(X_WO, V_WO, horizon)
     return now.select(reachability.reachable(X_later @ now.X_OG), "out of reach soon")

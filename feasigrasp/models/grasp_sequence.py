@@ -65,7 +65,8 @@ class GraspState:
         since: When it began [s].
         near_since: Since when the hand has been at a grasp [s]; NaN if it is not.
         grasp: The grasp that the hand committed to, in O; None while approaching.
-        X_WO: Object pose when it was let go, shape (4, 4); None before.
+        X_WO: Object pose when this phase began, shape (4, 4); None while approaching.
+        V_WO: Object twist then, shape (6,).
     """
 
     phase: Phase = Phase.APPROACH
@@ -73,6 +74,12 @@ class GraspState:
     near_since: float = float("nan")
     grasp: GraspSet | None = None
     X_WO: FloatArray | None = None
+    V_WO: FloatArray | None = None
+
+    @property
+    def released(self) -> bool:
+        """Whether the object has been let go."""
+        return self.phase > Phase.CLOSE
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "GraspState":
         """Immutable, so a copy is itself."""
@@ -83,6 +90,7 @@ class GraspState:
         t: float,
         X_WH: FloatArray,
         X_WO: FloatArray,
+        V_WO: FloatArray,
         grasps: GraspSet,
         opening: float,
         config: GraspSequenceConfig,
@@ -93,6 +101,7 @@ class GraspState:
             t: Time [s].
             X_WH: Pose of the hand (its grasp frame), shape (4, 4).
             X_WO: Pose of the object, shape (4, 4).
+            V_WO: Twist of the object [angular; linear], shape (6,).
             grasps: Reachable grasps in O.
             opening: Measured distance between the pads [m].
             config: Tolerances and durations.
@@ -101,13 +110,13 @@ class GraspState:
         X_OH = se3.inverse(X_WO) @ X_WH
         match self.phase:
             case Phase.APPROACH if config.close:
-                return self._approach(t, X_OH, grasps, config)
+                return self._approach(t, X_OH, X_WO, V_WO, grasps, config)
             case Phase.CLOSE if elapsed >= config.squeeze_time - 1e-9:
                 if opening < config.min_width:
                     return GraspState(since=t)
                 assert self.grasp is not None
                 held = GraspSet(X_OH[None], self.grasp.width, self.grasp.score)
-                return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO)
+                return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO, V_WO=V_WO)
             case Phase.LIFT if elapsed >= config.lift_time - 1e-9:
                 return replace(self, phase=Phase.HOLD, since=t)
             case Phase.HOLD if elapsed >= config.hold_time - 1e-9:
@@ -115,7 +124,13 @@ class GraspState:
         return self
 
     def _approach(
-        self, t: float, X_OH: FloatArray, grasps: GraspSet, config: GraspSequenceConfig
+        self,
+        t: float,
+        X_OH: FloatArray,
+        X_WO: FloatArray,
+        V_WO: FloatArray,
+        grasps: GraspSet,
+        config: GraspSequenceConfig,
     ) -> "GraspState":
         if len(grasps) == 0:
             return replace(self, near_since=float("nan"))
@@ -127,24 +142,27 @@ class GraspState:
         near_since = t if np.isnan(self.near_since) else self.near_since
         if t - near_since < config.dwell - 1e-9:
             return replace(self, near_since=near_since)
-        return GraspState(Phase.CLOSE, t, grasp=grasps.select(np.array([nearest])))
+        committed = grasps.select(np.array([nearest]))
+        return GraspState(Phase.CLOSE, t, grasp=committed, X_WO=X_WO, V_WO=V_WO)
 
     def target(
         self, t: float, X_WO: FloatArray, V_WO: FloatArray, config: GraspSequenceConfig
     ) -> tuple[FloatArray, FloatArray]:
-        """Pose and twist of the object that the arm should follow: the real one, until it is let go.
+        """Pose and twist of the object that the arm should follow.
 
-        From then on it is the pose at which it was let go, moved along the lift without a jump in
-        velocity.
+        While approaching it is the object itself. While the fingers close it is where the object
+        would be without them: following its measured pose, the hand would give way to the very
+        push of its own fingers. Then it is the pose at which the object was let go, moved along the
+        lift.
         """
-        if self.X_WO is None:
+        if self.X_WO is None or self.V_WO is None:
             return X_WO, V_WO
+        elapsed = t - self.since
+        if self.phase == Phase.CLOSE:
+            return se3.extrapolate(self.X_WO, self.V_WO, elapsed), self.V_WO
+        s = float(np.clip(elapsed / config.lift_time, 0.0, 1.0)) if self.phase == Phase.LIFT else 1.0
         lift = np.asarray(config.lift, dtype=float)
-        s = 1.0
-        rate = 0.0
-        if self.phase == Phase.LIFT:
-            s = float(np.clip((t - self.since) / config.lift_time, 0.0, 1.0))
-            rate = 6.0 * s * (1.0 - s) / config.lift_time
         X = self.X_WO.copy()
         X[:3, 3] += lift * (3.0 * s**2 - 2.0 * s**3)
-        return X, np.concatenate([np.zeros(3), lift * rate])
+        velocity = lift * (6.0 * s * (1.0 - s) / config.lift_time)
+        return X, np.concatenate([np.zeros(3), velocity])

@@ -2,7 +2,8 @@
 
 A capsule is a segment with a radius. The links' sizes follow the real arm (tubes of 0.136 m
 diameter; at the shoulder, the elbow and the wrist each link bulges to one side of the joint, to
-0.115 m or 0.099 m from the arm's centre line). The hand is `ParallelGripper` fully opened.
+0.115 m or 0.099 m from the arm's centre line; a capsule's round end goes a little further, because
+the drums are flatter). The hand is `ParallelGripper` fully opened.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def arm_capsules() -> tuple[Capsule, ...]:
     wrist = JOINT_HEIGHTS[5] - JOINT_HEIGHTS[4]
     upper_tube = JOINT_HEIGHTS[2] - JOINT_HEIGHTS[1]
     lower_tube = JOINT_HEIGHTS[4] - JOINT_HEIGHTS[3]
-    r, out = TUBE_RADIUS, 0.115 - TUBE_RADIUS
+    r, out = TUBE_RADIUS, 0.120 - TUBE_RADIUS
     return (
         Capsule(0, (-0.010, 0.0, 0.0), (-0.010, 0.0, 0.050), 0.108),
         Capsule(1, (0.0, 0.0, 0.02), (0.0, 0.0, shoulder), r),

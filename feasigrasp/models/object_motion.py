@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models import se3
+from feasigrasp.models.se3 import so3_exp_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class HarmonicMotion:
     def pose(self, t: float) -> FloatArray:
         """``X_WO`` at time t [s], shape (4, 4)."""
         X_WO = np.eye(4)
-        X_WO[:3, :3] = se3.so3_exp(self.angular_velocity() * t) @ self.R_WO
+        X_WO[:3, :3] = so3_exp_kernel(self.angular_velocity() * t) @ self.R_WO
         X_WO[:3, 3] = self.center + self.amplitude * np.sin(self._angles(t))
         return X_WO
 

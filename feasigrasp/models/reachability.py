@@ -21,7 +21,7 @@ from feasigrasp.models.inverse_kinematics import (
     inside_limits_kernel,
     travel_time_kernel,
 )
-from feasigrasp.models.self_collision import in_collision_kernel, table_kernel
+from feasigrasp.models.self_collision import capsule_ends_kernel, closest_parameters
 
 FloatArray = NDArray[np.float64]
 
@@ -31,12 +31,17 @@ def admissible_kernel(q, model, limit_margin, clearance, table_height):  # type:
     """Whether a configuration is inside the limits and clear of itself and of the table."""
     if not inside_limits_kernel(q, limit_margin):
         return False
-    if in_collision_kernel(q, model, clearance):
-        return False
-    m = len(model.movers)
-    heights, gradients = np.empty(m), np.empty((m, 7))
-    table_kernel(q, model, table_height, heights, gradients)
-    return np.min(heights) >= clearance
+    R, p, ends = np.empty((8, 3, 3)), np.empty((8, 3)), np.empty(model.ends.shape)
+    capsule_ends_kernel(q, model, R, p, ends)
+    for c in model.movers:
+        if min(ends[c, 0, 2], ends[c, 1, 2]) - model.radius[c] < table_height + clearance:
+            return False
+    for k in range(len(model.pairs)):
+        i, j = model.pairs[k]
+        _, _, d = closest_parameters(ends[i], ends[j])
+        if d < model.radius[i] + model.radius[j] + clearance:
+            return False
+    return True
 
 
 @nb.njit(cache=True)
@@ -99,7 +104,7 @@ class Reachability:
     """
 
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
-    n_arm_angles: int = 24
+    n_arm_angles: int = 16
     limit_margin: float = 0.05
     clearance: float = 0.02
     table_height: float = 0.0

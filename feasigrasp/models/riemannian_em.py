@@ -325,7 +325,8 @@ def expectation_maximization(
         for i in range(k):
             constants[i] = _whiten(covariances[i], whitening[i]) + math.log(weights[i])
         posterior = (quaternions, positions, sample_weights, means[:k], whitening, constants)
-        likelihood = _pass(posterior, means[:k], False, mass, first, second)
+        move = 0.0
+        likelihood = _pass(posterior, means[:k], move > 0.0, mass, first, second)
         history[steps] = likelihood
         steps += 1
         weakest = 0
@@ -347,9 +348,10 @@ def expectation_maximization(
         previous = likelihood
         targets[:k] = means[:k]
         for _ in range(_MEAN_ITERATIONS):
-            if _move_means(targets[:k], mass, first, scale) < _MEAN_TOLERANCE:
+            move = _move_means(targets[:k], mass, first, scale)
+            if move < _MEAN_TOLERANCE:
                 break
-            _pass(posterior, targets[:k], True, mass, first, second)
+            _pass(posterior, targets[:k], move > 0.0, mass, first, second)
         for i in range(k):
             _covariance(mass[i], first[i], second[i], floor, covariances[i])
             weights[i] = mass[i] / n_total

@@ -34,6 +34,7 @@ __all__ = [
     "adjoint_kernel",
     "exp",
     "exp_kernel",
+    "extrapolate",
     "hat",
     "hat_kernel",
     "inverse",
@@ -146,6 +147,23 @@ def random_pose(rng: np.random.Generator, n: int) -> Array:
     turn = 2.0 * hat(xyz) @ (w * np.eye(3) + hat(xyz))
     R = np.eye(3) + turn / np.sum(q**2, axis=1)[:, None, None]
     return make_pose(R, rng.uniform(-1.0, 1.0, (n, 3)))
+
+
+def extrapolate(X_WB: ArrayLike, V_WB: ArrayLike, dt: float) -> Array:
+    """Pose after ``dt`` seconds at a constant spatial velocity.
+
+    Args:
+        X_WB: Pose of body B in the world, shape (4, 4).
+        V_WB: Its angular velocity and the velocity of its origin, in the world, shape (6,).
+        dt: Time [s].
+
+    Returns:
+        Pose, shape (4, 4); the origin moves straight while B turns about it.
+    """
+    X, V = np.array(X_WB, dtype=float), np.asarray(V_WB, dtype=float)
+    X[:3, :3] = so3_exp_kernel(V[:3] * dt) @ X[:3, :3]
+    X[:3, 3] += V[3:] * dt
+    return X
 
 
 def _checked(array: ArrayLike, shape: tuple[int, ...]) -> Array:

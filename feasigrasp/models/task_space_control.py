@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from feasigrasp.models import se3
 from feasigrasp.models.grasp_funnel import Funnel, funnel_targets
+from feasigrasp.models.grasp_mixture import GraspMixture
 from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
 from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
 from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity
 
 FloatArray = NDArray[np.float64]
@@ -67,22 +67,9 @@ def carried_twist(V_WO: FloatArray, p_OG_W: FloatArray) -> FloatArray:
     return np.concatenate([V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], p_OG_W)])
 
 
-def log_probabilities(
-    mixture: RiemannianMixture, X_OH: FloatArray, travel_time: FloatArray, scale: float
-) -> FloatArray:
-    """Unnormalised log-probability that the hand belongs to each component, shape (K,).
-
-    The density is tempered by the distance of the nearest component, so that far from all grasps,
-    where the plain density is all but zero, the travel times decide.
-    """
-    log_density = mixture.component_log_densities(X_OH[None])[0] + np.log(mixture.weights)
-    temperature = max(1.0, float(-log_density.max()))
-    return np.asarray(log_density / temperature - travel_time / scale)
-
-
 def task_space_velocity(
     q: FloatArray,
-    mixture: RiemannianMixture,
+    grasps: GraspMixture,
     X_WO: FloatArray,
     V_WO: FloatArray,
     reachability: Reachability,
@@ -92,10 +79,10 @@ def task_space_velocity(
 
     Args:
         q: Joint positions [rad], shape (7,).
-        mixture: Mixture of grasps in the object frame, its means actual grasps.
+        grasps: Mixture over the grasps, in the object frame.
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
-        reachability: Decides which components can be reached, and how soon.
+        reachability: Decides which grasps can be reached, and how soon.
         options: Gains.
 
     Returns:
@@ -103,30 +90,48 @@ def task_space_velocity(
     """
     X_WH, J_WH = pose_and_jacobian(q, reachability.gripper.X_FG)
     X_OH = se3.inverse(X_WO) @ X_WH
-    solutions, travel_time = reachability.nearest(X_WO @ mixture.means, q)
+    components, members = grasps.closest_members(X_OH)
+    X_OG = grasps.X_OG[members]
+    solutions, travel_time = reachability.nearest(X_WO @ X_OG, q)
     within = np.isfinite(travel_time)
     if not within.any():
         return safe_velocity(q, np.zeros(7), options=options.safety)
-    log_p = log_probabilities(mixture, X_OH, travel_time, options.travel_time_scale)
-    weight = np.exp(log_p - log_p[within].max())
+    X_OG, solutions, travel_time = X_OG[within], solutions[within], travel_time[within]
+
+    # Far from all grasps the plain density is all but zero: tempered by the distance of the nearest
+    # component it stays comparable, and the travel times decide.
+    log_density = grasps.mixture.component_log_densities(X_OH[None])[0, components[within]]
+    log_density /= max(1.0, float(-log_density.max()))
+    log_weight = log_density - travel_time / options.travel_time_scale
+    weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
 
     # Body twist of the hand, relative to the object, along the geodesics into the funnels.
-    targets = funnel_targets(mixture.means, X_OH, options.funnel)
+    targets = funnel_targets(X_OG, X_OH, options.funnel)
     errors = se3.log(se3.inverse(targets) @ X_OH)
-    u_H = clipped_twist(
-        -options.gain * weight @ errors, options.max_angular, options.max_linear
-    )
+    u_H = -options.gain * weight @ errors
+    V_WH = _world_twist(u_H, X_WH, X_WO, V_WO, options)
+    posture = options.posture_gain * weight @ (solutions - q)
+    return safe_velocity(q, posture, J_WH, V_WH, options.safety)
+
+
+def _world_twist(
+    u_H: FloatArray,
+    X_WH: FloatArray,
+    X_WO: FloatArray,
+    V_WO: FloatArray,
+    options: TaskControlOptions,
+) -> FloatArray:
+    """A body twist relative to the object, clipped, as the hand's twist in the world."""
+    u_H = clipped_twist(u_H, options.max_angular, options.max_linear)
     R_WH = X_WH[:3, :3]
     V_WH = np.concatenate([R_WH @ u_H[:3], R_WH @ u_H[3:]])
-    V_WH += carried_twist(V_WO, X_WH[:3, 3] - X_WO[:3, 3])
-    posture = weight[within] @ (solutions[within] - q)
-    return safe_velocity(q, options.posture_gain * posture, J_WH, V_WH, options.safety)
+    return np.asarray(V_WH + carried_twist(V_WO, X_WH[:3, 3] - X_WO[:3, 3]))
 
 
 def paper_task_space_velocity(
     q: FloatArray,
-    mixture: RiemannianMixture,
+    grasps: GraspMixture,
     X_WO: FloatArray,
     V_WO: FloatArray,
     X_FG: FloatArray,
@@ -139,10 +144,5 @@ def paper_task_space_velocity(
     """
     X_WH, J_WH = pose_and_jacobian(q, X_FG)
     X_OH = se3.inverse(X_WO) @ X_WH
-    u_H = clipped_twist(
-        options.gain * mixture.direction(X_OH[None])[0], options.max_angular, options.max_linear
-    )
-    R_WH = X_WH[:3, :3]
-    V_WH = np.concatenate([R_WH @ u_H[:3], R_WH @ u_H[3:]])
-    V_WH += carried_twist(V_WO, X_WH[:3, 3] - X_WO[:3, 3])
-    return np.asarray(np.linalg.pinv(J_WH) @ V_WH)
+    u_H = options.gain * grasps.mixture.direction(X_OH[None])[0]
+    return np.asarray(np.linalg.pinv(J_WH) @ _world_twist(u_H, X_WH, X_WO, V_WO, options))

@@ -36,8 +36,8 @@ class GripperSequencer(LeafSystem):
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches. Once the hand has been at a grasp for a moment, only
-    that grasp is passed on and the fingers close; after the object is let go, pose and twist are
-    those of a lift. ``gripper_position`` is the commanded distance between the pads [m],
+    that grasp is passed on, with the pose extrapolated from then, and the fingers close; after the
+    object is let go, pose and twist are those of a lift. ``gripper_position`` is the commanded distance between the pads [m],
     ``gripper_state`` the measured one and its rate, ``object_hold`` 1 until the object is let go,
     ``phase`` a `Phase`. The state advances every ``period`` seconds, the rate at which grasps
     arrive.
@@ -74,13 +74,13 @@ class GripperSequencer(LeafSystem):
             "object_pose",
             Value[RigidTransform],
             self._calc_pose,
-            {state, time, self._pose.ticket()},
+            {state, time, self._pose.ticket(), self._velocity.ticket()},
         )
         self.DeclareAbstractOutputPort(
             "object_velocity",
             Value[SpatialVelocity],
             self._calc_velocity,
-            {state, time, self._velocity.ticket()},
+            {state, time, self._pose.ticket(), self._velocity.ticket()},
         )
         self.DeclareVectorOutputPort("gripper_position", 1, self._calc_gripper, {state, time})
         self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
@@ -96,6 +96,7 @@ class GripperSequencer(LeafSystem):
             context.get_time(),
             forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
             self._pose.Eval(context).GetAsMatrix4(),
+            self._velocity.Eval(context).get_coeffs(),
             self._grasps.Eval(context),
             self._gripper_state.Eval(context)[0],
             self._config,
@@ -133,7 +134,7 @@ class GripperSequencer(LeafSystem):
         output.SetAtIndex(0, opening)
 
     def _calc_hold(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        output.SetAtIndex(0, float(self.state(context).X_WO is None))
+        output.SetAtIndex(0, float(not self.state(context).released))
 
     def _calc_phase(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         output.SetAtIndex(0, float(self.state(context).phase))

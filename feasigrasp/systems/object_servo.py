@@ -7,8 +7,8 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models import se3
 from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.se3 import hat_kernel, so3_log_kernel
 
 
 class ObjectServo(LeafSystem):
@@ -73,12 +73,10 @@ class ObjectServo(LeafSystem):
         force = m * (
             w * w * p_error + 2 * w * v_error + self._motion.linear_acceleration(t) - self._gravity
         )
-        angle_error = se3.so3_log(X_WR[:3, :3] @ R_WB.T)
+        angle_error = so3_log_kernel(X_WR[:3, :3] @ R_WB.T)
         I_WB = R_WB @ self._I_BBcm @ R_WB.T
         omega = x[7:10]
-        torque = I_WB @ (w * w * angle_error + 2 * w * (V_WR[:3] - omega)) + np.cross(
-            omega, I_WB @ omega
-        )
+        torque = I_WB @ (w * w * angle_error + 2 * w * (V_WR[:3] - omega)) + hat_kernel(omega) @ (I_WB @ omega)
         applied = ExternallyAppliedSpatialForce()
         applied.body_index = self._body_index
         applied.p_BoBq_B = self._p_BoBcm

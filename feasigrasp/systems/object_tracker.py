@@ -115,11 +115,8 @@ class ObjectTracker(LeafSystem):
             return X_last, np.zeros(6)
         omega = se3.so3_log(X_last[:3, :3] @ X_first[:3, :3].T) / (t_last - t_first)
         velocity = (X_last[:3, 3] - X_first[:3, 3]) / (t_last - t_first)
-        age = now - t_last
-        X_WO = X_last.copy()
-        X_WO[:3, :3] = se3.so3_exp(omega * age) @ X_last[:3, :3]
-        X_WO[:3, 3] += velocity * age
-        return X_WO, np.concatenate([omega, velocity])
+        V_WO = np.concatenate([omega, velocity])
+        return se3.extrapolate(X_last, V_WO, now - t_last), V_WO
 
     def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         X_WO, _ = self._estimate(context)

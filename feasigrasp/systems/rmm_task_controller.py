@@ -8,10 +8,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
+from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.riemannian_mixture import RiemannianMixture, fit_riemannian_mixture
 from feasigrasp.models.task_space_control import (
     TaskControlOptions,
     paper_task_space_velocity,
@@ -34,8 +34,7 @@ class RMMTaskController(LeafSystem):
         - commanded_velocity
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
-    object frame, reachable ones. The mixture is a cache entry, fitted once per grasp set; its means
-    are medoids, so every one is a grasp. Without grasps, or if none can be reached, the command is
+    object frame, reachable ones. The mixture is a cache entry, fitted once per grasp set. Without grasps, or if none can be reached, the command is
     to stop.
     """
 
@@ -83,12 +82,11 @@ class RMMTaskController(LeafSystem):
         value.set_value(None)
         if len(grasps) > 0:
             rng = np.random.default_rng(self._seed)
-            mixture = fit_riemannian_mixture(grasps.X_OG, self._n_components, rng)
-            value.set_value(mixture.with_medoid_means(grasps.X_OG))
+            value.set_value(fit_grasp_mixture(grasps, self._n_components, rng))
 
-    def mixture(self, context: Context) -> RiemannianMixture | None:
+    def mixture(self, context: Context) -> GraspMixture | None:
         """The mixture fitted to the present grasps, in the object frame; None without grasps."""
-        mixture: RiemannianMixture | None = self._mixture.Eval(context)
+        mixture: GraspMixture | None = self._mixture.Eval(context)
         return mixture
 
     def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]

@@ -100,8 +100,8 @@ def test_distances_agree_with_scene_graph(drake_arm):
         ours = sc.signed_distances(q)
         for pair, distance in zip(model.pairs.tolist(), ours, strict=True):
             theirs = drake_arm.distance(q, pair)
-            # Drake's penetration depth of two capsules comes from an iterative solver.
-            assert distance == pytest.approx(theirs, abs=1e-6 if theirs > 0 else 1e-3)
+            # Drake measures capsules with an iterative solver.
+            assert distance == pytest.approx(theirs, abs=1e-5 if theirs > 0 else 1e-3)
             checked += 1
     assert checked == 40 * len(model.pairs)
 
@@ -109,10 +109,12 @@ def test_distances_agree_with_scene_graph(drake_arm):
 def test_verdicts_agree_with_scene_graph(drake_arm):
     model = capsule_model()
     pairs = {frozenset(p) for p in model.pairs.tolist()}
-    # Uniform samples hardly ever collide, so half of them are folded towards the base.
+    # Uniform samples hardly ever collide, so the other half is folded back towards the base.
     Q = random_configurations(5000, seed=2)
-    Q[2500:, 1] = np.sign(Q[2500:, 1]) * np.abs(Q[2500:, 1] / 2 + POSITION_LIMITS[1] / 2)
-    Q[2500:, 3] = np.sign(Q[2500:, 1]) * np.abs(Q[2500:, 3] / 4 - 0.75 * POSITION_LIMITS[3])
+    folded = Q[2500:]
+    folded[:, [2, 4]] *= 0.2
+    folded[:, [1, 3, 5]] = np.sign(folded[:, :1]) * np.abs(folded[:, [1, 3, 5]]) * (1, -1, 1)
+    folded[:, [1, 3]] = (folded[:, [1, 3]] + np.sign(folded[:, [1, 3]]) * POSITION_LIMITS[1]) / 2
     ours = sc.in_collision(Q)
     theirs = np.empty(len(Q), dtype=bool)
     for n, q in enumerate(Q):

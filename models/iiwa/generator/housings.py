@@ -41,8 +41,8 @@ def _drum_link(length: float, joint: float, side: float) -> Solid:
     lean = end + 0.70 * (joint - end)
     tube = cylinder((0, 0, end), (0, 0, inner), _R, 0.003)
     neck = cone((0, 0, inner), (0, side * 0.035, lean), _R - 0.010, _R - 0.016)
-    drum = cylinder((0, -side * 0.03, joint), (0, side * _REACH, joint), _R, 0.026)
-    body = union(union(tube, neck, 0.03), drum, 0.045)
+    drum = cylinder((0, -side * 0.03, joint), (0, side * _REACH, joint), _R, 0.032)
+    body = union(union(tube, neck, 0.03), drum, 0.038)
     mate = cylinder((0, side * _GAP, joint), (0, -side * 0.3, joint), _R + 0.004, 0.002)
     beyond = cylinder((0, side * _REACH, joint), (0, side * 0.3, joint), 0.3, 0.002)
     return difference(difference(body, mate, 0.008), beyond, 0.003)
@@ -51,8 +51,8 @@ def _drum_link(length: float, joint: float, side: float) -> Solid:
 def _drum_parts(joint: float, side: float, accent: Material) -> Parts:
     """Cover on the outer face of a drum, and the dark ring between it and the next drum."""
     axis = "y" if side > 0 else "-y"
-    cover = [(0.044, -0.003), (0.044, 0.0015), (0.042, 0.0030), (0.035, 0.0030), (0.035, 0.0015)]
-    disc = [(0.035, 0.0015), (0.0, 0.0015)]
+    cover = [(0.038, -0.003), (0.038, 0.0015), (0.036, 0.0030), (0.029, 0.0030), (0.029, 0.0015)]
+    disc = [(0.029, 0.0015), (0.0, 0.0015)]
     face = (0, side * _REACH, joint)
     return [
         (accent, lathe(cover, axis, face)),
@@ -91,13 +91,13 @@ def _base() -> Parts:
     foot = cylinder((0, 0, -0.02), (0, 0, 0.03), 0.105, 0.006)
     body = union(foot, cone((0, 0, 0.03), (0, 0, 0.09), 0.088, 0.062), 0.05)
     body = union(body, cylinder((0, 0, 0.03), (0, 0, 0.148), _R, 0.005), 0.03)
-    body = union(body, rounded_box((-0.085, 0, 0.04), (0.10, 0.11, 0.08), 0.014), 0.02)
+    body = union(body, rounded_box((-0.066, 0, 0.04), (0.10, 0.11, 0.08), 0.014), 0.02)
     body = difference(body, cylinder((0, 0, -0.3), (0, 0, -0.004), 0.3), 0.002)
-    shell = surface(body, (-0.145, -0.115, -0.01), (0.115, 0.115, 0.155), 0.009)
+    shell = surface(body, (-0.125, -0.115, -0.01), (0.115, 0.115, 0.155), 0.009)
     plug = surface(
-        rounded_box((-0.134, 0, 0.04), (0.012, 0.075, 0.045), 0.003),
-        (-0.145, -0.04, 0.01),
-        (-0.12, 0.04, 0.07),
+        rounded_box((-0.114, 0, 0.04), (0.012, 0.075, 0.045), 0.003),
+        (-0.125, -0.04, 0.01),
+        (-0.10, 0.04, 0.07),
         0.006,
     )
     return [(SILVER, shell), (DARK, join([_seam(0.150), plug]))]
@@ -117,16 +117,16 @@ def _forearm(length: float) -> Parts:
 
 
 def _wrist(length: float) -> Parts:
-    drum = cylinder((0, -0.053, 0), (0, 0.085, 0), 0.066, 0.028)
+    drum = cylinder((0, -0.053, 0), (0, 0.085, 0), 0.066, 0.032)
     body = union(drum, cylinder((0, 0, 0), (0, 0, length - _GAP), 0.0465, 0.002), 0.025)
     beyond = cylinder((0, 0.085, 0), (0, 0.3, 0), 0.3, 0.002)
     body = difference(body, beyond, 0.003)
     shell = surface(body, (-0.075, -0.065, -0.075), (0.075, 0.095, length), 0.007)
-    ring = [(0.042, -0.003), (0.042, 0.0015), (0.040, 0.003), (0.033, 0.003), (0.033, 0.0015)]
+    ring = [(0.038, -0.003), (0.038, 0.0015), (0.036, 0.003), (0.029, 0.003), (0.029, 0.0015)]
     return [
         (SILVER, shell),
         (ORANGE, lathe(ring, "y", (0, 0.085, 0))),
-        (GREY, lathe([(0.033, 0.0015), (0.0, 0.0015)], "y", (0, 0.085, 0))),
+        (GREY, lathe([(0.029, 0.0015), (0.0, 0.0015)], "y", (0, 0.085, 0))),
         (DARK, join([lathe(_ring(0.050, 0.004), "y", (0, -0.056, 0)), _seam(length, 0.0475)])),
     ]
 
