@@ -217,7 +217,7 @@ def load_scenario(
 
 def dump_scenario(scenario: Scenario) -> str:
     """The scenario as YAML text, readable by `load_scenario` as an override of the defaults."""
-    return str(yaml_dump_typed(scenario, schema=Scenario, defaults=Scenario()))
+    return str(yaml_dump_typed(scenario, schema=Scenario))
 
 
 def make_motion(scenario: Scenario) -> HarmonicMotion:

@@ -72,11 +72,12 @@ def test_version_is_the_same_everywhere(repository):
 
 
 def test_every_import_is_a_declared_dependency(repository):
-    """What the package imports is installed with it, not by luck through something else."""
+    """What package and diagrams import is installed with them, not by luck through others."""
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in project["dependencies"]}
     module_of = {"drake": "pydrake", "pyyaml": "yaml"}
     allowed = {module_of.get(name, name) for name in declared} | {"feasigrasp"}
     allowed |= set(sys.stdlib_module_names)
-    used = {name.split(".")[0] for path in MODULES for name in imported_names(path)}
+    sources = [*MODULES, *(repository / "diagrams").glob("*.py")]
+    used = {name.split(".")[0] for path in sources for name in imported_names(path)}
     assert used <= allowed, f"not declared in pyproject.toml: {sorted(used - allowed)}"

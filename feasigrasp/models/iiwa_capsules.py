@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
 
-#: Rigid bodies that carry capsules; ``BODY_LINK`` names the link that each of them moves with.
 HAND_NAMES = ("palm", "left_finger", "right_finger", "camera")
+#: Rigid bodies that carry capsules; ``BODY_LINK`` names the link that each of them moves with.
 BODY_NAMES = (*(f"iiwa_link_{i}" for i in range(8)), *HAND_NAMES)
 BODY_LINK = np.array([*range(8), 7, 7, 7, 7])
 PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
@@ -26,7 +26,7 @@ PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
 TUBE_RADIUS = 0.068
 
 #: Pairs of bodies that can come close inside the joint limits. Left out are neighbours, links 5 and
-#: 7 (both turn about the wrist, which keeps them 8 mm apart), and every pair whose distance never
+#: 7 (both turn about the wrist, which keeps them 7 mm apart), and every pair whose distance never
 #: falls below 3 cm; a test searches for the minima.
 BODY_PAIRS: tuple[tuple[int, int], ...] = (
     *product((0,), (4, 5, 6, 7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),

@@ -128,7 +128,7 @@ def _block_tangents(block: Array, mean: Array, out: Array) -> None:
 
 @njit(cache=True, fastmath={"contract"})
 def _block_log_density(v: Array, W: Array, constant: float, out: Array) -> None:
-    """constant - |W v|^2 / 2 of a block of tangents (6 _BLOCK,); W is lower triangular."""
+    """Fills in constant - |W v|^2 / 2 of a block of tangents (6 _BLOCK,); W is lower triangular."""
     out[:] = constant
     for a in range(6):
         w0, w1, w2, w3, w4, w5 = W[a, 0], W[a, 1], W[a, 2], W[a, 3], W[a, 4], W[a, 5]

@@ -118,3 +118,34 @@ def gradient_kernel(X: Array, parameters: Parameters) -> Array:
                     s += W[i, h] * J[h, j]
                 out[j] -= responsibilities[k] * z * s
     return out
+
+
+@njit(cache=True)
+def pose_quaternions(X: Array, out: Array) -> None:
+    """Unit quaternions (n, 4) of n poses."""
+    for i in range(len(X)):
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = quaternion_kernel(X[i])
+
+
+@njit(cache=True)
+def evaluate_poses(
+    X: Array, parameters: Parameters, tangents: Array, log: Array, r: Array, total: Array
+) -> None:
+    """Fills tangents, log densities, responsibilities and mixture log densities of n poses."""
+    for i in range(len(X)):
+        evaluate_kernel(X[i], parameters, tangents[i], log[i])
+        total[i] = posterior_kernel(parameters[0], log[i], r[i])
+
+
+@njit(cache=True)
+def gradients(X: Array, parameters: Parameters, out: Array) -> None:
+    """Gradients (n, 6) of n poses."""
+    for i in range(len(X)):
+        out[i] = gradient_kernel(X[i], parameters)
+
+
+@njit(cache=True)
+def directions(X: Array, parameters: Parameters, out: Array) -> None:
+    """Ascent directions (n, 6) of n poses."""
+    for i in range(len(X)):
+        out[i] = direction_kernel(X[i], parameters)

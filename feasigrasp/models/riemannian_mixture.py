@@ -1,4 +1,4 @@
-"""Gaussian mixtures on SE(3): density, gradient, fit (the paper's Riemannian mixture model, RMM)."""
+"""Gaussian mixtures on SE(3), the paper's Riemannian mixture models: density, gradient, fit."""
 
 from __future__ import annotations
 
@@ -8,19 +8,17 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.riemannian_em import expectation_maximization, seed_means
 from feasigrasp.models.riemannian_kernels import (
     Parameters,
-    direction_kernel,
-    evaluate_kernel,
-    gradient_kernel,
-    posterior_kernel,
+    directions,
+    evaluate_poses,
+    gradients,
+    pose_quaternions,
 )
-from feasigrasp.models.se3_kernels import quaternion_kernel
 
 Array = NDArray[np.float64]
 
@@ -103,7 +101,7 @@ class RiemannianMixture:
         return self._evaluate(X)[0]
 
     def component_log_densities(self, X: ArrayLike) -> Array:
-        """log N(x; mu_i, Sigma_i) without the weights, shape (..., K)."""
+        """Log of N(x; mu_i, Sigma_i), without the weights, shape (..., K)."""
         return self._evaluate(X)[1]
 
     def responsibilities(self, X: ArrayLike) -> Array:
@@ -120,7 +118,7 @@ class RiemannianMixture:
         ``sum_i r_i J_r^-T(xi_i) (-Sigma_i^-1 xi_i)`` with ``xi_i = Log_mu_i(x)``. The paper prints
         ``J_r^-1(mu^-1)`` instead (section IV-D.1), which disagrees with finite differences.
         """
-        return self._map(_gradients, X)
+        return self._map(gradients, X)
 
     def direction(self, X: ArrayLike) -> Array:
         """Preconditioned ascent direction ``-sum_i r_i Log_mu_i(x)``, shape (..., 6) [rad, m].
@@ -128,7 +126,7 @@ class RiemannianMixture:
         Each term of the gradient has its Sigma_i^-1 cancelled: a body displacement that, for a
         single component, leads along the geodesic exactly onto its mean.
         """
-        return self._map(_directions, X)
+        return self._map(directions, X)
 
     def transformed(self, X_AB: ArrayLike) -> RiemannianMixture:
         """The mixture in frame A of one given in frame B: means moved, covariances unchanged."""
@@ -156,7 +154,7 @@ class RiemannianMixture:
         X, lead = _flat_poses(X)
         n, k = len(X), len(self)
         out = np.empty((n, k, 6)), np.empty((n, k)), np.empty((n, k)), np.empty(n)
-        _evaluations(X, self.parameters, *out)
+        evaluate_poses(X, self.parameters, *out)
         return (
             out[0].reshape(*lead, k, 6),
             out[1].reshape(*lead, k),
@@ -285,35 +283,8 @@ def _checked_poses(X: ArrayLike, name: str) -> Array:
     return X
 
 
-@njit(cache=True)
-def _pose_quaternions(X: Array, out: Array) -> None:
-    for i in range(len(X)):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = quaternion_kernel(X[i])
-
-
 def _quaternions(X: Array) -> Array:
     """Unit quaternions (n, 4) of poses (n, 4, 4)."""
     out = np.empty((len(X), 4))
-    _pose_quaternions(X, out)
+    pose_quaternions(X, out)
     return out
-
-
-@njit(cache=True)
-def _evaluations(
-    X: Array, parameters: Parameters, tangents: Array, log: Array, r: Array, total: Array
-) -> None:
-    for i in range(len(X)):
-        evaluate_kernel(X[i], parameters, tangents[i], log[i])
-        total[i] = posterior_kernel(parameters[0], log[i], r[i])
-
-
-@njit(cache=True)
-def _gradients(X: Array, parameters: Parameters, out: Array) -> None:
-    for i in range(len(X)):
-        out[i] = gradient_kernel(X[i], parameters)
-
-
-@njit(cache=True)
-def _directions(X: Array, parameters: Parameters, out: Array) -> None:
-    for i in range(len(X)):
-        out[i] = direction_kernel(X[i], parameters)

@@ -11,7 +11,7 @@ from generator.arm import arm_urdf
 from generator.camera import camera_urdf
 from generator.cell import cell_directives
 from generator.gltf import gltf
-from generator.hand import PAD_THICKNESS, SIDES, gripper_urdf
+from generator.hand import PAD_THICKNESS, SIDES, gripper_urdf, pad_vtk
 from generator.hand_shapes import camera_parts, finger_parts, gripper_parts
 from generator.housings import link_parts
 from generator.table import table_urdf
@@ -36,6 +36,7 @@ def cell_files() -> dict[str, str]:
         "table.urdf": table_urdf(),
         "cell.dmd.yaml": cell_directives(gripper),
         "cell_drake_models.dmd.yaml": cell_directives(gripper, drake_arm=True),
+        "meshes/pad.vtk": pad_vtk(gripper),
         **{f"meshes/{name}.gltf": gltf(parts) for name, parts in meshes.items()},
     }
 

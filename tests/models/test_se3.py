@@ -77,9 +77,7 @@ def test_log_keeps_relative_accuracy_of_tiny_motions():
 
 def test_so3_log_agrees_with_scipy(rng):
     R = Rotation.random(1000, rng).as_matrix()
-    np.testing.assert_allclose(
-        se3.so3_log(R), Rotation.from_matrix(R).as_rotvec(), atol=5e-14
-    )
+    np.testing.assert_allclose(se3.so3_log(R), Rotation.from_matrix(R).as_rotvec(), atol=5e-14)
 
 
 @given(twists, twists, twists)
@@ -93,9 +91,7 @@ def test_group_axioms(a, b, c):
     np.testing.assert_allclose(se3.exp(-a), se3.inverse(X), atol=1e-13)
     # The distance that mixtures use is left-invariant.
     moved = se3.log(se3.inverse(Z @ X) @ (Z @ Y))
-    np.testing.assert_allclose(
-        se3.exp(moved), se3.exp(se3.log(se3.inverse(X) @ Y)), atol=1e-13
-    )
+    np.testing.assert_allclose(se3.exp(moved), se3.exp(se3.log(se3.inverse(X) @ Y)), atol=1e-13)
 
 
 @given(twists, twists)
@@ -106,9 +102,7 @@ def test_adjoint_moves_a_twist_through_a_pose(a, b):
         X @ se3.exp(b) @ se3.inverse(X), se3.exp(se3.adjoint(X) @ b), atol=1e-12
     )
     Y = se3.exp(b)
-    np.testing.assert_allclose(
-        se3.adjoint(X @ Y), se3.adjoint(X) @ se3.adjoint(Y), atol=1e-13
-    )
+    np.testing.assert_allclose(se3.adjoint(X @ Y), se3.adjoint(X) @ se3.adjoint(Y), atol=1e-13)
 
 
 @pytest.mark.parametrize("angle", ANGLES + BEYOND_PI)
@@ -201,7 +195,9 @@ def test_make_pose_broadcasts(rng):
 def test_random_poses_are_uniform_rotations(rng):
     X = se3.random_pose(rng, 20_000)
     R = X[:, :3, :3]
-    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.broadcast_to(np.eye(3), R.shape), atol=1e-14)
+    np.testing.assert_allclose(
+        R @ R.swapaxes(1, 2), np.broadcast_to(np.eye(3), R.shape), atol=1e-14
+    )
     np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-14)
     # Haar measure: the angle has density (1 - cos t) / pi, so its mean is pi / 2 + 2 / pi.
     assert abs(se3.rotation_angle(R).mean() - (np.pi / 2 + 2 / np.pi)) < 0.02

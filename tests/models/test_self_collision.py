@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
+from scipy.optimize import minimize
 
 from feasigrasp.models import self_collision as sc
 from feasigrasp.models.gripper import ParallelGripper
@@ -59,7 +60,7 @@ class DrakeArm:
             kind, number = inspector.GetName(geometry).split("::")[-1].split("_")
             frame = inspector.GetName(inspector.GetFrameId(geometry)).split("::")[-1]
             body = BODY_NAMES.index(frame) if frame in BODY_NAMES else 0  # the base is anchored
-            own = np.flatnonzero(BODY == body)
+            own = np.flatnonzero(body == BODY)
             self.capsule_of[geometry] = int(number if kind == "hand" else own[int(number)])
         assert sorted(self.capsule_of.values()) == list(range(len(CAPSULES)))
         self.diagram = builder.Build()
@@ -157,11 +158,10 @@ def test_gradients_by_finite_differences(function):
 
 def test_left_out_pairs_stay_apart():
     """Random search plus descent on the distance, over the joint limits, for every other pair."""
-    from scipy.optimize import minimize
 
     def searched(a, b):
         apart = BODY_LINK[b] - BODY_LINK[a] >= 2
-        return apart and (a, b) not in BODY_PAIRS and (a, b) != (5, 7)
+        return apart and (a, b) not in BODY_PAIRS
 
     pairs = np.array(
         [(i, j) for i in range(len(BODY)) for j in range(len(BODY)) if searched(BODY[i], BODY[j])]
@@ -184,7 +184,9 @@ def test_left_out_pairs_stay_apart():
             for n in np.argsort(D[:, k])[:3]
         )
         names = [BODY_NAMES[body] for body in BODY[pairs[k]]]
-        assert best > 0.03, f"{names} come within {best:.3f} m"
+        # Links 5 and 7 both turn about the wrist.
+        bar = 0.005 if names == ["iiwa_link_5", "iiwa_link_7"] else 0.03
+        assert best > bar, f"{names} come within {best:.3f} m"
 
 
 def test_hand_capsules_hold_palm_and_camera():

@@ -3,6 +3,7 @@
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numpy.typing import NDArray
 
 from feasigrasp.models.gripper import ParallelGripper
 from generator import xml
@@ -25,6 +26,29 @@ FINGER_VELOCITY = 0.2
 SIDES = (("left", 1.0), ("right", -1.0))
 
 
+def _pad_size(gripper: ParallelGripper) -> NDArray[np.float64]:
+    return np.array([PAD_THICKNESS, gripper.finger_width, 2 * gripper.tip])
+
+
+def pad_vtk(gripper: ParallelGripper) -> str:
+    """Text of pad.vtk: a box of 12 tetrahedra around its centre.
+
+    Drake's own mesh of a box ends in a medial plate and has more tetrahedra, which doubles the
+    polygons of every contact patch and with them the time of a simulation step.
+    """
+    corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * _pad_size(gripper)
+    points = np.concatenate([corners, np.zeros((1, 3))])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    # Seen from outside the sides run counter-clockwise, so (centre, a, b, c) has positive volume.
+    cells = [(8, a, b, c) for q in sides for a, b, c in (q[:3], (q[0], *q[2:]))]
+    lines = ["# vtk DataFile Version 3.0", "Pad, written by models/iiwa/make_models.py", "ASCII"]
+    lines += ["DATASET UNSTRUCTURED_GRID", f"POINTS {len(points)} double"]
+    lines += [xml.numbers(point) for point in points]
+    lines += [f"CELLS {len(cells)} {5 * len(cells)}", *("4 %d %d %d %d" % c for c in cells)]
+    lines += [f"CELL_TYPES {len(cells)}", *["10"] * len(cells)]
+    return "\n".join(lines) + "\n"
+
+
 def _finger(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper) -> None:
     """Adds a finger; its frame has the axes of G and its origin on the face of the pad."""
     link = ET.SubElement(robot, "link", name=f"{side}_finger")
@@ -32,18 +56,13 @@ def _finger(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper)
     size = np.array([gripper.finger_thickness, gripper.finger_width, length])
     center = np.array([sign * gripper.finger_thickness / 2, 0.0, gripper.tip - length / 2])
     xml.inertial(link, FINGER_MASS, center, xml.box_inertia(FINGER_MASS, size))
-    pad_size = np.array([PAD_THICKNESS, gripper.finger_width, 2 * gripper.tip])
+    pad_size = _pad_size(gripper)
     pad_center = np.array([sign * PAD_THICKNESS / 2, 0.0, 0.0])
     xml.visual_mesh(link, f"{side}_finger")
     xml.shape(link, "visual", xml.box(pad_size), name="pad", xyz=pad_center, color=PAD_COLOR)
-    pad = xml.shape(link, "collision", xml.box(pad_size), name="pad", xyz=pad_center)
-    xml.proximity(
-        pad,
-        friction=FRICTION,
-        dissipation=PAD_DISSIPATION,
-        modulus=PAD_MODULUS,
-        resolution=gripper.tip,
-    )
+    uri = {"filename": "package://feasigrasp/iiwa/meshes/pad.vtk"}
+    pad = xml.shape(link, "collision", uri, name="pad", tag="mesh", xyz=pad_center)
+    xml.proximity(pad, friction=FRICTION, dissipation=PAD_DISSIPATION, modulus=PAD_MODULUS)
     bone_size = size - (PAD_THICKNESS, 0.002, 0.0)
     bone_center = center + (sign * PAD_THICKNESS / 2, 0.0, 0.0)
     bone = xml.shape(link, "collision", xml.box(bone_size), name="bone", xyz=bone_center)

@@ -103,15 +103,12 @@ def proximity(
     friction: float,
     dissipation: float | None = None,
     modulus: float | None = None,
-    resolution: float | None = None,
 ) -> None:
     """Adds contact properties; with a modulus [Pa] the shape is compliant hydroelastic."""
     element = ET.SubElement(collision, drake_tag("proximity_properties"))
     if modulus is not None:
         ET.SubElement(element, drake_tag("compliant_hydroelastic"))
         ET.SubElement(element, drake_tag("hydroelastic_modulus"), value=number(modulus))
-    if resolution is not None:
-        ET.SubElement(element, drake_tag("mesh_resolution_hint"), value=number(resolution))
     if dissipation is not None:
         ET.SubElement(element, drake_tag("hunt_crossley_dissipation"), value=number(dissipation))
     ET.SubElement(element, drake_tag("mu_static"), value=number(friction))

@@ -1,0 +1,91 @@
+"""An iiwa follows, grasps and lifts a moving object: build a scenario's diagram and run it.
+
+For example::
+
+    python diagrams/dynamic_grasp.py --scenario_name ReachCircular --controller task \
+        --object mug --replay out/replay.html --results out/results.json
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import pydot
+
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.evaluation.run import run, write_result
+from feasigrasp.scenario import Scenario, load_scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+
+SCENARIO_FILE = Path(__file__).with_name("dynamic.scenarios.yaml")
+
+
+def parse_arguments() -> argparse.Namespace:
+    """Reads the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenario_file", type=Path, default=SCENARIO_FILE)
+    parser.add_argument("--scenario_name", default="ReachCircular")
+    parser.add_argument("--scenario_text", help="YAML applied on top of the scenario")
+    parser.add_argument("--controller", choices=("task", "joint"))
+    parser.add_argument("--mode", choices=("safe", "paper"))
+    parser.add_argument("--object", help="name of a built-in object, or a mesh file")
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--duration", type=float, help="simulated seconds at most")
+    parser.add_argument("--replay", type=Path, help="write an HTML replay here")
+    parser.add_argument("--results", type=Path, help="write the result as JSON here")
+    parser.add_argument("--graphviz", type=Path, help="draw the diagram here and stop")
+    return parser.parse_args()
+
+
+def load(args: argparse.Namespace) -> Scenario:
+    """The scenario that the command line asks for."""
+    scenario = load_scenario(args.scenario_file, args.scenario_name, args.scenario_text)
+    if args.controller is not None:
+        scenario.control.controller = args.controller
+    if args.mode is not None:
+        scenario.control.mode = args.mode
+    if args.object is not None:
+        scenario.object.model = args.object
+    if args.seed is not None:
+        scenario.random_seed = args.seed
+    if args.duration is not None:
+        scenario.simulation_duration = args.duration
+    return scenario
+
+
+def print_table(record: dict) -> None:
+    """Prints what a run brought."""
+    timings, metrics = record["timings"], record["metrics"]
+    print(f"{record['scenario']}, {record['controller']} space, {record['object']}")
+    print(f"  {'simulated':36s} {timings['simulated_s']:8.2f} s")
+    print(f"  {'real-time factor':36s} {timings['real_time_factor']:8.2f}")
+    for name, value in metrics.items():
+        text = str(value) if value is None or isinstance(value, bool) else f"{value:.3f}"
+        print(f"  {name:36s} {text:>8s}")
+    if record["error"]:
+        print(f"  the simulation failed: {record['error']}")
+
+
+def main() -> int:
+    """Runs one scenario."""
+    args = parse_arguments()
+    try:
+        scenario = load(args)
+        if args.graphviz is not None:
+            diagram = make_dynamic_grasp(scenario)
+            args.graphviz.parent.mkdir(parents=True, exist_ok=True)
+            graph = pydot.graph_from_dot_data(diagram.GetGraphvizString(max_depth=1))[0]
+            graph.write(args.graphviz, format=args.graphviz.suffix.lstrip(".") or "dot")
+            return 0
+        result = run(scenario, args.scenario_name, replay=args.replay)
+    except FeasigraspError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print_table(result.record)
+    if args.results is not None:
+        write_result(result, args.results)
+    return 0 if result.record["error"] is None else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""What a result was made with: versions, revision, machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+_PACKAGES = ("feasigrasp", "drake", "numpy", "scipy", "numba", "torch")
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that decide a result."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def git_revision() -> str | None:
+    """Revision of the checkout that the package runs from, ``-dirty`` if changed; None outside."""
+    root = Path(__file__).resolve().parents[2]
+    try:
+        described = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
+            cwd=root,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=10,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    # An installed package may lie below somebody else's repository: that one says nothing.
+    return described.stdout.strip() if (root / ".git").exists() else None
+
+
+def machine() -> dict[str, Any]:
+    """The processor count and name of the system."""
+    return {"cpus": os.cpu_count(), "system": platform.platform()}

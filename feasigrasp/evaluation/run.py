@@ -1,0 +1,123 @@
+"""Runs one scenario and writes what came out of it."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, EventStatus
+from threadpoolctl import threadpool_limits
+
+from feasigrasp.evaluation.metrics import summarize
+from feasigrasp.evaluation.provenance import git_revision, machine, versions
+from feasigrasp.models.grasp_sequence import Phase
+from feasigrasp.scenario import Scenario, dump_scenario
+from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_dynamic_grasp
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """One run.
+
+    Attributes:
+        record: What the result file holds; ``docs/results_schema.md`` defines it.
+        times: Sample times [s], shape (n,).
+        samples: Samples, one row per entry of ``SAMPLE_NAMES``, shape (s, n).
+    """
+
+    record: dict[str, Any]
+    times: NDArray[np.float64]
+    samples: NDArray[np.float64]
+
+
+def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> RunResult:
+    """Simulates a scenario until its grasp is over or its duration has passed.
+
+    A solver failure of the simulation ends the run; it is reported in ``error`` of the record, and
+    the grasp counts as not held.
+
+    Args:
+        scenario: What to run.
+        name: Its name, for the record.
+        replay: Where to write a self-contained HTML replay.
+    """
+    # The pipeline's matrices are small: a second BLAS thread costs more than it brings.
+    with threadpool_limits(1):
+        meshcat = _quiet_meshcat() if replay else None
+        built = time.perf_counter()
+        diagram = make_dynamic_grasp(scenario, meshcat)
+        simulator = Simulator(diagram)
+        ApplySimulatorConfig(scenario.simulator_config, simulator)
+        simulator.set_monitor(lambda context: _stop_when_done(diagram, context))
+        started = time.perf_counter()
+        error = _simulate(simulator, scenario.simulation_duration, meshcat)
+        ended = time.perf_counter()
+        if meshcat is not None and replay is not None:
+            meshcat.PublishRecording()
+            replay.parent.mkdir(parents=True, exist_ok=True)
+            replay.write_text(meshcat.StaticHtml())
+
+    context = simulator.get_context()
+    logger = diagram.GetSubsystemByName("log(metrics)")
+    log = logger.FindLog(context)
+    metrics = summarize(log.data(), closes=scenario.grasp.close)
+    if error is not None and metrics["grasp_held"] is not None:
+        metrics["grasp_held"] = False
+    simulated = context.get_time()
+    record = {
+        "scenario": name,
+        "controller": scenario.control.controller,
+        "mode": scenario.control.mode,
+        "object": scenario.object.model,
+        "seed": scenario.random_seed,
+        "git": git_revision(),
+        "versions": versions(),
+        "machine": machine(),
+        "timings": {
+            "build_s": started - built,
+            "wall_s": ended - started,
+            "simulated_s": simulated,
+            "real_time_factor": simulated / (ended - started),
+        },
+        "metrics": metrics,
+        "error": error,
+        "scenario_yaml": dump_scenario(scenario),
+    }
+    return RunResult(record, log.sample_times().copy(), log.data().copy())
+
+
+def write_result(result: RunResult, filename: Path) -> None:
+    """Writes the record as JSON."""
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    filename.write_text(json.dumps(result.record, indent=2) + "\n")
+
+
+def _simulate(simulator: Simulator, duration: float, meshcat: Meshcat | None) -> str | None:
+    if meshcat is not None:
+        meshcat.StartRecording(frames_per_second=32.0, set_visualizations_while_recording=False)
+    try:
+        simulator.Initialize()
+        simulator.AdvanceTo(duration)
+    except RuntimeError as failure:
+        return str(failure)
+    return None
+
+
+def _stop_when_done(diagram: Diagram, context: Context) -> EventStatus:
+    sequencer = diagram.GetSubsystemByName("sequencer")
+    state = sequencer.state(sequencer.GetMyContextFromRoot(context))
+    # One sample later than the end, so that the log shows it.
+    if state.phase == Phase.DONE and context.get_time() >= state.since + LOG_PERIOD:
+        return EventStatus.ReachedTermination(sequencer, "the grasp is over")
+    return EventStatus.DidNothing()
+
+
+def _quiet_meshcat() -> Meshcat:
+    return Meshcat()
