@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.grasp_filter import filter_grasps
+from feasigrasp.models.gpdf_kernels import farthest_points
+from feasigrasp.models.grasp_filter import COSINE_STEPS, MARGIN, filter_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 
@@ -26,7 +27,7 @@ class AntipodalSampler:
     """Samples parallel-jaw grasps from a distance field: ``sampler(gpdf) -> GraspSet``.
 
     For each point of the completed surface the ray along the inward normal b gives the opposite
-    contact. Every contact pair is approached from several directions perpendicular to b; what the
+    contact. Contact pairs whose normals oppose each other, spread over the object, are approached from several directions perpendicular to b; what the
     filter leaves is thinned to different grasps. The same field gives the same grasps.
 
     Attributes:
@@ -64,26 +65,39 @@ class AntipodalSampler:
         """Unfiltered grasps.
 
         Returns:
-            Poses X_OG (n, 4, 4), widths (n,), and the number of surface points whose ray leaves
-            the object nowhere within the hand's opening.
+            Poses X_OG (n, 4, 4), widths (n,), and the number of surface points without an
+            opposite side within the hand's opening.
         """
         rng = np.random.default_rng(self.seed)
         surface = gpdf.completion
         b = -surface.normals
-        width = gpdf.ray_exits(surface.points, b, self.gripper.max_opening, _ENTRY)
+        widest = self.gripper.max_opening - 2 * MARGIN
+        width = gpdf.ray_exits(surface.points, b, widest, _ENTRY)
         hit = np.isfinite(width)
         first, b, width = surface.points[hit], b[hit], width[hit]
         n_pairs = -(-self.n_candidates // self.n_approaches)
         if len(width) > n_pairs:
-            opposite = gpdf.normals(first + width[:, None] * b)
-            best = np.argsort(-np.einsum("ni,ni->n", opposite, b), kind="stable")[:n_pairs]
-            first, b, width = first[best], b[best], width[best]
+            cosine = -np.einsum("ni,ni->n", gpdf.normals(first + width[:, None] * b), b)
+            chosen = _spread(first, cosine, n_pairs)
+            first, b, width = first[chosen], b[chosen], width[chosen]
         frames = _frames(b, self.n_approaches, rng)
         X_OG = np.tile(np.eye(4), (*frames.shape[:2], 1, 1))
         X_OG[..., :3, :3] = frames
         X_OG[..., :3, 3] = (first + 0.5 * width[:, None] * b)[:, None]
         X_OG = X_OG.reshape(-1, 4, 4)[: self.n_candidates]
         return X_OG, np.repeat(width, self.n_approaches)[: self.n_candidates], int((~hit).sum())
+
+
+def _spread(first: Array, cosine: Array, count: int) -> NDArray[np.int64]:
+    """At most ``count`` contact pairs, spread over the object, of the strictest opposition.
+
+    Taking those with the best cosine instead would crowd them on one well-formed part.
+    """
+    for limit in COSINE_STEPS:
+        opposed = np.flatnonzero(cosine <= limit)
+        if len(opposed) >= count:
+            return opposed[farthest_points(first[opposed], count)]
+    return opposed
 
 
 def _frames(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:

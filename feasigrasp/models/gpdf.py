@@ -53,6 +53,11 @@ class SurfacePoints:
     normals: Array
     variance: Array
 
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for array in (self.points, self.normals, self.variance):
+            array.flags.writeable = False
+
     def __len__(self) -> int:
         """Number of points."""
         return len(self.points)

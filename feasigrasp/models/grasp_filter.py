@@ -23,8 +23,12 @@ Array = NDArray[np.float64]
 COSINE_STEPS = (-0.95, -0.9, -0.8)
 #: A contact further than this from the surface touches nothing [m].
 CONTACT_TOLERANCE = 0.005
+#: Least distance of the open hand from the completed surface [m].
+MARGIN = 0.003
 #: Lever arm from the object's centre to the contact line at which the score has dropped to 1/e [m].
 LEVER_LENGTH = 0.05
+#: Distance from the nearest observed point at which certainty has dropped to 1/e [m].
+UNSEEN_LENGTH = 0.02
 
 
 def filter_grasps(
@@ -33,7 +37,7 @@ def filter_grasps(
     width: ArrayLike,
     gripper: ParallelGripper,
     *,
-    margin: float = 0.003,
+    margin: float = MARGIN,
     cosine_steps: Sequence[float] = COSINE_STEPS,
     enough: int = 10,
 ) -> GraspSet:
@@ -44,7 +48,8 @@ def filter_grasps(
         X_OG: Candidate grasp frames, shape (n, 4, 4).
         width: Distance between the contacts, shape (n,) [m].
         gripper: The hand; it approaches fully open.
-        margin: Least distance of the open hand from the surface [m].
+        margin: Least distance of the open hand from the surface, and of either pad on its side
+            of the object [m].
         cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
             weaker one is used only while fewer than ``enough`` grasps pass.
         enough: See ``cosine_steps``.
@@ -61,7 +66,7 @@ def filter_grasps(
     if len(candidates) == 0:
         return candidates
 
-    candidates = candidates.select(candidates.width <= gripper.max_opening - margin, "too wide")
+    candidates = candidates.select(candidates.width <= gripper.max_opening - 2 * margin, "too wide")
     pairs, pair_of = _contact_pairs(candidates)
     on_surface, holding = _touching(gpdf, pairs), _holding(gpdf, pairs)
     cosine = contact_cosine(gpdf, pairs)
@@ -150,7 +155,11 @@ def _score(gpdf: Gpdf, grasps: GraspSet, cosine: Array) -> Array:
     to_centre = gpdf.completion.points.mean(axis=0) - grasps.X_OG[:, :3, 3]
     lever = np.linalg.norm(np.cross(to_centre, grasps.X_OG[:, :3, 0]), axis=1)
     unseen = np.maximum(gpdf.variance(first), gpdf.variance(second))
-    scale = max(float(gpdf.completion.variance.max()), 1e-12)
+    # At a distance rho from the nearest observed point the variance is about 2 rho / l.
+    rho = 0.5 * gpdf.length_scale * unseen
     opposition = np.clip(-cosine, 0.0, 1.0)
-    certainty = np.clip(1.0 - unseen / scale, 0.0, 1.0)
-    return 0.5 * opposition + 0.3 * np.exp(-lever / LEVER_LENGTH) + 0.2 * certainty
+    return (
+        0.5 * opposition
+        + 0.3 * np.exp(-lever / LEVER_LENGTH)
+        + 0.2 * np.exp(-rho / UNSEEN_LENGTH)
+    )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.riemannian_em import expectation_maximization, seed_means
+from feasigrasp.models.riemannian_em import expectation_maximization
 from feasigrasp.models.riemannian_kernels import (
     Parameters,
     directions,
@@ -19,6 +19,7 @@ from feasigrasp.models.riemannian_kernels import (
     gradients,
     pose_quaternions,
 )
+from feasigrasp.models.riemannian_seeding import seed_means
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.carrying_wrench import carrying_wrench_kernel
 from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.se3 import hat_kernel, so3_log_kernel
 
 
 class ObjectServo(LeafSystem):
@@ -41,12 +41,13 @@ class ObjectServo(LeafSystem):
         super().__init__()
         body = plant.get_body(body_index)
         inertia = body.default_spatial_inertia()
+        if np.linalg.norm(inertia.get_com()) > 1e-9:
+            raise ValueError(f"the origin of body {body.name()} must be its centre of mass")
         self._body_index = body_index
         self._motion = motion
         self._frequency = frequency
         self._mass = inertia.get_mass()
-        self._p_BoBcm = inertia.get_com()
-        self._I_BBcm = inertia.Shift(self._p_BoBcm).CalcRotationalInertia().CopyToFullMatrix3()
+        self._I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         self._gravity = plant.gravity_field().gravity_vector()
         self._time_step = plant.time_step()
         self._state = self.DeclareVectorInputPort("state", 13)
@@ -61,35 +62,22 @@ class ObjectServo(LeafSystem):
         if self._hold.Eval(context)[0] < 0.5:
             output.set_value([])
             return
-        x = self._state.Eval(context)
-        R_WB = _rotation(x[:4])
         # The plant steps from t to t + dt, where the reference should be met.
         t = context.get_time() + self._time_step
-        X_WR = self._motion.pose(t)
-        V_WR = self._motion.velocity(t)
-        w, m = self._frequency, self._mass
-        p_error = X_WR[:3, 3] - x[4:7]
-        v_error = V_WR[3:] - x[10:13]
-        force = m * (
-            w * w * p_error + 2 * w * v_error + self._motion.linear_acceleration(t) - self._gravity
+        R_WB, wrench = np.empty((3, 3)), np.empty(6)
+        carrying_wrench_kernel(
+            self._state.Eval(context),
+            self._motion.pose(t),
+            self._motion.velocity(t),
+            self._motion.linear_acceleration(t),
+            self._gravity,
+            self._mass,
+            self._I_BBcm,
+            self._frequency,
+            R_WB,
+            wrench,
         )
-        angle_error = so3_log_kernel(X_WR[:3, :3] @ R_WB.T)
-        I_WB = R_WB @ self._I_BBcm @ R_WB.T
-        omega = x[7:10]
-        torque = I_WB @ (w * w * angle_error + 2 * w * (V_WR[:3] - omega)) + hat_kernel(omega) @ (I_WB @ omega)
         applied = ExternallyAppliedSpatialForce()
         applied.body_index = self._body_index
-        applied.p_BoBq_B = self._p_BoBcm
-        applied.F_Bq_W = SpatialForce(tau=torque, f=force)
+        applied.F_Bq_W = SpatialForce(F=wrench)
         output.set_value([applied])
-
-
-def _rotation(wxyz: np.ndarray) -> np.ndarray:
-    w, x, y, z = wxyz / np.linalg.norm(wxyz)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from gpdf_shapes import sphere_cloud
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import fit_gpdf
@@ -14,7 +13,7 @@ GRIPPER = ParallelGripper()
 
 
 @pytest.fixture(scope="module")
-def ball():
+def ball(sphere_cloud):
     return fit_gpdf(sphere_cloud(radius=0.03))
 
 
@@ -54,9 +53,8 @@ def test_each_reason_is_counted(ball, reason):
     assert len(kept) == 1
 
 
-def test_palm_and_fingers_must_stay_outside():
-    """A ball close to the palm's depth collides with a hand whose palm reaches too far forward."""
-    ball = fit_gpdf(sphere_cloud(radius=0.03))
+def test_palm_and_fingers_must_stay_outside(ball):
+    """Hands whose palm or fingers come too close to a ball of 30 mm radius between the pads."""
     for hand, passes in (
         (ParallelGripper(heel=-0.040), True),
         (ParallelGripper(heel=-0.020), False),  # palm inside the ball

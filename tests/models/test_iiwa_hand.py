@@ -158,3 +158,15 @@ def test_the_image_is_upright_at_home(plant):
     np.testing.assert_allclose(right, [0, -1, 0], atol=1e-9)
     assert down[2] < -0.5
     assert forward[0] > 0.5 and forward[2] < 0
+
+
+def test_the_pad_mesh_fills_the_pad():
+    gripper = ParallelGripper()
+    lines = model_path("iiwa", "meshes", "pad.vtk").read_text().splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("POINTS")) + 1
+    points = np.array([line.split() for line in lines[first : first + 9]], dtype=float)
+    cells = np.array([line.split()[1:] for line in lines if line.startswith("4 ")], dtype=int)
+    a, b, c, d = (points[cells[:, k]] for k in range(4))
+    volumes = np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
+    assert (volumes > 0).all()
+    assert volumes.sum() == pytest.approx(0.006 * gripper.finger_width * 2 * gripper.tip)

@@ -325,6 +325,14 @@ def test_bad_parameters_are_named(weights, covariances, message):
         RiemannianMixture(weights, np.tile(np.eye(4), (2, 1, 1)), covariances)
 
 
+def test_a_pose_that_is_not_finite_gives_no_number(rng):
+    X = np.full((4, 4), np.nan)
+    mixture = random_mixture(rng, 2)
+    assert np.isnan(mixture.direction(X)).all()
+    assert np.isnan(mixture.gradient(X)).all()
+    assert np.isnan(mixture.log_density(X))
+
+
 def test_wrong_pose_shape_is_named(rng):
     with pytest.raises(GraspError, match="expected poses of shape"):
         random_mixture(rng, 2).log_density(np.zeros((3, 4)))

@@ -205,6 +205,16 @@ def test_random_poses_are_uniform_rotations(rng):
     assert np.abs(X[:, :3, 3]).max() <= 1.0
 
 
+def test_extrapolation_turns_about_the_moving_origin(rng):
+    X, V = se3.random_pose(rng, 1)[0], rng.standard_normal(6)
+    moved = se3.extrapolate(X, V, 0.7)
+    turn = Rotation.from_rotvec(0.7 * V[:3]).as_matrix()
+    np.testing.assert_allclose(moved, se3.make_pose(turn @ X[:3, :3], X[:3, 3] + 0.7 * V[3:]))
+    h = 1e-6
+    spin = se3.so3_log(se3.extrapolate(X, V, h)[:3, :3] @ X[:3, :3].T) / h
+    np.testing.assert_allclose(spin, V[:3], atol=1e-8)
+
+
 def test_nan_stays_nan_and_raises_nothing():
     X = np.eye(4)
     X[0, 0] = np.nan

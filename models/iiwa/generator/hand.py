@@ -44,7 +44,8 @@ def pad_vtk(gripper: ParallelGripper) -> str:
     lines = ["# vtk DataFile Version 3.0", "Pad, written by models/iiwa/make_models.py", "ASCII"]
     lines += ["DATASET UNSTRUCTURED_GRID", f"POINTS {len(points)} double"]
     lines += [xml.numbers(point) for point in points]
-    lines += [f"CELLS {len(cells)} {5 * len(cells)}", *("4 %d %d %d %d" % c for c in cells)]
+    lines += [f"CELLS {len(cells)} {5 * len(cells)}"]
+    lines += ["4 " + " ".join(map(str, cell)) for cell in cells]
     lines += [f"CELL_TYPES {len(cells)}", *["10"] * len(cells)]
     return "\n".join(lines) + "\n"
 

@@ -19,7 +19,7 @@ from generator.solids import (
     union,
 )
 
-SILVER = Material("silver", (0.93, 0.94, 0.95), 0.0, 0.45)
+SILVER = Material("silver", (0.85, 0.86, 0.88), 0.0, 0.45)
 GREY = Material("grey", (0.45, 0.46, 0.48), 0.0, 0.5)
 DARK = Material("dark", (0.07, 0.07, 0.08), 0.1, 0.6)
 ORANGE = Material("orange", (1.0, 0.36, 0.0), 0.0, 0.5)

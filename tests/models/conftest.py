@@ -1,15 +1,15 @@
-"""Clouds and truths for the tests of the distance field and what is built on it."""
+"""Clouds and true surfaces for the tests of the distance field and what is built on it."""
 
 import numpy as np
 import open3d as o3d
+import pytest
 import trimesh
 
 CAMERA_DISTANCE = 0.5
 DEPTH_NOISE = 0.001
 
 
-def sphere_cloud(count=512, radius=0.05):
-    """Points spread evenly over a sphere (Fibonacci lattice)."""
+def _sphere_cloud(count=512, radius=0.05):
     i = np.arange(count) + 0.5
     polar, azimuth = np.arccos(1 - 2 * i / count), np.pi * (1 + 5**0.5) * i
     return radius * np.column_stack(
@@ -17,20 +17,20 @@ def sphere_cloud(count=512, radius=0.05):
     )
 
 
-def random_pose(rng):
-    """A random rigid transform with a translation of about 0.3 m."""
-    X = trimesh.transformations.random_rotation_matrix(rng.random(3))
-    X[:3, 3] = rng.normal(size=3) * 0.3
-    return X
+@pytest.fixture(scope="session")
+def sphere_cloud():
+    """``sphere_cloud(count, radius)``: points spread evenly over a sphere (Fibonacci lattice)."""
+    return _sphere_cloud
 
 
-def meshes():
-    """Graspable shapes with a known true surface."""
+@pytest.fixture(scope="session")
+def true_shapes():
+    """Graspable shapes with a known true surface: box, can, bottle."""
     bottle = [[0, -0.1], [0.034, -0.1], [0.034, 0.02], [0.014, 0.06], [0.014, 0.1], [0, 0.1]]
     return {
-        "box": trimesh.creation.box((0.06, 0.09, 0.15)),
-        "can": trimesh.creation.cylinder(0.033, 0.11, sections=64),
-        "bottle": trimesh.creation.revolve(np.array(bottle), sections=64),
+        "box": Truth(trimesh.creation.box((0.06, 0.09, 0.15))),
+        "can": Truth(trimesh.creation.cylinder(0.033, 0.11, sections=64)),
+        "bottle": Truth(trimesh.creation.revolve(np.array(bottle), sections=64)),
     }
 
 

@@ -1,0 +1,52 @@
+"""The wrench of a critically damped spatial spring that carries a free body along a motion."""
+
+import numba as nb
+
+from feasigrasp.models.se3 import so3_log_kernel
+
+
+@nb.njit(cache=True)
+def rotation_kernel(wxyz, R):  # type: ignore[no-untyped-def]
+    """Writes the rotation matrix (3, 3) of a quaternion that need not be normalised."""
+    w, x, y, z = wxyz[0], wxyz[1], wxyz[2], wxyz[3]
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    R[0, 0], R[0, 1], R[0, 2] = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
+    R[1, 0], R[1, 1], R[1, 2] = s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)
+    R[2, 0], R[2, 1], R[2, 2] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
+
+
+@nb.njit(cache=True)
+def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
+    state, X_WR, V_WR, acceleration, gravity, mass, I_BBcm, frequency, R_WB, wrench
+):
+    """Writes torque and force [Nm; N] in the world, to be applied at the centre of mass.
+
+    The body's origin is its centre of mass. With the errors e of position and angle, the force is
+    ``m (w^2 e + 2 w de/dt + a - g)`` and the torque ``I (w^2 e + 2 w de/dt) + omega x I omega``.
+
+    Args:
+        state: Quaternion wxyz, position, angular velocity, velocity of the body, shape (13,).
+        X_WR: Reference pose, shape (4, 4).
+        V_WR: Reference twist [angular; linear], shape (6,).
+        acceleration: Reference acceleration of the origin, shape (3,) [m/s^2].
+        gravity: Shape (3,) [m/s^2].
+        mass: [kg].
+        I_BBcm: Rotational inertia about the centre of mass, in B, shape (3, 3) [kg m^2].
+        frequency: w [rad/s].
+        R_WB: Receives the body's rotation, shape (3, 3).
+        wrench: Receives the result, shape (6,).
+    """
+    rotation_kernel(state[:4], R_WB)
+    w = frequency
+    angle_error = so3_log_kernel(X_WR[:3, :3] @ R_WB.T)
+    omega = state[7:10]
+    I_WB = R_WB @ I_BBcm @ R_WB.T
+    turning = w * w * angle_error + 2.0 * w * (V_WR[:3] - omega)
+    L = I_WB @ omega
+    torque = I_WB @ turning
+    wrench[0] = torque[0] + omega[1] * L[2] - omega[2] * L[1]
+    wrench[1] = torque[1] + omega[2] * L[0] - omega[0] * L[2]
+    wrench[2] = torque[2] + omega[0] * L[1] - omega[1] * L[0]
+    for i in range(3):
+        p_error, v_error = X_WR[i, 3] - state[4 + i], V_WR[3 + i] - state[10 + i]
+        wrench[3 + i] = mass * (w * w * p_error + 2.0 * w * v_error + acceleration[i] - gravity[i])
