@@ -1,11 +1,29 @@
-"""The ``feasigrasp`` command."""
+"""The ``feasigrasp`` command: ``feasigrasp evaluate dynamic`` and so on.
+
+A command is a module with ``add_arguments(parser)`` and ``main(args) -> int``, listed in
+`COMMANDS`; it is imported only when it is asked for.
+"""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from feasigrasp import __version__
+from feasigrasp.errors import FeasigraspError
+
+#: What each group of commands is for.
+GROUPS = {"evaluate": "measure how well it works"}
+
+#: By group and name: the module, and what it does.
+COMMANDS = {
+    ("evaluate", "dynamic"): (
+        "feasigrasp.evaluation.dynamic",
+        "follow, grasp and lift moving objects",
+    ),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -15,16 +33,42 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: Arguments without the program name; ``sys.argv`` when None.
 
     Returns:
-        The exit status of the process.
+        The exit status of the process: 0, 1 or more if the command failed, 2 if it was wrong.
     """
+    chosen, rest = _make_parser().parse_known_args(argv)
+    if chosen.module is None:
+        chosen.parser.print_help()
+        return 0
+    module = import_module(chosen.module)
+    parser = argparse.ArgumentParser(prog=chosen.prog, description=f"{chosen.description}.")
+    module.add_arguments(parser)
+    args = parser.parse_args(rest)
+    try:
+        return int(module.main(args))
+    except FeasigraspError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="feasigrasp", description="Feasible grasping of moving objects."
     )
     parser.add_argument("--version", action="version", version=f"feasigrasp {__version__}")
-    parser.parse_args(argv)
-    parser.print_help()
-    return 0
+    parser.set_defaults(module=None, parser=parser)
+    group_parsers = parser.add_subparsers(metavar="COMMAND")
+    names = {}
+    for group, purpose in GROUPS.items():
+        group_parser = group_parsers.add_parser(group, help=purpose, description=f"{purpose}.")
+        group_parser.set_defaults(parser=group_parser)
+        names[group] = group_parser.add_subparsers(metavar="WHAT")
+    for (group, name), (module, purpose) in COMMANDS.items():
+        # The options, --help included, are those of the module's own parser.
+        names[group].add_parser(name, help=purpose, add_help=False).set_defaults(
+            module=module, description=purpose, prog=f"feasigrasp {group} {name}"
+        )
+    return parser
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

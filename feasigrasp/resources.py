@@ -1,4 +1,4 @@
-"""Where the model files live: beside the package in a wheel, at the root in a checkout."""
+"""Where model and diagram files live: beside the package in a wheel, at the root in a checkout."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 class ResourceError(FeasigraspError, FileNotFoundError):
-    """A model file that is not part of this installation."""
+    """A file that is not part of this installation."""
 
 
 def model_path(*parts: str) -> Path:
@@ -29,12 +29,31 @@ def model_path(*parts: str) -> Path:
     Raises:
         ResourceError: If there is no ``models/`` folder, or nothing of that name in it.
     """
-    places = (_PACKAGE / "_models", _PACKAGE.parent / "models")
+    return _find("models", parts)
+
+
+def diagram_path(*parts: str) -> Path:
+    """The same for the ``diagrams/`` folder, ``feasigrasp/_diagrams`` in a wheel.
+
+    Args:
+        *parts: Path below ``diagrams/``, e.g. ``diagram_path("dynamic.scenarios.yaml")``.
+
+    Returns:
+        The absolute path of an existing file or folder.
+
+    Raises:
+        ResourceError: If there is no ``diagrams/`` folder, or nothing of that name in it.
+    """
+    return _find("diagrams", parts)
+
+
+def _find(folder: str, parts: tuple[str, ...]) -> Path:
+    places = (_PACKAGE / f"_{folder}", _PACKAGE.parent / folder)
     root = next((place for place in places if place.is_dir()), None)
     if root is None:
         raise ResourceError(
-            f"The models/ folder is neither at {places[0]} (wheel) nor at {places[1]} (checkout); "
-            "reinstall feasigrasp, or run it from a complete checkout."
+            f"The {folder}/ folder is neither at {places[0]} (wheel) nor at {places[1]} "
+            "(checkout); reinstall feasigrasp, or run it from a complete checkout."
         )
     path = root.joinpath(*parts)
     if not path.exists():

@@ -126,6 +126,8 @@ class ControlConfig:
 def _default_plant() -> MultibodyPlantConfig:
     return MultibodyPlantConfig(
         time_step=0.002,
+        # Sampled outputs would make every step an update of the whole diagram's state.
+        use_sampled_output_ports=False,
         contact_model="hydroelastic_with_fallback",
         discrete_contact_approximation="lagged",
     )
@@ -172,6 +174,9 @@ class Scenario:
     grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
 
 
+_YAML_ERRORS = (RuntimeError, ValueError, TypeError, KeyError, yaml.YAMLError)
+
+
 def scenario_names(filename: str | Path) -> list[str]:
     """The names of the scenarios in a file; those that start with ``_`` are shared anchors.
 
@@ -187,15 +192,14 @@ def scenario_names(filename: str | Path) -> list[str]:
     return [name for name in content or {} if not name.startswith("_")]
 
 
-def load_scenario(
-    filename: str | Path, name: str, overrides: str | None = None
-) -> Scenario:
+def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Scenario:
     """Reads one scenario of a file.
 
     Args:
         filename: YAML file that maps names to scenarios.
         name: Which one.
-        overrides: YAML text that is applied on top, e.g. ``"{object: {model: mug}}"``.
+        *overrides: YAML texts that are applied on top, one after the other, e.g.
+            ``"{object: {model: mug}}"``.
 
     Raises:
         ScenarioError: Unknown file, scenario, key or value.
@@ -207,17 +211,31 @@ def load_scenario(
         scenario = yaml_load_typed(
             schema=Scenario, filename=str(filename), child_name=name, defaults=Scenario()
         )
-        if overrides:
-            scenario = yaml_load_typed(schema=Scenario, data=overrides, defaults=scenario)
-    except (RuntimeError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
+        for text in filter(None, overrides):
+            scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
+    except _YAML_ERRORS as error:
         raise ScenarioError(f"scenario {name!r} in {filename}: {error}") from error
     _check(scenario)
     return scenario
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """The scenario as YAML text, readable by `load_scenario` as an override of the defaults."""
+    """The scenario as YAML text, complete; `parse_scenario` reads it."""
     return str(yaml_dump_typed(scenario, schema=Scenario))
+
+
+def parse_scenario(text: str) -> Scenario:
+    """Reads what `dump_scenario` wrote, e.g. the ``scenario_yaml`` of a result file.
+
+    Raises:
+        ScenarioError: Unknown key or value.
+    """
+    try:
+        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
+    except _YAML_ERRORS as error:
+        raise ScenarioError(f"not a scenario: {error}") from error
+    _check(scenario)
+    return scenario
 
 
 def make_motion(scenario: Scenario) -> HarmonicMotion:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,41 @@ FloatArray = NDArray[np.float64]
 HELD_TOLERANCE = 0.02
 
 
-def _mean(values: FloatArray) -> float | None:
-    values = values[np.isfinite(values)]
-    return float(values.mean()) if len(values) else None
+@dataclass(frozen=True)
+class Metric:
+    """What is known of a metric beforehand.
+
+    Attributes:
+        unit: Its unit; ``bool`` for what is true or false.
+        lower: Its smallest possible value.
+        upper: Its largest possible value.
+    """
+
+    unit: str
+    lower: float = -math.inf
+    upper: float = math.inf
+
+
+#: Every metric of a run, in the order of the record.
+METRICS: dict[str, Metric] = {
+    "self_collision_percent": Metric("%", 0.0, 100.0),
+    "joint_limit_violation_percent": Metric("%", 0.0, 100.0),
+    "velocity_limit_violation_percent": Metric("%", 0.0, 100.0),
+    "manipulability_mean": Metric("m^3", 0.0),
+    "gripper_object_distance_cm_mean": Metric("cm", 0.0),
+    "gripper_object_distance_cm_median": Metric("cm", 0.0),
+    "grasp_position_error_mm_median": Metric("mm", 0.0),
+    "grasp_angle_error_deg_median": Metric("deg", 0.0, 180.0),
+    "no_grasp_percent": Metric("%", 0.0, 100.0),
+    "self_distance_min_mm": Metric("mm"),
+    "limit_margin_min_deg": Metric("deg"),
+    "grasp_held": Metric("bool"),
+    "slip_mm": Metric("mm", 0.0),
+    "lift_cm": Metric("cm"),
+    "object_end_x_m": Metric("m"),
+    "object_end_y_m": Metric("m"),
+    "object_end_z_m": Metric("m"),
+}
 
 
 def _median(values: FloatArray) -> float | None:
@@ -34,8 +67,10 @@ def summarize(samples: FloatArray, *, closes: bool) -> dict[str, float | bool | 
         closes: Whether the scenario closes the gripper; if not, ``grasp_held`` is None.
 
     Returns:
-        Figures by name; None where a figure does not apply.
+        A figure for each of `METRICS`; None where it does not apply.
     """
+    if samples.shape[1] == 0:
+        return dict.fromkeys(METRICS) | {"grasp_held": False if closes else None}
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))
     p_HO = np.stack([x["p_HO_x"], x["p_HO_y"], x["p_HO_z"]])
     p_WO = np.stack([x["p_WO_x"], x["p_WO_y"], x["p_WO_z"]])
@@ -49,7 +84,9 @@ def summarize(samples: FloatArray, *, closes: bool) -> dict[str, float | bool | 
         "manipulability_mean": float(x["manipulability"].mean()),
         "gripper_object_distance_cm_mean": 100.0 * float(distance.mean()),
         "gripper_object_distance_cm_median": 100.0 * float(np.median(distance)),
-        "grasp_position_error_mm_median": _scaled(_median(x["grasp_position_error"][approach]), 1e3),
+        "grasp_position_error_mm_median": _scaled(
+            _median(x["grasp_position_error"][approach]), 1e3
+        ),
         "grasp_angle_error_deg_median": _scaled(
             _median(x["grasp_angle_error"][approach]), math.degrees(1.0)
         ),

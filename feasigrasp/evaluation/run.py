@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.metrics import summarize
+from feasigrasp.evaluation.metrics import METRICS, summarize
 from feasigrasp.evaluation.provenance import git_revision, machine, versions
+from feasigrasp.evaluation.replay import start_recording, write_replay
+from feasigrasp.evaluation.result_files import write_json
 from feasigrasp.models.grasp_sequence import Phase
 from feasigrasp.scenario import Scenario, dump_scenario
 from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_dynamic_grasp
@@ -48,21 +48,20 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         name: Its name, for the record.
         replay: Where to write a self-contained HTML replay.
     """
+    origin = _origin(scenario, name)  # now: the revision may change while the simulation runs
     # The pipeline's matrices are small: a second BLAS thread costs more than it brings.
     with threadpool_limits(1):
-        meshcat = _quiet_meshcat() if replay else None
+        meshcat = start_recording() if replay else None
         built = time.perf_counter()
         diagram = make_dynamic_grasp(scenario, meshcat)
         simulator = Simulator(diagram)
         ApplySimulatorConfig(scenario.simulator_config, simulator)
         simulator.set_monitor(lambda context: _stop_when_done(diagram, context))
         started = time.perf_counter()
-        error = _simulate(simulator, scenario.simulation_duration, meshcat)
+        error = _simulate(simulator, scenario.simulation_duration)
         ended = time.perf_counter()
         if meshcat is not None and replay is not None:
-            meshcat.PublishRecording()
-            replay.parent.mkdir(parents=True, exist_ok=True)
-            replay.write_text(meshcat.StaticHtml())
+            write_replay(meshcat, replay)
 
     context = simulator.get_context()
     logger = diagram.GetSubsystemByName("log(metrics)")
@@ -71,15 +70,7 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
     if error is not None and metrics["grasp_held"] is not None:
         metrics["grasp_held"] = False
     simulated = context.get_time()
-    record = {
-        "scenario": name,
-        "controller": scenario.control.controller,
-        "mode": scenario.control.mode,
-        "object": scenario.object.model,
-        "seed": scenario.random_seed,
-        "git": git_revision(),
-        "versions": versions(),
-        "machine": machine(),
+    record = origin | {
         "timings": {
             "build_s": started - built,
             "wall_s": ended - started,
@@ -93,15 +84,37 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
     return RunResult(record, log.sample_times().copy(), log.data().copy())
 
 
+def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
+    """The record of a run that came to no end: no metrics, no timings, and nothing held."""
+    metrics: dict[str, Any] = dict.fromkeys(METRICS)
+    metrics["grasp_held"] = False if scenario.grasp.close else None
+    return _origin(scenario, name) | {
+        "timings": dict.fromkeys(("build_s", "wall_s", "simulated_s", "real_time_factor")),
+        "metrics": metrics,
+        "error": error,
+        "scenario_yaml": dump_scenario(scenario),
+    }
+
+
 def write_result(result: RunResult, filename: Path) -> None:
     """Writes the record as JSON."""
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    filename.write_text(json.dumps(result.record, indent=2) + "\n")
+    write_json(result.record, filename)
 
 
-def _simulate(simulator: Simulator, duration: float, meshcat: Meshcat | None) -> str | None:
-    if meshcat is not None:
-        meshcat.StartRecording(frames_per_second=32.0, set_visualizations_while_recording=False)
+def _origin(scenario: Scenario, name: str) -> dict[str, Any]:
+    return {
+        "scenario": name,
+        "controller": scenario.control.controller,
+        "mode": scenario.control.mode,
+        "object": scenario.object.model,
+        "seed": scenario.random_seed,
+        "git": git_revision(),
+        "versions": versions(),
+        "machine": machine(),
+    }
+
+
+def _simulate(simulator: Simulator, duration: float) -> str | None:
     try:
         simulator.Initialize()
         simulator.AdvanceTo(duration)
@@ -117,7 +130,3 @@ def _stop_when_done(diagram: Diagram, context: Context) -> EventStatus:
     if state.phase == Phase.DONE and context.get_time() >= state.since + LOG_PERIOD:
         return EventStatus.ReachedTermination(sequencer, "the grasp is over")
     return EventStatus.DidNothing()
-
-
-def _quiet_meshcat() -> Meshcat:
-    return Meshcat()

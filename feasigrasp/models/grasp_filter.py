@@ -20,7 +20,7 @@ from feasigrasp.models.gripper import ParallelGripper
 Array = NDArray[np.float64]
 
 #: Cosines between opposed contact normals that are tried one after the other.
-COSINE_STEPS = (-0.95, -0.9, -0.8)
+COSINE_STEPS = (-0.95, -0.9, -0.8, -0.7)
 #: A contact further than this from the surface touches nothing [m].
 CONTACT_TOLERANCE = 0.005
 #: Least distance of the open hand from the completed surface [m].

@@ -17,10 +17,11 @@ from feasigrasp.models.se3_kernels import exp_kernel, quaternion_kernel, quatern
 
 Array = NDArray[np.float64]
 
-#: Poses per block: tangents of a block stay in the L1 cache.
+#: Poses per block: the tangents of a block to 64 components (400 kB) stay in the L2 cache.
 _BLOCK = 128
-#: A mean has converged when it moves less than this [rad, and m over the length scale].
-_MEAN_TOLERANCE = 1e-3
+#: Within one M step a mean has settled when it moves less than this [rad, m / length scale]; over
+#: the EM iterations it converges further.
+_MEAN_TOLERANCE = 1e-2
 _MEAN_ITERATIONS = 5
 
 

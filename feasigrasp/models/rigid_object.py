@@ -161,19 +161,33 @@ def load_objects(
     Raises:
         MeshError: If the folder is missing or holds no meshes, or one of them cannot be loaded.
     """
+    return [
+        load_object(path, scale=scale, density=density) for path in find_objects(directory).values()
+    ]
+
+
+def find_objects(directory: str | Path) -> dict[str, Path]:
+    """Names and mesh files of the objects of a folder, in the order of their names.
+
+    Args:
+        directory: A folder with a catalogue (the YCB layout, see `load_object`) or with mesh files.
+
+    Raises:
+        MeshError: If the folder is missing or holds no meshes.
+    """
     directory = Path(directory)
     if not directory.is_dir():
         raise MeshError(f"{directory}: no such folder; give a folder of meshes.")
     entries = _read_catalogue(directory)
-    paths = sorted(p for p in directory.iterdir() if p.suffix.lower() in _SUFFIXES)
     if entries:
-        paths = [directory / entry["mesh"] for _, entry in sorted(entries.items())]
+        return {name: directory / entry["mesh"] for name, entry in sorted(entries.items())}
+    paths = sorted(p for p in directory.iterdir() if p.suffix.lower() in _SUFFIXES)
     if not paths:
         raise MeshError(
             f"{directory}: no mesh files ({', '.join(_SUFFIXES)}) and no catalogue in it; "
             "give a folder of meshes."
         )
-    return [load_object(path, scale=scale, density=density) for path in paths]
+    return {path.stem: path for path in paths}
 
 
 def write_mesh(obj: RigidObject, path: str | Path) -> None:

@@ -16,7 +16,9 @@ from feasigrasp.models.rigid_object import RigidObject, load_object
 from feasigrasp.scenario import Scenario, make_motion
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_sampler import GraspSampler
+from feasigrasp.systems.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
+from feasigrasp.systems.meshcat_scene import add_scene
 from feasigrasp.systems.metrics import Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
@@ -161,6 +163,27 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     connect(sequencer.GetOutputPort("phase"), metrics.GetInputPort("phase"))
     LogVectorOutput(metrics.get_output_port(), builder, LOG_PERIOD).set_name("log(metrics)")
 
+    if meshcat is not None:
+        _add_visualization(builder, gripper, meshcat)
     diagram = builder.Build()
     diagram.set_name("dynamic_grasp")
     return diagram
+
+
+def _add_visualization(builder: DiagramBuilder, gripper: ParallelGripper, meshcat: Meshcat) -> None:
+    """Shows the cell, and on the object what perception and reachability make of it."""
+    station = builder.GetSubsystemByName("station")
+    object_path = add_scene(builder, station, meshcat)
+    visualizer = builder.AddNamedSystem(
+        "visualizer", GraspVisualizer(meshcat, object_path, gripper)
+    )
+    for source, output, target in (
+        ("perception", "perceived", "perceived"),
+        ("latency", "y", "grasps"),
+        ("sequencer", "grasps", "reachable"),
+        ("sequencer", "phase", "phase"),
+    ):
+        builder.Connect(
+            builder.GetSubsystemByName(source).GetOutputPort(output),
+            visualizer.GetInputPort(target),
+        )

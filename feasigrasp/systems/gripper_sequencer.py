@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pydrake.common.value import AbstractValue, Value
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
@@ -116,9 +116,7 @@ class GripperSequencer(LeafSystem):
         output.set_value(self._grasps.Eval(context) if committed is None else committed)
 
     def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        X_WO = self._target(context)[0]
-        R_WO = RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])
-        output.set_value(RigidTransform(R_WO, X_WO[:3, 3]))
+        output.set_value(RigidTransform(self._target(context)[0]))
 
     def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         output.set_value(SpatialVelocity(self._target(context)[1]))

@@ -1,18 +1,19 @@
 """What a motion-capture system would tell about the object: its pose, late and noisy, and a twist."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue, Value
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models import se3
 
 FloatArray = NDArray[np.float64]
+
+_ROW = 13  # time, then the upper three rows of a pose
 
 
 @dataclass
@@ -38,17 +39,6 @@ class TrackerConfig:
     seed: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class _Track:
-    """Measurements (time, pose), oldest first, as they were taken; arrived or not."""
-
-    samples: tuple[tuple[float, FloatArray], ...]
-    tick: int
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> "_Track":
-        return self
-
-
 class ObjectTracker(LeafSystem):
     """Measures a pose at a fixed rate, estimates the twist, and extrapolates to the present.
 
@@ -69,13 +59,18 @@ class ObjectTracker(LeafSystem):
         """A tracker as ``config`` describes it."""
         super().__init__()
         self._config = config = config or TrackerConfig()
-        self._late = round(config.latency / config.period)
-        self._length = 2 + self._late + max(1, round(config.twist_window / config.period))
+        window = max(1, round(config.twist_window / config.period))
+        self._rows = 2 + window + round(config.latency / config.period)
         self._pose = self.DeclareAbstractInputPort("pose", Value[RigidTransform]())
-        self._track = self.DeclareAbstractState(AbstractValue.Make(_Track((), 0)))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(config.period, 0.0, self._measure)
+        # A discrete state (an abstract one would make every measurement an unrestricted update,
+        # which invalidates the caches of the whole diagram): the tick, then the measurements as
+        # they were taken, newest first, one row of time and pose each; NaN where there is none.
+        self._state = self.DeclareDiscreteState(
+            np.concatenate([[0.0], np.full(self._rows * _ROW, np.nan)])
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._measure)
         prerequisites = {
-            self.abstract_state_ticket(self._track),
+            self.discrete_state_ticket(self._state),
             self.time_ticket(),
             self._pose.ticket(),
         }
@@ -86,41 +81,46 @@ class ObjectTracker(LeafSystem):
             "object_velocity", Value[SpatialVelocity], self._calc_velocity, prerequisites
         )
 
-    def _measure(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+    def _measure(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
         config = self._config
-        track: _Track = context.get_abstract_state(int(self._track)).get_value()
-        rng = np.random.default_rng([config.seed, track.tick])
-        X_WO = self._pose.Eval(context).GetAsMatrix4()
-        lost = rng.random() < config.dropout
-        noise = rng.standard_normal(6)
-        if config.rotation_noise > 0.0:
+        state = context.get_discrete_state_vector().value()
+        tick, rows = state[0], state[1:]
+        rng = np.random.default_rng([config.seed, int(tick)])
+        if rng.random() >= config.dropout:
+            X_WO = self._pose.Eval(context).GetAsMatrix4()
+            noise = rng.standard_normal(6)
             X_WO[:3, :3] = se3.so3_exp(config.rotation_noise * noise[:3]) @ X_WO[:3, :3]
-        X_WO[:3, 3] += config.position_noise * noise[3:]
-        samples = track.samples if lost else (*track.samples, (context.get_time(), X_WO))
-        updated = _Track(samples[-self._length :], track.tick + 1)
-        state.get_mutable_abstract_state(int(self._track)).set_value(updated)
+            X_WO[:3, 3] += config.position_noise * noise[3:]
+            row = np.concatenate([[context.get_time()], X_WO[:3].ravel()])
+            rows = np.concatenate([row, rows[:-_ROW]])
+        discrete_state.get_mutable_vector().SetFromVector(np.concatenate([[tick + 1.0], rows]))
 
     def _estimate(self, context: Context) -> tuple[FloatArray, FloatArray]:
         """Pose and twist now, from the measurements that have arrived."""
-        config = self._config
-        track: _Track = context.get_abstract_state(int(self._track)).get_value()
+        rows = context.get_discrete_state_vector().value()[1:].reshape(-1, _ROW)
         now = context.get_time()
-        arrived = [s for s in track.samples if s[0] <= now - config.latency + 1e-9]
-        if not arrived:
+        arrived = rows[rows[:, 0] <= now - self._config.latency + 1e-9]
+        if len(arrived) == 0:
             return self._pose.Eval(context).GetAsMatrix4(), np.zeros(6)
-        t_last, X_last = arrived[-1]
-        recent = [s for s in arrived if s[0] >= t_last - config.twist_window - 1e-9]
-        t_first, X_first = recent[0] if len(recent) > 1 else arrived[max(0, len(arrived) - 2)]
-        if t_last - t_first < 1e-9:
-            return X_last, np.zeros(6)
-        omega = se3.so3_log(X_last[:3, :3] @ X_first[:3, :3].T) / (t_last - t_first)
-        velocity = (X_last[:3, 3] - X_first[:3, 3]) / (t_last - t_first)
-        V_WO = np.concatenate([omega, velocity])
-        return se3.extrapolate(X_last, V_WO, now - t_last), V_WO
+        last = _as_pose(arrived[0])
+        recent = arrived[arrived[:, 0] >= arrived[0, 0] - self._config.twist_window - 1e-9]
+        first = recent[-1] if len(recent) > 1 else arrived[min(1, len(arrived) - 1)]
+        elapsed = arrived[0, 0] - first[0]
+        if elapsed < 1e-9:
+            return last, np.zeros(6)
+        R_change = last[:3, :3] @ _as_pose(first)[:3, :3].T
+        V_WO = np.concatenate([se3.so3_log_kernel(R_change), last[:3, 3] - first[[4, 8, 12]]])
+        V_WO /= elapsed
+        return se3.extrapolate(last, V_WO, now - arrived[0, 0]), V_WO
 
     def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        X_WO, _ = self._estimate(context)
-        output.set_value(RigidTransform(RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3]), X_WO[:3, 3]))
+        output.set_value(RigidTransform(self._estimate(context)[0]))
 
     def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         output.set_value(SpatialVelocity(self._estimate(context)[1]))
+
+
+def _as_pose(row: FloatArray) -> FloatArray:
+    X = np.eye(4)
+    X[:3] = row[1:].reshape(3, 4)
+    return X

@@ -1,0 +1,68 @@
+"""The arguments that every ``feasigrasp evaluate`` and ``feasigrasp bench`` takes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import joblib
+
+from feasigrasp.models.rigid_object import builtin_objects, find_objects
+
+
+def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: str) -> None:
+    """Adds ``--out --seed --jobs --objects --quick``.
+
+    Args:
+        parser: Parser of one command.
+        out: Default folder of the results.
+        objects: Default objects, see `select_objects`.
+    """
+    parser.add_argument("--out", type=Path, default=Path(out), help="folder of the results")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the first repeat")
+    parser.add_argument(
+        "--jobs", type=positive, default=joblib.cpu_count(), help="processes at a time"
+    )
+    parser.add_argument(
+        "--objects",
+        default=objects,
+        help="'builtin' for all built-in objects, a folder of meshes, or names and mesh files "
+        f"separated by commas (default: {objects})",
+    )
+    parser.add_argument("--quick", action="store_true", help="a sample, at most 3 minutes")
+
+
+def positive(text: str) -> int:
+    """Reads a whole number of at least 1 from the command line."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{number} is less than 1")
+    return number
+
+
+def names(text: str) -> list[str]:
+    """Reads names that are separated by commas from the command line."""
+    found = [part.strip() for part in text.split(",") if part.strip()]
+    if not found:
+        raise argparse.ArgumentTypeError("no name given")
+    return found
+
+
+def select_objects(selection: str) -> dict[str, str]:
+    """The objects that ``--objects`` asks for.
+
+    Args:
+        selection: ``builtin``, a folder of meshes, or built-in names and mesh files separated by
+            commas.
+
+    Returns:
+        By name, what `feasigrasp.models.rigid_object.load_object` loads; not loaded yet.
+
+    Raises:
+        MeshError: A folder without meshes.
+    """
+    if selection == "builtin":
+        return {name: name for name in builtin_objects()}
+    if Path(selection).is_dir():
+        return {name: str(path) for name, path in find_objects(selection).items()}
+    return {Path(name).stem: name for name in names(selection)}

@@ -1,0 +1,118 @@
+"""Small shapes that stand for grasps and surface points in pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models.grasp_funnel import grasp_errors
+from feasigrasp.models.gripper import ParallelGripper
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Corners of a box of edge length 2, and its 12 outward-facing triangles.
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+_QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+_FACES = np.array([f for a, b, c, d in _QUADS for f in ((a, b, c), (a, c, d))])
+
+#: Metres that weigh as much as one radian where the spread of grasps is measured.
+_METRES_PER_RADIAN = 0.05
+
+
+def gripper_glyph(
+    gripper: ParallelGripper, thickness: float = 0.003
+) -> tuple[FloatArray, IntArray]:
+    """A fork in the grasp frame G: two open fingers, the bar that joins them, and a stem.
+
+    The inner faces of the fingers are ``max_opening`` apart, as the pads are when the hand comes;
+    the fingers end at ``tip`` and the bar lies at ``heel``, so the fork stands where the hand
+    would. The stem points from where the hand comes: against the approach direction z.
+
+    Args:
+        gripper: The gripper to stand for.
+        thickness: Edge length of the rods' square section [m].
+
+    Returns:
+        Vertices, shape (32, 3) [m], and triangles that index them, shape (48, 3).
+    """
+    t = thickness / 2
+    x = gripper.max_opening / 2 + t
+    length, middle = (gripper.tip - gripper.heel) / 2, (gripper.tip + gripper.heel) / 2
+    stem = 0.5 * (gripper.tip - gripper.heel)
+    boxes = [  # centre, half sizes
+        ((-x, 0.0, middle), (t, t, length)),
+        ((x, 0.0, middle), (t, t, length)),
+        ((0.0, 0.0, gripper.heel + t), (x - t, t, t)),
+        ((0.0, 0.0, gripper.heel - stem / 2), (t, t, stem / 2)),
+    ]
+    vertices = [np.array(centre) + _CORNERS * half for centre, half in boxes]
+    faces = [_FACES + len(_CORNERS) * i for i in range(len(boxes))]
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def disc(radius: float, corners: int = 6) -> tuple[FloatArray, IntArray]:
+    """A flat regular polygon round the origin that faces z: vertices [m] and triangles."""
+    angle = 2.0 * np.pi * np.arange(corners) / corners
+    vertices = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(corners)], axis=1)
+    return vertices, np.array([(0, i, i + 1) for i in range(1, corners - 1)])
+
+
+def frames_along(points: ArrayLike, normals: ArrayLike) -> FloatArray:
+    """Frames at points whose z-axes are the unit normals, shape (n, 4, 4)."""
+    points, z = np.asarray(points, dtype=float), np.asarray(normals, dtype=float)
+    away = np.eye(3)[np.argmin(np.abs(z), axis=1)]  # an axis that is far from parallel to z
+    x = np.cross(away, z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    X = np.tile(np.eye(4), (len(points), 1, 1))
+    X[:, :3, :3] = np.stack([x, np.cross(z, x), z], axis=2)
+    X[:, :3, 3] = points
+    return X
+
+
+def place_copies(
+    X_OG: ArrayLike, vertices: FloatArray, faces: IntArray
+) -> tuple[FloatArray, IntArray]:
+    """One mesh with a copy of a glyph in every frame.
+
+    Args:
+        X_OG: Poses, shape (n, 4, 4) [m].
+        vertices: The glyph's vertices in G, shape (v, 3) [m].
+        faces: Its triangles, shape (f, 3).
+
+    Returns:
+        Vertices in O, shape (n * v, 3) [m], and triangles, shape (n * f, 3).
+    """
+    X_OG = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
+    placed = np.einsum("nij,vj->nvi", X_OG[:, :3, :3], vertices) + X_OG[:, None, :3, 3]
+    offsets = len(vertices) * np.arange(len(X_OG))
+    return placed.reshape(-1, 3), (faces + offsets[:, None, None]).reshape(-1, 3)
+
+
+def spread_order(X_OG: ArrayLike, score: ArrayLike) -> IntArray:
+    """Orders grasps so that the first few show the variety of all.
+
+    The best comes first; then always the one farthest from those before it, a grasp and its
+    180-degree flip about z being the same.
+
+    Args:
+        X_OG: Grasp poses, shape (n, 4, 4) [m].
+        score: Higher is better, shape (n,).
+
+    Returns:
+        A permutation, shape (n,).
+    """
+    X_OG = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
+    if len(X_OG) == 0:
+        return np.zeros(0, dtype=np.int64)
+    flip = np.diag([-1.0, -1.0, 1.0, 1.0])
+    weights = np.array([1.0, _METRES_PER_RADIAN])
+    order = [int(np.argmax(score))]
+    distance = np.full(len(X_OG), np.inf)
+    for _ in range(len(X_OG) - 1):
+        chosen = X_OG[order[-1]]
+        twins = [grasp_errors(X_OG, X) @ weights for X in (chosen, chosen @ flip)]
+        distance = np.minimum(distance, np.minimum(*twins))
+        distance[order] = -1.0
+        order.append(int(np.argmax(distance)))
+    return np.array(order, dtype=np.int64)

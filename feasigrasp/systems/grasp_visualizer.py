@@ -1,0 +1,197 @@
+"""Draws what perception believes and what the arm may do about it onto the object."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat, Rgba
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from feasigrasp.models.glyphs import (
+    disc,
+    frames_along,
+    gripper_glyph,
+    place_copies,
+    spread_order,
+)
+from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.grasp_sequence import Phase
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.systems.point_cloud_to_gpdf import Perceived
+
+#: Colours of grasps that the arm may take, and of those that the filters dropped.
+REACHABLE, DROPPED = Rgba(0.10, 0.75, 0.25), Rgba(0.85, 0.20, 0.20, 0.3)
+#: Colours of completed surface that was seen, and that was made up.
+SEEN, INVENTED = np.array([0.10, 0.45, 0.95]), np.array([1.0, 0.50, 0.0])
+#: Distance to what was seen [m] at which a point counts as seen, and as made up.
+SEEN_WITHIN, INVENTED_BEYOND = 0.002, 0.010
+#: Radius of the discs that show the completed surface, and how far outside it they lie [m].
+DISC_RADIUS, DISC_LIFT = 0.0035, 0.001
+
+
+class _Flipbook:
+    """Pictures of one thing that change with time, of which one is visible.
+
+    Meshcat's recordings hold properties but no geometry, so every picture gets its own path and
+    the recording makes it visible and invisible again.
+    """
+
+    def __init__(self, meshcat: Meshcat, path: str) -> None:
+        self._meshcat, self._path = meshcat, path
+        self._count = 0
+
+    def clear(self) -> None:
+        self._meshcat.Delete(self._path)
+        self._count = 0
+
+    def turn(self, time: float) -> str:
+        """Hides the picture shown so far and returns the path for the next."""
+        self.hide(time)
+        path = f"{self._path}/{self._count}"
+        self._count += 1
+        if time > 0.0:
+            self._meshcat.SetProperty(path, "visible", False, 0.0)
+        self._meshcat.SetProperty(path, "visible", True, time)
+        return path
+
+    def hide(self, time: float) -> None:
+        """Shows nothing from now on."""
+        if self._count > 0:
+            self._meshcat.SetProperty(f"{self._path}/{self._count - 1}", "visible", False, time)
+
+
+class GraspVisualizer(LeafSystem):
+    """Shows the completed surface and the candidate grasps in Meshcat, fixed to the object.
+
+    .. pydrake_system::
+
+        name: GraspVisualizer
+        input_ports:
+        - perceived
+        - grasps
+        - reachable
+        - phase
+
+    ``perceived`` is a `Perceived`; ``grasps`` are all sampled grasps and ``reachable`` those that
+    the controller is given, flips included, both in the object frame O; ``phase`` is a `Phase`.
+    The completed surface is drawn as discs, from blue where it was seen to orange where it is made
+    up. Reachable grasps are green, dropped ones faint red; while the fingers close only the grasp
+    that the hand committed to is drawn, and none after the object was let go. Everything is drawn
+    below ``path``, whose frame has to be O, and is part of a recording that runs.
+    """
+
+    #: Most grasps drawn: enough to show their variety, few enough to see the object.
+    MAX_REACHABLE, MAX_DROPPED = 8, 4
+
+    def __init__(
+        self, meshcat: Meshcat, path: str, gripper: ParallelGripper, *, period: float = 0.25
+    ) -> None:
+        """A visualizer of one object's grasps.
+
+        Args:
+            meshcat: Where to draw.
+            path: Meshcat path of the object's body.
+            gripper: The gripper that the glyphs stand for.
+            period: Time between updates [s].
+        """
+        super().__init__()
+        self._meshcat = meshcat
+        self._glyph, self._disc = gripper_glyph(gripper), disc(DISC_RADIUS)
+        self._cloud = _Flipbook(meshcat, f"{path}/completion")
+        self._good = _Flipbook(meshcat, f"{path}/grasps/reachable")
+        self._bad = _Flipbook(meshcat, f"{path}/grasps/dropped")
+        self._forget()
+        nothing = Perceived(FusedCloud.empty(1.0), None)
+        none = AbstractValue.Make(GraspSet.empty())
+        self._perceived = self.DeclareAbstractInputPort("perceived", AbstractValue.Make(nothing))
+        self._grasps = self.DeclareAbstractInputPort("grasps", none)
+        self._reachable = self.DeclareAbstractInputPort("reachable", none)
+        self._phase = self.DeclareVectorInputPort("phase", 1)
+        self.DeclareInitializationPublishEvent(self._clear)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+
+    def _forget(self) -> None:
+        self._drawn_perceived: Perceived | None = None
+        self._ordered: tuple[GraspSet | None, NDArray[np.int64]] = (None, np.zeros(0, np.int64))
+        self._drawn_grasps: bytes | None = None
+
+    def _clear(self, context: Context) -> EventStatus:
+        for book in (self._cloud, self._good, self._bad):
+            book.clear()
+        self._forget()
+        return EventStatus.Succeeded()
+
+    def _draw(self, context: Context) -> EventStatus:
+        time = context.get_time()
+        self._draw_surface(time, self._perceived.Eval(context))
+        grasps, reachable = self._grasps.Eval(context), self._reachable.Eval(context)
+        match Phase(int(self._phase.Eval(context)[0])):
+            case Phase.APPROACH:
+                mask = reachable_mask(grasps, reachable)
+                # The reachable subset lags the grasps by a tick: then keep what is drawn.
+                if mask.any() or len(reachable) == 0:
+                    order = self._order(grasps)
+                    self._draw_grasps(
+                        time,
+                        grasps.X_OG[order[mask[order]][: self.MAX_REACHABLE]],
+                        grasps.X_OG[order[~mask[order]][: self.MAX_DROPPED]],
+                    )
+            case Phase.CLOSE:
+                self._draw_grasps(time, reachable.X_OG[:1], reachable.X_OG[:0])
+            case _:
+                self._draw_grasps(time, reachable.X_OG[:0], reachable.X_OG[:0])
+        return EventStatus.Succeeded()
+
+    def _draw_surface(self, time: float, perceived: Perceived) -> None:
+        if perceived is self._drawn_perceived or perceived.gpdf is None:
+            return
+        self._drawn_perceived = perceived
+        surface = perceived.gpdf.completion
+        # A little outside, where the object's own skin does not hide them.
+        frames = frames_along(surface.points + DISC_LIFT * surface.normals, surface.normals)
+        vertices, faces = place_copies(frames, *self._disc)
+        colors = np.repeat(surface_colors(perceived.gpdf), len(self._disc[0]), axis=0)
+        self._meshcat.SetTriangleColorMesh(self._cloud.turn(time), vertices.T, faces.T, colors.T)
+
+    def _order(self, grasps: GraspSet) -> NDArray[np.int64]:
+        """An order that stays the same as long as the set does, so that glyphs do not flicker."""
+        if self._ordered[0] is not grasps:
+            self._ordered = (grasps, spread_order(grasps.X_OG, grasps.score))
+        return self._ordered[1]
+
+    def _draw_grasps(
+        self, time: float, good: NDArray[np.float64], bad: NDArray[np.float64]
+    ) -> None:
+        key = good.tobytes() + b"|" + bad.tobytes()
+        if key == self._drawn_grasps:
+            return
+        self._drawn_grasps = key
+        for book, X_OG, color in ((self._good, good, REACHABLE), (self._bad, bad, DROPPED)):
+            if len(X_OG) == 0:
+                book.hide(time)
+                continue
+            vertices, faces = place_copies(X_OG, *self._glyph)
+            self._meshcat.SetTriangleMesh(book.turn(time), vertices.T, faces.T, color)
+
+
+def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> NDArray[np.bool_]:
+    """Which grasps are in a subset of them and their flips, shape (n,)."""
+    subset = {X_OG.tobytes() for X_OG in reachable.X_OG}
+    both = [X_OG.tobytes() in subset for X_OG in grasps.with_twins().X_OG]
+    return np.array(both, dtype=bool).reshape(2, -1).any(axis=0)
+
+
+def surface_colors(gpdf: Gpdf) -> NDArray[np.float64]:
+    """Colours of the completed points by their variance, shape (n, 3), from seen to made up.
+
+    At a distance r from the data the variance is about 1 - exp(-2 r / l), that of a single
+    observation; solved for r it says how far off the seen surface a point is.
+    """
+    variance = np.clip(gpdf.completion.variance, 0.0, 0.999)
+    distance = -gpdf.length_scale / 2.0 * np.log1p(-variance)
+    share = (distance - SEEN_WITHIN) / (INVENTED_BEYOND - SEEN_WITHIN)
+    share = np.clip(share, 0.0, 1.0)[:, None]
+    return (1.0 - share) * SEEN + share * INVENTED
