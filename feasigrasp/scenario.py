@@ -21,6 +21,7 @@ from pydrake.systems.sensors import CameraConfig
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.grasp_sequence import GraspSequenceConfig
 from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.scenario_checks import check_scenario
 from feasigrasp.systems.object_tracker import TrackerConfig
 
 
@@ -215,7 +216,7 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
             scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
     except _YAML_ERRORS as error:
         raise ScenarioError(f"scenario {name!r} in {filename}: {error}") from error
-    _check(scenario)
+    check_scenario(scenario)
     return scenario
 
 
@@ -234,7 +235,7 @@ def parse_scenario(text: str) -> Scenario:
         scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
     except _YAML_ERRORS as error:
         raise ScenarioError(f"not a scenario: {error}") from error
-    _check(scenario)
+    check_scenario(scenario)
     return scenario
 
 
@@ -257,36 +258,3 @@ def make_motion(scenario: Scenario) -> HarmonicMotion:
         spin=config.spin,
         R_WO=R_WO,
     )
-
-
-_CHOICES = {"controller": ("task", "joint"), "mode": ("safe", "paper")}
-
-
-def _check(scenario: Scenario) -> None:
-    for key, allowed in _CHOICES.items():
-        value = getattr(scenario.control, key)
-        if value not in allowed:
-            raise ScenarioError(f"control.{key} is {value!r}; choose one of {', '.join(allowed)}")
-    if len(scenario.q_start) != 7:
-        raise ScenarioError(f"q_start has {len(scenario.q_start)} entries; the iiwa has 7 joints")
-    if scenario.perception.camera not in scenario.cameras:
-        raise ScenarioError(
-            f"perception.camera is {scenario.perception.camera!r}, but cameras has "
-            f"{', '.join(scenario.cameras) or 'none'}"
-        )
-    for key in ("center", "amplitude", "harmonic", "offset_deg", "spin_axis"):
-        value = getattr(scenario.motion, key)
-        if len(value) != 3:
-            raise ScenarioError(f"motion.{key} has {len(value)} entries; give x, y and z")
-    if not np.any(scenario.motion.spin_axis):
-        raise ScenarioError("motion.spin_axis is zero; give an axis, and spin: 0 for no rotation")
-    periods = {
-        "perception.period": scenario.perception.period,
-        "reachability.period": scenario.reachability.period,
-        "control.period": scenario.control.period,
-        "tracker.period": scenario.tracker.period,
-        "simulation_duration": scenario.simulation_duration,
-    }
-    for key, value in periods.items():
-        if value <= 0.0:
-            raise ScenarioError(f"{key} is {value} s; it must be positive")

@@ -3,12 +3,13 @@
 import pytest
 
 from feasigrasp import resources
-from feasigrasp.resources import ResourceError, model_path
+from feasigrasp.resources import ResourceError, diagram_path, model_path
 
 
 def test_finds_an_object_and_the_folder():
     assert model_path("objects", "mug.obj").is_file()
     assert model_path().is_dir()
+    assert diagram_path("dynamic.scenarios.yaml").is_file()
 
 
 def test_the_wheels_folder_comes_first(tmp_path, monkeypatch):
@@ -17,6 +18,8 @@ def test_the_wheels_folder_comes_first(tmp_path, monkeypatch):
     (package.parent / "models" / "objects").mkdir(parents=True)
     monkeypatch.setattr(resources, "_PACKAGE", package)
     assert model_path("objects") == package / "_models" / "objects"
+    (package / "_diagrams").mkdir()
+    assert diagram_path() == package / "_diagrams"
 
 
 def test_missing_file_names_its_neighbours():

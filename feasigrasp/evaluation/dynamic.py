@@ -94,13 +94,15 @@ def plan(args: argparse.Namespace) -> list[PlannedRun]:
     return runs
 
 
-def finished_records(runs: Sequence[PlannedRun], folder: Path) -> dict[str, Record]:
+def finished_records(
+    runs: Sequence[PlannedRun], folder: Path, revision: str | None
+) -> dict[str, Record]:
     """The records in a folder that need no repetition, by id of the run.
 
     A record counts if it came from the same scenario (object, seed, controller and mode included),
     the same revision of the code and the same versions, and if its process did not crash.
     """
-    expected = {"git": git_revision(), "versions": versions()}
+    expected = {"git": revision, "versions": versions()}
     finished = {}
     for planned in runs:
         try:
@@ -149,11 +151,12 @@ def write_csv(records: Sequence[Record], filename: Path) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     runs = plan(args)
+    revision = git_revision()
     folder = args.out / "runs"
     folder.mkdir(parents=True, exist_ok=True)
-    records = finished_records(runs, folder)
+    records = finished_records(runs, folder, revision)
     missing = [planned for planned in runs if planned.id not in records]
-    _report_reuse(runs, missing, folder)
+    _report_reuse(runs, missing, folder, revision)
     with tqdm(total=len(runs), initial=len(records), unit="run", desc="dynamic") as bar:
         try:
             for record in run_all(missing, folder, args.jobs):
@@ -170,11 +173,15 @@ def main(args: argparse.Namespace) -> int:
     write_summary(
         args.out / "summary.json",
         command=_command(args),
+        git=revision,
         seed=args.seed,
         rows=rows,
         quick=args.quick,
     )
     print(format_table(rows))
+    others = sorted({str(record["git"]) for record in finished} - {str(revision)})
+    if others:
+        print(f"the code changed meanwhile: some runs are of {', '.join(others)}, not {revision}")
     print(f"{args.out / 'summary.json'}, {args.out / 'runs.csv'}, {folder}/*.json")
     return 0
 
@@ -194,12 +201,17 @@ def _command(args: argparse.Namespace) -> str:
     return shlex.join(["feasigrasp", "evaluate", "dynamic", *words, *["--quick"] * args.quick])
 
 
-def _report_reuse(runs: Sequence[PlannedRun], missing: Sequence[PlannedRun], folder: Path) -> None:
+def _report_reuse(
+    runs: Sequence[PlannedRun],
+    missing: Sequence[PlannedRun],
+    folder: Path,
+    revision: str | None,
+) -> None:
     outdated = sum((folder / f"{planned.id}.json").exists() for planned in missing)
     kept = len(runs) - len(missing)
     if outdated:
         print(f"{outdated} results are from another revision or setting, or crashed: run again")
     if kept:
         print(f"{kept} of {len(runs)} runs are finished already in {folder}")
-        if (git_revision() or "").endswith("-dirty"):
+        if (revision or "").endswith("-dirty"):
             print("  uncommitted changes cannot be told apart: use a new --out after changing code")

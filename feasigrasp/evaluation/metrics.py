@@ -78,7 +78,7 @@ def summarize(samples: FloatArray, *, closes: bool) -> dict[str, float | bool | 
     approach = x["phase"] == Phase.APPROACH
     released = x["phase"] > Phase.CLOSE
     result: dict[str, float | bool | None] = {
-        "self_collision_percent": 100.0 * float(np.mean(x["self_distance"] < 0.0)),
+        "self_collision_percent": 100.0 * float(np.mean(x["self_collision"])),
         "joint_limit_violation_percent": 100.0 * float(np.mean(x["limit_margin"] < 0.0)),
         "velocity_limit_violation_percent": 100.0 * float(np.mean(x["velocity_ratio"] > 1.0)),
         "manipulability_mean": float(x["manipulability"].mean()),

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.evaluation.provenance import git_revision, machine, versions
+from feasigrasp.evaluation.provenance import machine, versions
 from feasigrasp.evaluation.statistics import Estimate
 
 
@@ -57,20 +57,21 @@ def write_json(content: dict[str, Any], filename: Path) -> None:
 
 
 def write_summary(
-    filename: Path, command: str, seed: int, rows: Sequence[Row], **more: Any
+    filename: Path, command: str, git: str | None, seed: int, rows: Sequence[Row], **more: Any
 ) -> None:
     """Writes ``summary.json``, see ``docs/results_schema.md``.
 
     Args:
         filename: Where.
         command: The command line that made it.
+        git: The revision it was made with.
         seed: Its seed.
         rows: The figures.
         **more: Further entries of the file, e.g. ``quick=True``.
     """
     content = {
         "command": command,
-        "git": git_revision(),
+        "git": git,
         "seed": seed,
         "versions": versions(),
         "machine": machine(),

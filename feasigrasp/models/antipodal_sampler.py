@@ -27,8 +27,9 @@ class AntipodalSampler:
     """Samples parallel-jaw grasps from a distance field: ``sampler(gpdf) -> GraspSet``.
 
     For each point of the completed surface the ray along the inward normal b gives the opposite
-    contact. Contact pairs whose normals oppose each other, spread over the object, are approached from several directions perpendicular to b; what the
-    filter leaves is thinned to different grasps. The same field gives the same grasps.
+    contact. Pairs whose normals oppose each other, spread over the object, are approached from
+    several directions perpendicular to b; what the filter leaves is thinned to different grasps.
+    The same field gives the same grasps.
 
     Attributes:
         gripper: The hand.

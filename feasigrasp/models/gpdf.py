@@ -23,48 +23,17 @@ from scipy.linalg import lapack
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models import gpdf_kernels as kernels
+from feasigrasp.models.point_cloud_checks import MIN_POINTS as MIN_POINTS
+from feasigrasp.models.point_cloud_checks import check_fit, checked_cloud, directions_to_camera
 from feasigrasp.models.point_normals import outward_normals
+from feasigrasp.models.surface_points import SurfacePoints
 
 Array = NDArray[np.float64]
 
-#: Fewer points than this describe no surface.
-MIN_POINTS = 8
-#: Larger clouds are not one graspable object; most often they are in millimetres.
-MAX_EXTENT = 2.0
-#: Points closer together than this (all of them) are one point or a line [m].
-MIN_EXTENT = 1e-3
 #: Above this many points the cloud is thinned evenly before farthest-point selection.
 _MAX_CANDIDATES = 2048
 #: Shortest step of a ray through the object [m].
 _RAY_STEP = 2e-3
-
-
-@dataclass(frozen=True, eq=False)
-class SurfacePoints:
-    """Points of the completed surface.
-
-    Attributes:
-        points: Positions, shape (m, 3) [m].
-        normals: Outward unit normals, shape (m, 3).
-        variance: Predictive variance of the occupancy, shape (m,): small where it was seen.
-    """
-
-    points: Array
-    normals: Array
-    variance: Array
-
-    def __post_init__(self) -> None:
-        """Freezes the arrays."""
-        for array in (self.points, self.normals, self.variance):
-            array.flags.writeable = False
-
-    def __len__(self) -> int:
-        """Number of points."""
-        return len(self.points)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> SurfacePoints:
-        """Immutable, so a copy is itself."""
-        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,10 +240,10 @@ def fit_gpdf(
         PointCloudError: If the cloud has the wrong shape, too few points, NaN or infinity, no
             extent or an absurd one, or if a parameter is out of range.
     """
-    cloud = _checked_cloud(points)
-    _check_parameters(length_scale, noise_variance, surface_offset, max_points)
+    cloud = checked_cloud(points)
+    check_fit(length_scale, noise_variance, surface_offset, max_points)
     bounds = np.stack([cloud.min(axis=0), cloud.max(axis=0)])
-    directions = _directions_to_camera(cloud, viewpoint)
+    directions = directions_to_camera(cloud, viewpoint)
 
     if len(cloud) > _MAX_CANDIDATES:
         even = np.linspace(0, len(cloud) - 1, max(_MAX_CANDIDATES, max_points)).astype(int)
@@ -294,9 +263,7 @@ def fit_gpdf(
             [surface, at + surface_offset * normals, at - surface_offset * normals]
         )
         value = np.exp(-surface_offset / length_scale)
-        targets = np.concatenate(
-            [targets, np.full(len(at), value), np.full(len(at), 1.0 / value)]
-        )
+        targets = np.concatenate([targets, np.full(len(at), value), np.full(len(at), 1.0 / value)])
 
     centred = np.ascontiguousarray((nodes - center).T)
     gram = kernels.gram_lower(centred, length_scale, noise_variance).T
@@ -316,64 +283,4 @@ def fit_gpdf(
         nodes=centred,
         alpha=np.ascontiguousarray(alpha.ravel()),
         cholesky=factor,
-    )
-
-
-def _checked_cloud(points: ArrayLike) -> Array:
-    cloud = np.array(points, dtype=float, order="C")
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise PointCloudError(f"point cloud has shape {cloud.shape}; give (n, 3) in metres")
-    bad = int((~np.isfinite(cloud).all(axis=1)).sum())
-    if bad:
-        raise PointCloudError(
-            f"{bad} of {len(cloud)} points hold NaN or infinity (invalid depth); drop them first"
-        )
-    if len(cloud) < MIN_POINTS:
-        raise PointCloudError(
-            f"{len(cloud)} points; a distance field needs at least {MIN_POINTS}. "
-            "Is the object in view and the segmentation mask right?"
-        )
-    extent = float(np.ptp(cloud, axis=0).max())
-    if extent > MAX_EXTENT:
-        raise PointCloudError(
-            f"the cloud is {extent:.3g} m wide, more than {MAX_EXTENT:g} m: is it in millimetres "
-            "(multiply by 0.001), or does it hold the background too?"
-        )
-    sizes = np.linalg.svd(cloud - cloud.mean(axis=0), compute_uv=False) / np.sqrt(len(cloud))
-    if sizes[1] < MIN_EXTENT / 4:
-        raise PointCloudError(
-            f"the points lie on one spot or line (extent {extent:.3g} m, spread across "
-            f"{sizes[1]:.2g} m); a surface is needed. Metres expected."
-        )
-    return cloud
-
-
-def _check_parameters(
-    length_scale: float, noise_variance: float, surface_offset: float | None, max_points: int
-) -> None:
-    for name, value in (("length_scale", length_scale), ("noise_variance", noise_variance)):
-        if not (np.isfinite(value) and value > 0):
-            raise PointCloudError(f"{name} = {value}; give a positive number")
-    if surface_offset is not None and not 0 < surface_offset < length_scale:
-        raise PointCloudError(
-            f"surface_offset = {surface_offset}; give a length between 0 and length_scale "
-            f"({length_scale:g} m), or None for the paper's field"
-        )
-    if max_points < MIN_POINTS:
-        raise PointCloudError(f"max_points = {max_points}; give at least {MIN_POINTS}")
-
-
-def _directions_to_camera(cloud: Array, viewpoint: ArrayLike | None) -> Array | None:
-    if viewpoint is None:
-        return None
-    view = np.array(viewpoint, dtype=float)
-    if not np.isfinite(view).all():
-        raise PointCloudError("viewpoint holds NaN or infinity")
-    if view.shape == (3,):
-        return view - cloud
-    if view.shape == cloud.shape:
-        return view
-    raise PointCloudError(
-        f"viewpoint has shape {view.shape}; give the camera position (3,) or one direction to the "
-        f"camera per point {cloud.shape}"
     )

@@ -187,8 +187,12 @@ def first_hits(
             y = X[1, 0] * u + X[1, 1] * v + X[1, 2] * w + X[1, 3]
             z = X[2, 0] * u + X[2, 1] * v + X[2, 2] * w + X[2, 3]
             if (
-                x < box[0, 0] or x > box[1, 0] or y < box[0, 1] or y > box[1, 1]
-                or z < box[0, 2] or z > box[1, 2]
+                x < box[0, 0]
+                or x > box[1, 0]
+                or y < box[0, 1]
+                or y > box[1, 1]
+                or z < box[0, 2]
+                or z > box[1, 2]
             ):
                 continue
             travelled = value_at(nodes, alpha, length_scale, x, y, z)

@@ -62,7 +62,7 @@ def filter_grasps(
         GraspError: If poses and widths do not match.
     """
     poses = np.array(X_OG, dtype=float).reshape(-1, 4, 4)
-    candidates = GraspSet(poses, width, np.zeros(len(poses)))
+    candidates = GraspSet(poses, np.array(width, dtype=float), np.zeros(len(poses)))
     if len(candidates) == 0:
         return candidates
 
@@ -159,7 +159,5 @@ def _score(gpdf: Gpdf, grasps: GraspSet, cosine: Array) -> Array:
     rho = 0.5 * gpdf.length_scale * unseen
     opposition = np.clip(-cosine, 0.0, 1.0)
     return (
-        0.5 * opposition
-        + 0.3 * np.exp(-lever / LEVER_LENGTH)
-        + 0.2 * np.exp(-rho / UNSEEN_LENGTH)
+        0.5 * opposition + 0.3 * np.exp(-lever / LEVER_LENGTH) + 0.2 * np.exp(-rho / UNSEEN_LENGTH)
     )

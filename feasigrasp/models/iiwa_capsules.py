@@ -8,7 +8,8 @@ the drums are flatter). The hand is `ParallelGripper` fully opened.
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Sequence
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,13 @@ BODY_PAIRS: tuple[tuple[int, int], ...] = (
     *product((0,), (4, 5, 6, 7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
     *product((1,), (7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
     *product((2,), (PALM, LEFT_FINGER, RIGHT_FINGER)),
+)
+
+#: Every pair that is not neighbours: joints that leave their limits can bring any of them together.
+NON_ADJACENT_PAIRS: tuple[tuple[int, int], ...] = tuple(
+    (low, high)
+    for low, high in combinations(range(len(BODY_NAMES)), 2)
+    if BODY_LINK[high] - BODY_LINK[low] >= 2
 )
 
 
@@ -123,16 +131,25 @@ def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]
 
 
 def capsule_model(
-    gripper: ParallelGripper | None = None, *, with_hand: bool = True
+    gripper: ParallelGripper | None = None,
+    *,
+    with_hand: bool = True,
+    body_pairs: Sequence[tuple[int, int]] = BODY_PAIRS,
 ) -> CapsuleModel:
-    """The arrays of the arm, and of its hand unless ``with_hand`` is false."""
+    """The arrays of the arm, and of its hand unless ``with_hand`` is false.
+
+    Args:
+        gripper: The hand; the default one if not given.
+        with_hand: Whether there is a hand.
+        body_pairs: Pairs of bodies to check, the one nearer to the base first.
+    """
     capsules = arm_capsules() + (hand_capsules(gripper) if with_hand else ())
     by_body: dict[int, list[int]] = {}
     for index, capsule in enumerate(capsules):
         by_body.setdefault(capsule.body, []).append(index)
     pairs = [
         pair
-        for low, high in BODY_PAIRS
+        for low, high in body_pairs
         for pair in product(by_body.get(low, ()), by_body.get(high, ()))
     ]
     link = np.array([BODY_LINK[c.body] for c in capsules])

@@ -22,7 +22,7 @@ MIN_LENGTH_SCALE, MAX_LENGTH_SCALE, SPACING_RATIO = 0.03, 0.2, 0.4
 
 
 def spacing_length_scale(q: FloatArray) -> float:
-    """l = clip(0.4 x median nearest-neighbour distance, 0.03, 0.2) [rad] for q, shape (n, 7)."""
+    """L = clip(0.4 x median nearest-neighbour distance, 0.03, 0.2) [rad] for q, shape (n, 7)."""
     if len(q) < 2:
         return MAX_LENGTH_SCALE
     distance = cdist(q, q)

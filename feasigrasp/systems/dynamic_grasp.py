@@ -67,9 +67,10 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> LeafSyste
 def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
     """Builds station, perception, grasp sampling, reachability, control and metrics.
 
-    The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``, ``latency``,
-    ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``, ``tracker`` and
-    ``metrics``; the samples of ``metrics`` are in the vector log ``log(metrics)``.
+    The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
+    ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
+    ``tracker`` and ``metrics``; the samples of ``metrics`` are in the vector log ``log(metrics)``.
+    With a Meshcat there are ``scene`` and ``visualizer`` as well.
 
     Args:
         scenario: What to build.

@@ -23,13 +23,13 @@ from feasigrasp.models.view_fusion import FusedCloud
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 
 #: Colours of grasps that the arm may take, and of those that the filters dropped.
-REACHABLE, DROPPED = Rgba(0.10, 0.75, 0.25), Rgba(0.85, 0.20, 0.20, 0.3)
+REACHABLE, DROPPED = Rgba(0.10, 0.80, 0.25), Rgba(0.35, 0.35, 0.40, 0.4)
 #: Colours of completed surface that was seen, and that was made up.
-SEEN, INVENTED = np.array([0.10, 0.45, 0.95]), np.array([1.0, 0.50, 0.0])
+SEEN, INVENTED = np.array([0.10, 0.50, 1.0]), np.array([1.0, 0.15, 0.55])
 #: Distance to what was seen [m] at which a point counts as seen, and as made up.
 SEEN_WITHIN, INVENTED_BEYOND = 0.002, 0.010
 #: Radius of the discs that show the completed surface, and how far outside it they lie [m].
-DISC_RADIUS, DISC_LIFT = 0.0035, 0.001
+DISC_RADIUS, DISC_LIFT = 0.0045, 0.001
 
 
 class _Flipbook:
@@ -77,8 +77,8 @@ class GraspVisualizer(LeafSystem):
 
     ``perceived`` is a `Perceived`; ``grasps`` are all sampled grasps and ``reachable`` those that
     the controller is given, flips included, both in the object frame O; ``phase`` is a `Phase`.
-    The completed surface is drawn as discs, from blue where it was seen to orange where it is made
-    up. Reachable grasps are green, dropped ones faint red; while the fingers close only the grasp
+    The completed surface is drawn as discs, from blue where it was seen to pink where it is made
+    up. Reachable grasps are green, dropped ones faint grey; while the fingers close only the grasp
     that the hand committed to is drawn, and none after the object was let go. Everything is drawn
     below ``path``, whose frame has to be O, and is part of a recording that runs.
     """
@@ -180,8 +180,8 @@ class GraspVisualizer(LeafSystem):
 def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> NDArray[np.bool_]:
     """Which grasps are in a subset of them and their flips, shape (n,)."""
     subset = {X_OG.tobytes() for X_OG in reachable.X_OG}
-    both = [X_OG.tobytes() in subset for X_OG in grasps.with_twins().X_OG]
-    return np.array(both, dtype=bool).reshape(2, -1).any(axis=0)
+    found = np.array([X_OG.tobytes() in subset for X_OG in grasps.with_twins().X_OG], dtype=bool)
+    return found[: len(grasps)] | found[len(grasps) :]
 
 
 def surface_colors(gpdf: Gpdf) -> NDArray[np.float64]:

@@ -6,9 +6,7 @@ from pydrake.geometry import (
     Meshcat,
     MeshcatVisualizer,
     MeshcatVisualizerParams,
-    Rgba,
     Role,
-    RoleAssign,
 )
 from pydrake.systems.framework import DiagramBuilder
 
@@ -17,11 +15,17 @@ from feasigrasp.systems.station import Station
 #: Meshcat path of everything that the station shows.
 PREFIX = "/drake/illustration"
 #: Where the camera stands and what it looks at, in the world frame [m], and its zoom.
-CAMERA, TARGET, ZOOM = (1.9, -1.7, 1.15), (0.27, 0.0, 0.47), 2.2
+CAMERA, TARGET, ZOOM = (1.7, -1.9, 1.15), (0.32, 0.0, 0.46), 3.0
 #: Opacity of the object, so that what is drawn on it can be seen from all sides.
-OBJECT_OPACITY = 0.5
-#: Brightness of the lights that stand at a point; Meshcat's own wash out a white arm.
-LIGHTS = {"SpotLight": 12.0, "PointLightNegativeX": 10.0, "PointLightPositiveX": 10.0}
+OBJECT_OPACITY = 0.35
+#: Brightness of the lights; Meshcat's own wash out a white arm and leave shaded sides black.
+LIGHTS = {
+    "AmbientLight": 0.9,
+    "FillLight": 0.6,
+    "SpotLight": 10.0,
+    "PointLightNegativeX": 6.0,
+    "PointLightPositiveX": 6.0,
+}
 
 
 def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> str:
@@ -36,25 +40,27 @@ def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> st
         The Meshcat path that moves with the object: its frame is the object frame O.
     """
     params = MeshcatVisualizerParams(
-        role=Role.kIllustration, prefix=PREFIX, publish_period=1.0 / 32.0
+        role=Role.kIllustration,
+        prefix=PREFIX,
+        publish_period=1.0 / 32.0,
+        delete_on_initialization_event=False,  # it would take the object's opacity along
     )
     scene = builder.AddNamedSystem("scene", MeshcatVisualizer(meshcat, params))
     builder.Connect(station.GetOutputPort("query_object"), scene.query_object_input_port())
-    _make_translucent(station)
+    object_path = f"{PREFIX}/{station.object_body.scoped_name().get_full().replace('::', '/')}"
+    meshcat.Delete(PREFIX)
+    _make_translucent(station, object_path, meshcat)
     _set_stage(meshcat)
-    return f"{PREFIX}/{station.object_body.scoped_name().get_full().replace('::', '/')}"
+    return object_path
 
 
-def _make_translucent(station: Station) -> None:
-    scene_graph, plant, body = station.scene_graph, station.plant, station.object_body
-    inspector = scene_graph.model_inspector()
-    frame = plant.GetBodyFrameIdOrThrow(body.index())
+def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> None:
+    inspector = station.scene_graph.model_inspector()
+    frame = station.plant.GetBodyFrameIdOrThrow(station.object_body.index())
     for geometry in inspector.GetGeometries(frame, Role.kIllustration):
-        properties = inspector.GetIllustrationProperties(geometry)
-        color = properties.GetPropertyOrDefault("phong", "diffuse", Rgba(0.8, 0.8, 0.8))
-        faint = Rgba(color.r(), color.g(), color.b(), OBJECT_OPACITY)
-        properties.UpdateProperty("phong", "diffuse", faint)
-        scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)
+        path = f"{object_path}/{inspector.GetName(geometry).replace('::', '/')}"
+        # On the mesh itself: its folder's opacity belongs to MeshcatVisualizer.
+        meshcat.SetProperty(f"{path}/<object>", "modulated_opacity", OBJECT_OPACITY)
 
 
 def _set_stage(meshcat: Meshcat) -> None:

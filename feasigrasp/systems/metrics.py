@@ -12,11 +12,13 @@ from feasigrasp.models.grasp_funnel import grasp_errors
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa import NUM_JOINTS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa_capsules import NON_ADJACENT_PAIRS, capsule_model
 from feasigrasp.models.iiwa_kinematics import forward_kinematics, manipulability
-from feasigrasp.models.self_collision import min_distance
+from feasigrasp.models.self_collision import in_collision, min_distance
 
 #: The entries of one sample, in order; lengths in metres, angles in radians.
 SAMPLE_NAMES = (
+    "self_collision",
     "self_distance",
     "limit_margin",
     "velocity_ratio",
@@ -47,23 +49,23 @@ class Metrics(LeafSystem):
         output_ports:
         - sample
 
-    ``state`` is the arm's V14 state, ``object_pose`` the true one, ``grasps`` what the controller is
-    given, in the object frame. ``sample`` holds `SAMPLE_NAMES`: smallest distance between
-    non-adjacent bodies of the arm and hand, by capsules and independent of the simulation's
-    collision filter; smallest distance to a joint limit (negative beyond it); largest joint speed
-    over its limit; manipulability at the flange; error to the nearest grasp (NaN without grasps);
-    the object's position in the hand and in the world.
+    ``state`` is the arm's V14 state, ``object_pose`` the true one, ``grasps`` what the controller
+    is given, in the object frame. ``sample`` holds `SAMPLE_NAMES`: 1 if any two non-adjacent bodies
+    of the arm and hand penetrate, by capsules and independent of the simulation's collision filter;
+    smallest distance of those that can meet inside the joint limits; smallest distance to a joint
+    limit (negative beyond it); largest joint speed over its limit; manipulability at the flange;
+    error to the nearest grasp (NaN without grasps); the object's position in the hand and in the
+    world; the `Phase`.
     """
 
     def __init__(self, gripper: ParallelGripper) -> None:
         """Metrics for an arm that carries ``gripper``."""
         super().__init__()
         self._gripper = gripper
+        self._capsules = capsule_model(gripper, body_pairs=NON_ADJACENT_PAIRS)
         self._state = self.DeclareVectorInputPort("state", 2 * NUM_JOINTS)
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
-        self._grasps = self.DeclareAbstractInputPort(
-            "grasps", AbstractValue.Make(GraspSet.empty())
-        )
+        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), self._calc)
 
@@ -81,6 +83,7 @@ class Metrics(LeafSystem):
             np.concatenate(
                 [
                     [
+                        float(in_collision(q[None], self._capsules)[0]),
                         min_distance(q),
                         np.min(POSITION_LIMITS - np.abs(q)),
                         np.max(np.abs(v) / VELOCITY_LIMITS),

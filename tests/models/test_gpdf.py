@@ -111,9 +111,10 @@ def test_every_grid_point_reaches_the_surface(sphere):
 
 
 def test_offsets_tell_inside_from_outside_in_one_view(true_shapes):
-    truth = true_shapes["box"]
+    truth = true_shapes["bottle"]
     cloud, to_camera = truth.views(1, np.random.default_rng(5))
-    inside = np.random.default_rng(6).uniform(-0.5, 0.5, (500, 3)) * [0.055, 0.085, 0.145]
+    x = np.random.default_rng(6).uniform(-0.5, 0.5, (3000, 3)) * np.ptp(truth.mesh.bounds, axis=0)
+    inside = x[truth.signed_distance(x) < -0.002]
     paper = fit_gpdf(cloud, surface_offset=None).distance(inside) < 0
     offsets = fit_gpdf(cloud, viewpoint=to_camera).distance(inside) < 0
     assert offsets.mean() > 0.9
@@ -121,7 +122,7 @@ def test_offsets_tell_inside_from_outside_in_one_view(true_shapes):
 
 
 def test_more_views_complete_the_shape_better_and_variance_shows_the_unseen(true_shapes):
-    truth = true_shapes["bottle"]
+    truth = true_shapes["box"]
     error = {}
     for views in (1, 3):
         cloud, to_camera = truth.views(views, np.random.default_rng(7))
@@ -130,8 +131,8 @@ def test_more_views_complete_the_shape_better_and_variance_shows_the_unseen(true
         error[views] = off.mean()
         if views == 1:
             sure = surface.variance < np.median(surface.variance)
-            assert off[sure].mean() < 0.5 * off[~sure].mean()
-    assert error[3] < 0.002 < error[1]
+            assert off[sure].mean() < 0.3 * off[~sure].mean()
+    assert error[3] < 0.6 * error[1]
 
 
 def test_selection_is_deterministic_and_covers_the_cloud():

@@ -59,7 +59,7 @@ def test_palm_and_fingers_must_stay_outside(ball):
         (ParallelGripper(heel=-0.040), True),
         (ParallelGripper(heel=-0.020), False),  # palm inside the ball
         (ParallelGripper(heel=-0.0315), False),  # 1.5 mm away: less than the margin
-        (ParallelGripper(max_opening=0.064), False),  # fingers 2 mm away, less than the margin
+        (ParallelGripper(max_opening=0.064), False),  # pads 2 mm away on either side
     ):
         kept = filter_grasps(ball, grasp()[None], [0.06], hand)
         assert bool(len(kept)) == passes, hand

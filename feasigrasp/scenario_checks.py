@@ -1,0 +1,70 @@
+"""Values that a scenario may not have."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from feasigrasp.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from feasigrasp.scenario import Scenario
+
+_CHOICES = {"controller": ("task", "joint"), "mode": ("safe", "paper")}
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Checks what the types of a scenario cannot say.
+
+    Raises:
+        ScenarioError: A value that nothing can run with; the message names key, value and mend.
+    """
+    for key, allowed in _CHOICES.items():
+        choice = getattr(scenario.control, key)
+        if choice not in allowed:
+            raise ScenarioError(f"control.{key} is {choice!r}; choose one of {', '.join(allowed)}")
+    if scenario.perception.camera not in scenario.cameras:
+        raise ScenarioError(
+            f"perception.camera is {scenario.perception.camera!r}, but cameras has "
+            f"{', '.join(scenario.cameras) or 'none'}"
+        )
+    if not 0 <= scenario.random_seed < 2**32:
+        raise ScenarioError(f"random_seed is {scenario.random_seed}; give one of 0 to 2^32 - 1")
+    _check_vectors(scenario)
+    _check_positive(scenario)
+
+
+def _check_vectors(scenario: Scenario) -> None:
+    motion = scenario.motion
+    vectors = {
+        f"motion.{key}": (getattr(motion, key), 3)
+        for key in ("center", "amplitude", "harmonic", "offset_deg", "spin_axis")
+    }
+    vectors |= {"grasp.lift": (scenario.grasp.lift, 3), "q_start": (scenario.q_start, 7)}
+    for key, (value, size) in vectors.items():
+        if len(value) != size:
+            what = "x, y and z" if size == 3 else "one per joint of the iiwa, 7"
+            raise ScenarioError(f"{key} has {len(value)} entries; give {what}")
+        if not np.all(np.isfinite(value)):
+            raise ScenarioError(f"{key} is {value}; every entry must be a finite number")
+    if not np.any(motion.spin_axis):
+        raise ScenarioError("motion.spin_axis is zero; give an axis, and spin: 0 for no rotation")
+    for key in ("rate", "spin"):
+        if not np.isfinite(getattr(motion, key)):
+            raise ScenarioError(f"motion.{key} is {getattr(motion, key)}; give a finite number")
+
+
+def _check_positive(scenario: Scenario) -> None:
+    positive = {
+        "perception.period": scenario.perception.period,
+        "reachability.period": scenario.reachability.period,
+        "control.period": scenario.control.period,
+        "tracker.period": scenario.tracker.period,
+        "simulation_duration": scenario.simulation_duration,
+        "object.scale": scenario.object.scale,
+        "object.friction": scenario.object.friction,
+    }
+    for key, value in positive.items():
+        if not 0.0 < value < np.inf:
+            raise ScenarioError(f"{key} is {value}; it must be positive and finite")

@@ -1,0 +1,194 @@
+"""The figures of a run, from samples made by hand whose answers are known."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+
+from feasigrasp.evaluation.metrics import METRICS, summarize
+from feasigrasp.models.grasp_sequence import Phase
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
+
+A, C, L, H, D = (int(phase) for phase in Phase)
+
+
+def samples(n, **columns):
+    """Samples of a run in which nothing is wrong, except where a column says so."""
+    usual = dict.fromkeys(SAMPLE_NAMES, 0.0) | {
+        "self_distance": 0.1,
+        "limit_margin": 0.5,
+        "velocity_ratio": 0.2,
+        "manipulability": 0.1,
+    }
+    assert set(columns) <= set(usual)
+    return np.array([np.broadcast_to((usual | columns)[name], n) for name in SAMPLE_NAMES], float)
+
+
+def test_every_documented_metric_is_there_and_no_other(repository):
+    result = summarize(samples(4), closes=False)
+    assert list(result) == list(METRICS)
+    documentation = (repository / "docs" / "results_schema.md").read_text()
+    for name in METRICS:
+        assert f"`{name}`" in documentation or name.startswith("object_end_")
+
+
+def test_shares_count_samples():
+    result = summarize(
+        samples(
+            8,
+            self_collision=[0, 1, 0, 0, 1, 0, 0, 0],
+            limit_margin=[0.1, -0.01, 0.0, 0.2, 0.3, -1e-9, -3.0, 0.1],
+            velocity_ratio=[0.5, 1.0, 1.1, 0.0, 0.0, 0.0, 0.0, 0.0],
+            grasp_position_error=[np.nan, np.nan, 0, 0, 0, 0, 0, 0],
+            self_distance=[0.2, 0.03, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1],
+        ),
+        closes=False,
+    )
+    assert result["self_collision_percent"] == 25.0
+    assert result["joint_limit_violation_percent"] == 37.5
+    assert result["velocity_limit_violation_percent"] == 12.5
+    assert result["no_grasp_percent"] == 25.0
+    assert result["self_distance_min_mm"] == pytest.approx(30.0)
+    assert result["limit_margin_min_deg"] == pytest.approx(np.degrees(-3.0))
+
+
+def test_distances_and_manipulability_in_their_units():
+    result = summarize(
+        samples(
+            4,
+            p_HO_x=[0.0, 0.03, 0.0, 0.3],
+            p_HO_y=[0.0, 0.04, 0.02, 0.0],
+            p_HO_z=[0.01, 0.0, 0.0, 0.4],
+            manipulability=[0.1, 0.2, 0.1, 0.2],
+            p_WO_x=[0, 0, 0, 0.5],
+            p_WO_y=[0, 0, 0, -0.1],
+            p_WO_z=[0, 0, 0, 0.7],
+        ),
+        closes=False,
+    )
+    assert result["gripper_object_distance_cm_mean"] == pytest.approx((1 + 5 + 2 + 50) / 4)
+    assert result["gripper_object_distance_cm_median"] == pytest.approx(3.5)
+    assert result["manipulability_mean"] == pytest.approx(0.15)
+    assert [result[f"object_end_{axis}_m"] for axis in "xyz"] == [0.5, -0.1, 0.7]
+
+
+def test_grasp_errors_are_those_of_the_approach():
+    """Samples without a grasp, and those with fingers on the object, do not count."""
+    result = summarize(
+        samples(
+            6,
+            phase=[A, A, A, A, C, L],
+            grasp_position_error=[np.nan, 0.05, 0.01, 0.002, 0.0, 0.0],
+            grasp_angle_error=[np.nan, 0.3, 0.2, 0.1, 0.0, 0.0],
+        ),
+        closes=True,
+    )
+    assert result["grasp_position_error_mm_median"] == pytest.approx(10.0)
+    assert result["grasp_angle_error_deg_median"] == pytest.approx(np.degrees(0.2))
+
+
+def test_without_any_grasp_there_is_no_error_to_report():
+    nan = [np.nan] * 3
+    result = summarize(samples(3, grasp_position_error=nan, grasp_angle_error=nan), closes=True)
+    assert result["grasp_position_error_mm_median"] is None
+    assert result["grasp_angle_error_deg_median"] is None
+    assert result["no_grasp_percent"] == 100.0
+    assert result["grasp_held"] is False
+    assert result["slip_mm"] is None and result["lift_cm"] is None
+
+
+PHASES = [A, C, L, L, H, H, D]
+
+
+@pytest.mark.parametrize(
+    ("p_HO_x", "phase", "held", "slip"),
+    [
+        # The way to the object and the squeeze are not slip.
+        ([0.5, 0.1, 0.010, 0.011, 0.010, 0.010, 0.010], PHASES, True, 1.0),
+        ([0.0, 0.0, 0.0, 0.0, 0.019, 0.0, 0.0], PHASES, True, 19.0),
+        ([0.0, 0.0, 0.0, 0.0, 0.021, 0.0, 0.0], PHASES, False, 21.0),
+        ([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.6], PHASES, False, 600.0),
+        # The run ended before the hold did.
+        ([0.0] * 7, [A, C, C, C, L, L, H], False, 0.0),
+        ([0.0] * 7, [A, A, A, A, C, C, C], False, None),
+        # Fingers that closed on nothing, and the second try.
+        ([0.5, 0.4, 0.5, 0.0, 0.001, 0.002, 0.0], [A, C, A, C, L, H, D], True, 1.0),
+    ],
+)
+def test_held_is_done_and_within_two_centimetres(p_HO_x, phase, held, slip):
+    result = summarize(samples(7, p_HO_x=p_HO_x, phase=phase), closes=True)
+    assert result["grasp_held"] is held
+    assert result["slip_mm"] == (None if slip is None else pytest.approx(slip))
+
+
+def test_slip_is_the_way_in_space_not_the_change_of_distance():
+    """An object that goes round the contact centre at a constant distance has slipped too."""
+    result = summarize(
+        samples(3, phase=[L, H, D], p_HO_x=[0.03, 0.0, 0.0], p_HO_y=[0.0, 0.03, 0.03]), closes=True
+    )
+    assert result["slip_mm"] == pytest.approx(30.0 * np.sqrt(2.0))
+    assert result["grasp_held"] is False
+
+
+def test_lift_is_the_rise_since_the_object_was_let_go():
+    result = summarize(
+        samples(5, phase=[A, C, L, H, D], p_WO_z=[0.3, 0.5, 0.55, 0.6, 0.64]), closes=True
+    )
+    assert result["lift_cm"] == pytest.approx(9.0)
+
+
+def test_an_open_gripper_holds_nothing_and_drops_nothing():
+    result = summarize(samples(3), closes=False)
+    assert [result[name] for name in ("grasp_held", "slip_mm", "lift_cm")] == [None] * 3
+
+
+@pytest.mark.parametrize(("closes", "held"), [(True, False), (False, None)])
+def test_no_samples_give_no_figures(closes, held):
+    result = summarize(np.empty((len(SAMPLE_NAMES), 0)), closes=closes)
+    assert list(result) == list(METRICS)
+    assert result.pop("grasp_held") is held
+    assert set(result.values()) == {None}
+
+
+# --------------------------------------------------------------------------- the samples themselves
+
+
+def sample(q, v=None, grasps=None, X_WO=None):
+    dut = Metrics(ParallelGripper())
+    context = dut.CreateDefaultContext()
+    v = np.zeros(7) if v is None else v
+    dut.GetInputPort("state").FixValue(context, np.concatenate([q, v]))
+    dut.GetInputPort("object_pose").FixValue(context, X_WO or RigidTransform([0.5, 0.0, 0.5]))
+    dut.GetInputPort("phase").FixValue(context, [0.0])
+    dut.GetInputPort("grasps").FixValue(context, grasps or GraspSet.empty())
+    return dict(zip(SAMPLE_NAMES, dut.get_output_port().Eval(context), strict=True))
+
+
+READY = np.deg2rad([0, 30, 0, -60, 0, 90, 0])
+
+
+def test_a_harmless_posture_is_harmless():
+    x = sample(READY)
+    assert x["self_collision"] == 0.0 and x["self_distance"] > 0.05
+    assert x["limit_margin"] == pytest.approx(np.min(POSITION_LIMITS - np.abs(READY)))
+    assert x["velocity_ratio"] == 0.0
+    assert np.isnan(x["grasp_position_error"])
+    assert [x[f"p_WO_{axis}"] for axis in "xyz"] == [0.5, 0.0, 0.5]
+
+
+@pytest.mark.parametrize("joint", [3, 5])
+def test_a_joint_folded_beyond_its_limit_is_in_collision(joint):
+    """Half a turn of elbow or wrist folds links together that never meet inside the limits."""
+    q = READY.copy()
+    q[joint] = np.pi
+    x = sample(q)
+    assert x["limit_margin"] < 0.0
+    assert x["self_collision"] == 1.0
+
+
+def test_speeds_are_measured_against_their_own_limits():
+    v = 0.1 * VELOCITY_LIMITS
+    v[4] = -1.5 * VELOCITY_LIMITS[4]
+    assert sample(READY, v)["velocity_ratio"] == pytest.approx(1.5)

@@ -1,0 +1,110 @@
+"""Every scenario runs, with either controller, and leaves a valid record."""
+
+import json
+from importlib import resources
+
+import jsonschema
+import numpy as np
+import pytest
+
+from feasigrasp.evaluation.metrics import METRICS, summarize
+from feasigrasp.evaluation.run import crash_record, run, write_result
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import load_scenario, parse_scenario, scenario_names
+from feasigrasp.systems import dynamic_grasp
+from feasigrasp.systems.metrics import SAMPLE_NAMES
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+
+
+@pytest.fixture(scope="module")
+def validator():
+    schema = json.loads(
+        resources.files("feasigrasp.evaluation").joinpath("run.schema.json").read_text()
+    )
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def short(name, *, controller="task", duration=0.12, seed=3, model="soup_can"):
+    return load_scenario(
+        FILE,
+        name,
+        f"{{simulation_duration: {duration}, random_seed: {seed}, object: {{model: {model}}},"
+        f" control: {{controller: {controller}}}}}",
+    )
+
+
+@pytest.mark.parametrize("controller", ["task", "joint"])
+@pytest.mark.parametrize("name", scenario_names(FILE))
+def test_every_scenario_runs_with_either_controller(name, controller, validator, tmp_path):
+    scenario = short(name, controller=controller)
+    result = run(scenario, name)
+    write_result(result, tmp_path / "deep" / "result.json")
+    record = json.loads((tmp_path / "deep" / "result.json").read_text())
+    validator.validate(record)
+    assert record == result.record
+    assert record["error"] is None
+    assert (record["scenario"], record["controller"], record["seed"]) == (name, controller, 3)
+    assert record["timings"]["simulated_s"] == pytest.approx(0.12)
+    assert record["metrics"]["grasp_held"] is (False if name.startswith("Reach") else None)
+    assert parse_scenario(record["scenario_yaml"]).control.controller == controller
+    np.testing.assert_allclose(result.times, np.arange(0.0, 0.121, 0.02), atol=1e-9)
+    assert result.samples.shape == (len(SAMPLE_NAMES), len(result.times))
+
+
+def test_the_same_seed_gives_the_same_samples_bit_for_bit():
+    first, again = (run(short("ReachCircular", duration=0.8)) for _ in range(2))
+    assert np.isfinite(first.samples[SAMPLE_NAMES.index("grasp_position_error"), -1])
+    np.testing.assert_array_equal(first.samples, again.samples)
+    assert first.record["metrics"] == again.record["metrics"]
+
+
+def test_another_seed_gives_another_run():
+    starts = [run(short("ReachLinear", duration=0.02, seed=k)).samples[:, 0] for k in (3, 4)]
+    moved = SAMPLE_NAMES.index("p_WO_y")
+    assert abs(starts[0][moved] - starts[1][moved]) > 1e-3
+
+
+def test_metrics_of_the_record_are_those_of_the_samples():
+    result = run(short("ReachLinear"))
+    assert result.record["metrics"] == summarize(result.samples, closes=True)
+
+
+def test_a_failing_simulation_is_reported(monkeypatch, validator):
+    """What Drake raises while it simulates ends the run, not the evaluation."""
+
+    def breaks(self, context, state):
+        if context.get_time() > 0.05:
+            raise RuntimeError("the solver did not converge")
+        return None
+
+    monkeypatch.setattr(dynamic_grasp.GripperSequencer, "_advance", breaks)
+    record = run(short("ReachLinear", duration=0.5), "ReachLinear").record
+    validator.validate(record)
+    assert "did not converge" in record["error"]
+    assert record["metrics"]["grasp_held"] is False
+    assert 0.0 < record["timings"]["simulated_s"] < 0.5
+
+
+@pytest.mark.parametrize(("name", "held"), [("ReachLinear", False), ("PaperLinear", None)])
+def test_a_crash_leaves_a_valid_record(name, held, validator):
+    record = crash_record(short(name), name, "the process ended with status -11")
+    validator.validate(record)
+    assert record["metrics"]["grasp_held"] is held
+
+
+def test_the_schema_knows_exactly_the_metrics(validator):
+    metrics = validator.schema["properties"]["metrics"]
+    assert metrics["required"] == list(metrics["properties"]) == list(METRICS)
+
+
+def test_the_schema_can_fail(validator):
+    record = crash_record(short("ReachLinear"), "ReachLinear", "crashed")
+    for broken in (
+        record | {"controller": "magic"},
+        record | {"metrics": record["metrics"] | {"no_grasp_percent": 101.0}},
+        record | {"metrics": record["metrics"] | {"extra": 1.0}},
+        {key: value for key, value in record.items() if key != "git"},
+    ):
+        assert not validator.is_valid(broken)

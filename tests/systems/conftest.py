@@ -1,0 +1,102 @@
+"""Reads the animation back out of a Meshcat replay, without a browser."""
+
+import base64
+import re
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+#: Meshcat path -> property -> keyframes as (frame, value).
+Animation = dict[str, dict[str, list[tuple[float, Any]]]]
+
+
+@pytest.fixture
+def read_animation() -> Callable[[str], Animation]:
+    """Gets the keyframes of a recording out of its HTML."""
+    return _read_animation
+
+
+def _read_animation(html: str) -> Animation:
+    for encoded in re.findall(r'data:application/octet-binary;base64,([^"]*)"', html):
+        data = base64.b64decode(encoded)
+        if b"set_animation" not in data[:64]:
+            continue
+        message, _ = _unpack(data, 0)
+        return {
+            animation["path"]: {
+                track["name"].removeprefix("."): [(k["time"], k["value"]) for k in track["keys"]]
+                for track in animation["clip"]["tracks"]
+            }
+            for animation in message["animations"]
+        }
+    raise AssertionError("the replay holds no animation")
+
+
+def _unpack(data: bytes, i: int) -> tuple[Any, int]:
+    """One MessagePack value at offset i, and the offset behind it."""
+    tag = data[i]
+    i += 1
+    if tag < 0x80:
+        return tag, i
+    if tag >= 0xE0:
+        return tag - 0x100, i
+    if tag < 0x90:
+        return _unpack_map(data, i, tag & 0x0F)
+    if tag < 0xA0:
+        return _unpack_list(data, i, tag & 0x0F)
+    if tag < 0xC0:
+        return data[i : i + (tag & 0x1F)].decode(), i + (tag & 0x1F)
+    if tag in _CONSTANTS:
+        return _CONSTANTS[tag], i
+    if tag in _NUMBERS:
+        code = _NUMBERS[tag]
+        return struct.unpack_from(code, data, i)[0], i + struct.calcsize(code)
+    code, read = _SIZED[tag]
+    size, i = struct.unpack_from(code, data, i)[0], i + struct.calcsize(code)
+    return read(data, i, size)
+
+
+def _unpack_map(data: bytes, i: int, size: int) -> tuple[dict[Any, Any], int]:
+    result = {}
+    for _ in range(size):
+        key, i = _unpack(data, i)
+        result[key], i = _unpack(data, i)
+    return result, i
+
+
+def _unpack_list(data: bytes, i: int, size: int) -> tuple[list[Any], int]:
+    result = []
+    for _ in range(size):
+        value, i = _unpack(data, i)
+        result.append(value)
+    return result, i
+
+
+def _unpack_text(data: bytes, i: int, size: int) -> tuple[str, int]:
+    return data[i : i + size].decode(), i + size
+
+
+_CONSTANTS = {0xC0: None, 0xC2: False, 0xC3: True}
+_NUMBERS = {
+    0xCA: ">f",
+    0xCB: ">d",
+    0xCC: ">B",
+    0xCD: ">H",
+    0xCE: ">I",
+    0xCF: ">Q",
+    0xD0: ">b",
+    0xD1: ">h",
+    0xD2: ">i",
+    0xD3: ">q",
+}
+_SIZED = {
+    0xD9: (">B", _unpack_text),
+    0xDA: (">H", _unpack_text),
+    0xDB: (">I", _unpack_text),
+    0xDC: (">H", _unpack_list),
+    0xDD: (">I", _unpack_list),
+    0xDE: (">H", _unpack_map),
+    0xDF: (">I", _unpack_map),
+}

@@ -1,0 +1,97 @@
+"""The ``feasigrasp`` command: what it offers, and how it says no."""
+
+import importlib
+import subprocess
+import sys
+
+import pytest
+
+from feasigrasp import __version__, cli
+from feasigrasp.errors import ScenarioError
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"feasigrasp {__version__}\n"
+
+
+@pytest.mark.parametrize("argv", [[], ["evaluate"]])
+def test_without_a_command_it_lists_them(argv, capsys):
+    assert cli.main(argv) == 0
+    assert ("dynamic" if argv else "evaluate") in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("group", "name"), list(cli.COMMANDS))
+def test_every_command_has_its_own_help(group, name, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main([group, name, "--help"])
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    assert f"feasigrasp {group} {name}" in out
+    if group in ("evaluate", "bench"):
+        for option in ("--out", "--seed", "--jobs", "--objects", "--quick"):
+            assert option in out
+
+
+@pytest.mark.parametrize(("group", "name"), list(cli.COMMANDS))
+def test_every_command_is_a_module_of_a_known_group(group, name):
+    module = importlib.import_module(cli.COMMANDS[group, name][0])
+    assert callable(module.main) and callable(module.add_arguments)
+    assert group in cli.GROUPS
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["evaluat"], "invalid choice: 'evaluat'"),
+        (["evaluate", "everything"], "invalid choice: 'everything'"),
+        (["evaluate", "dynamic", "--sedes", "2"], "unrecognized arguments: --sedes 2"),
+        (["evaluate", "dynamic", "--seeds", "0"], "0 is less than 1"),
+        (["evaluate", "dynamic", "--jobs", "two"], "invalid positive value: 'two'"),
+        (["evaluate", "dynamic", "--mode", "brave"], "invalid choice: 'brave'"),
+        (["evaluate", "dynamic", "--scenarios", ","], "no name given"),
+    ],
+)
+def test_wrong_arguments_are_named(argv, message, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(argv)
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--scenarios", "ReachSquare"], "no scenario 'ReachSquare'"),
+        (["--controllers", "magic"], "control.controller is 'magic'"),
+        (["--objects", "teapot"], "'teapot' is neither a built-in object"),
+        (["--scenario_text", "{objct: {}}"], "objct"),
+        (["--seed", "-3"], "random_seed is -3"),
+    ],
+)
+def test_wrong_plans_end_before_the_first_run(arguments, message, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["evaluate", "dynamic", "--out", str(out), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_errors_of_the_project_become_a_message(monkeypatch, capsys):
+    module = importlib.import_module("feasigrasp.evaluation.dynamic")
+
+    def fail(args):
+        raise ScenarioError("no such thing; take another")
+
+    monkeypatch.setattr(module, "main", fail)
+    assert cli.main(["evaluate", "dynamic"]) == 2
+    assert capsys.readouterr().err == "error: no such thing; take another\n"
+
+
+def test_help_is_quick_because_nothing_heavy_is_imported():
+    program = (
+        "import sys; from feasigrasp.cli import main; main([]);"
+        "sys.exit('pydrake' in sys.modules or 'torch' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True).returncode == 0

@@ -1,0 +1,197 @@
+"""Scenario files: what they mean, what comes back when they are written, what they refuse."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import (
+    Scenario,
+    dump_scenario,
+    load_scenario,
+    make_motion,
+    parse_scenario,
+    scenario_names,
+)
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+NAMES = (
+    "ReachCircular",
+    "ReachLinear",
+    "ReachSinusoidal",
+    "PaperCircular",
+    "PaperLinear",
+    "PaperSinusoidal",
+)
+TIMES = np.linspace(0.0, 20.9, 53)
+
+
+def poses(scenario):
+    motion = make_motion(scenario)
+    return np.array([motion.pose(t) for t in TIMES])
+
+
+def test_the_file_holds_the_documented_scenarios():
+    assert tuple(scenario_names(FILE)) == NAMES
+
+
+# ------------------------------------------------------------------------------------- motions
+
+
+def test_paper_motions_are_the_authors():
+    s = 0.3 * TIMES
+    zero, one = np.zeros_like(s), np.ones_like(s)
+    expected = {
+        "PaperCircular": [0.45 * np.cos(s), 0.45 * np.sin(s), 0.2 * one],
+        "PaperLinear": [0.45 * one, 0.45 * np.sin(s), 0.2 + 0.1 * np.sin(s)],
+        "PaperSinusoidal": [0.45 + 0.1 * np.cos(10 * s), 0.35 * np.sin(s), 0.2 + zero],
+    }
+    roll = Rotation.from_rotvec(np.outer(s, [1.0, 0.0, 0.0])).as_matrix()
+    for name, positions in expected.items():
+        X = poses(load_scenario(FILE, name))
+        np.testing.assert_allclose(X[:, :3, 3], np.transpose(positions), atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(X[:, :3, :3], roll, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("name", NAMES[3:])
+def test_paper_scenarios_last_one_lap_and_keep_the_gripper_open(name):
+    scenario = load_scenario(FILE, name)
+    assert scenario.simulation_duration == pytest.approx(2 * np.pi / 0.3)
+    assert scenario.q_start == [0, 30, 0, -60, 0, 90, 0]
+    assert not scenario.grasp.close
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_reach_motions_are_in_front_of_the_arm(seed):
+    """Circle of radius 0.12 m, line +-0.18 m along y, sinusoid y +-0.2 m and z +-0.08 m; 10 s."""
+    p = {}
+    for name in NAMES[:3]:
+        scenario = load_scenario(FILE, name, f"{{random_seed: {seed}}}")
+        motion = make_motion(scenario)
+        period = [motion.pose(t)[:3, 3] for t in np.linspace(0.0, 10.0, 2001)]
+        p[name] = np.array(period) - [0.5, 0.0, 0.55]
+        np.testing.assert_allclose(period[0], period[-1], atol=1e-12)
+        assert scenario.object.friction == 0.8
+
+    circle, line, sine = (p[name] for name in NAMES[:3])
+    np.testing.assert_allclose(np.hypot(circle[:, 0], circle[:, 1]), 0.12)
+    np.testing.assert_allclose(circle[:, 2], 0.0, atol=1e-12)
+    angle = np.unwrap(np.arctan2(circle[:, 1], circle[:, 0]))
+    assert angle[-1] - angle[0] == pytest.approx(2 * np.pi)
+
+    np.testing.assert_allclose(line[:, [0, 2]], 0.0, atol=1e-12)
+    np.testing.assert_allclose([line[:, 1].min(), line[:, 1].max()], [-0.18, 0.18], atol=1e-5)
+
+    np.testing.assert_allclose(sine[:, 0], 0.0, atol=1e-12)
+    np.testing.assert_allclose([sine[:, 1].min(), sine[:, 1].max()], [-0.2, 0.2], atol=1e-5)
+    np.testing.assert_allclose([sine[:, 2].min(), sine[:, 2].max()], [-0.08, 0.08], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES[:3])
+def test_reach_objects_turn_constantly(name):
+    R = poses(load_scenario(FILE, name))[:, :3, :3]
+    turned = Rotation.from_matrix(R @ R[0].T).as_rotvec()
+    # At most 0.2 rad/s x 20.9 s > pi: compare rotations, not vectors.
+    expected = Rotation.from_rotvec(np.outer(0.2 * TIMES, [0.0, 0.0, 1.0]))
+    assert (expected.inv() * Rotation.from_rotvec(turned)).magnitude().max() < 1e-9
+
+
+@pytest.mark.parametrize("name", NAMES[:3])
+def test_the_seed_decides_start_and_orientation(name):
+    first, again, other = (load_scenario(FILE, name, f"{{random_seed: {k}}}") for k in (5, 5, 6))
+    np.testing.assert_array_equal(poses(first), poses(again))
+    assert np.linalg.norm(poses(first)[0, :3, 3] - poses(other)[0, :3, 3]) > 1e-3
+    assert np.linalg.norm(poses(first)[0, :3, :3] - poses(other)[0, :3, :3]) > 1e-2
+
+
+# ------------------------------------------------------------------------------ reading, writing
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_written_reads_the_same(name):
+    scenario = load_scenario(
+        FILE, name, "{random_seed: 7, object: {mass: 0.3, model: mug}, control: {mode: paper}}"
+    )
+    text = dump_scenario(scenario)
+    again = parse_scenario(text)
+    assert dump_scenario(again) == text
+    assert (again.random_seed, again.object.mass, again.object.model) == (7, 0.3, "mug")
+    assert again.control.mode == "paper"
+    assert list(again.cameras) == ["wrist_camera"]
+    np.testing.assert_array_equal(poses(again), poses(scenario))
+
+
+def test_every_default_is_written():
+    text = dump_scenario(Scenario())
+    for key in ("simulation_duration: 30.0", "friction: 0.8", "time_step: 0.002", "horizon: 1.0"):
+        assert key in text
+
+
+def test_later_overrides_win():
+    scenario = load_scenario(FILE, "ReachLinear", "{random_seed: 1}", None, "{random_seed: 2}")
+    assert scenario.random_seed == 2
+    assert scenario.motion.amplitude == [0.0, 0.18, 0.0]
+
+
+# ------------------------------------------------------------------------------------ bad input
+
+
+def test_unknown_scenario_names_the_known_ones():
+    with pytest.raises(ScenarioError, match="'ReachSquare'.*ReachCircular, ReachLinear"):
+        load_scenario(FILE, "ReachSquare")
+
+
+def test_missing_and_broken_files_are_named(tmp_path):
+    with pytest.raises(ScenarioError, match="nowhere.yaml; check --scenario_file"):
+        load_scenario(tmp_path / "nowhere.yaml", "ReachLinear")
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("ReachLinear: {motion: [")
+    with pytest.raises(ScenarioError, match="broken.yaml is not valid YAML"):
+        load_scenario(broken, "ReachLinear")
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("{objct: {model: mug}}", "objct"),
+        ("{object: {colour: red}}", "colour"),
+        ("{control: {gain: 3}}", "gain"),
+    ],
+)
+def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
+    with pytest.raises(ScenarioError, match=named):
+        load_scenario(FILE, "ReachLinear", text)
+    with pytest.raises(ScenarioError, match=named):
+        parse_scenario(text)
+    own = tmp_path / "own.yaml"
+    own.write_text(f"Mine: {text}")
+    with pytest.raises(ScenarioError, match=f"'Mine'.*own.yaml(?s:.*){named}"):
+        load_scenario(own, "Mine")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{control: {controller: magic}}", "control.controller is 'magic'; .* task, joint"),
+        ("{control: {mode: fast}}", "control.mode is 'fast'; .* safe, paper"),
+        ("{control: {period: 0.0}}", "control.period is 0.0"),
+        ("{perception: {period: -0.5}}", "perception.period is -0.5"),
+        ("{perception: {camera: ceiling}}", "'ceiling', but cameras has wrist_camera"),
+        ("{simulation_duration: .nan}", "simulation_duration is nan"),
+        ("{random_seed: -1}", "random_seed is -1"),
+        ("{random_seed: many}", "many"),
+        ("{q_start: [0, 0, 0]}", "q_start has 3 entries.*7"),
+        ("{motion: {center: [0.5, 0.0]}}", "motion.center has 2 entries; give x, y and z"),
+        ("{motion: {amplitude: [0.1, .inf, 0.0]}}", "motion.amplitude is .*inf.*finite"),
+        ("{motion: {spin_axis: [0, 0, 0]}}", "motion.spin_axis is zero"),
+        ("{motion: {rate: .nan}}", "motion.rate is nan"),
+        ("{grasp: {lift: [0.1]}}", "grasp.lift has 1 entries"),
+        ("{object: {scale: 0.0}}", "object.scale is 0.0"),
+        ("{object: {friction: -0.1}}", "object.friction is -0.1"),
+        ("{object: {model: mug", "ReachLinear"),
+    ],
+)
+def test_wrong_values_are_refused(text, message):
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(FILE, "ReachLinear", text)
