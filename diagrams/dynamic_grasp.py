@@ -74,8 +74,8 @@ def main() -> int:
         if args.graphviz is not None:
             diagram = make_dynamic_grasp(scenario)
             args.graphviz.parent.mkdir(parents=True, exist_ok=True)
-            graph = pydot.graph_from_dot_data(diagram.GetGraphvizString(max_depth=1))[0]
-            graph.write(args.graphviz, format=args.graphviz.suffix.lstrip(".") or "dot")
+            graphs = pydot.graph_from_dot_data(diagram.GetGraphvizString(max_depth=1)) or []
+            graphs[0].write(args.graphviz, format=args.graphviz.suffix.lstrip(".") or "dot")
             return 0
         result = run(scenario, args.scenario_name, replay=args.replay)
     except FeasigraspError as error:

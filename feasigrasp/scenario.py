@@ -89,7 +89,7 @@ class PerceptionConfig:
     camera: str = "wrist_camera"
     period: float = 0.5
     latency: float = 0.1
-    max_points: int = 512
+    max_points: int = 320
     length_scale: float = 0.3
     voxel_size: float = 0.003
     n_candidates: int = 800

@@ -22,17 +22,19 @@ class Funnel:
 
     Attributes:
         max_standoff: Longest distance pulled back [m].
-        lateral_gain: Standoff per sideways error [m/m].
-        angular_gain: Standoff per angle error [m/rad].
-        lateral_tolerance: Sideways error without standoff [m].
+        lateral_gain: Standoff per sideways error beyond its tolerance [m/m].
+        angular_gain: Standoff per angle error beyond its tolerance [m/rad].
+        closing_tolerance: Error along the closing direction without standoff [m].
+        width_tolerance: Error along the width of the fingers without standoff [m].
         angular_tolerance: Angle error without standoff [rad].
     """
 
     max_standoff: float = 0.10
     lateral_gain: float = 4.0
-    angular_gain: float = 0.4
-    lateral_tolerance: float = 0.005
-    angular_tolerance: float = 0.06
+    angular_gain: float = 0.3
+    closing_tolerance: float = 0.008
+    width_tolerance: float = 0.015
+    angular_tolerance: float = 0.2
 
     @property
     def parameters(self) -> FloatArray:
@@ -42,7 +44,8 @@ class Funnel:
                 self.max_standoff,
                 self.lateral_gain,
                 self.angular_gain,
-                self.lateral_tolerance,
+                self.closing_tolerance,
+                self.width_tolerance,
                 self.angular_tolerance,
             ]
         )
@@ -51,18 +54,16 @@ class Funnel:
 @nb.njit(cache=True)
 def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
     """How far hand H must stay behind grasp G along its approach direction [m]."""
-    px = py = 0.0
+    px = py = trace = 0.0
     for i in range(3):
         d = X_OH[i, 3] - X_OG[i, 3]
         px += X_OG[i, 0] * d
         py += X_OG[i, 1] * d
-    trace = 0.0
-    for i in range(3):
         for j in range(3):
             trace += X_OG[i, j] * X_OH[i, j]
     angle = np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
-    lateral = max(0.0, np.hypot(px, py) - funnel[3])
-    standoff = funnel[1] * lateral + funnel[2] * max(0.0, angle - funnel[4])
+    lateral = np.hypot(max(0.0, abs(px) - funnel[3]), max(0.0, abs(py) - funnel[4]))
+    standoff = funnel[1] * lateral + funnel[2] * max(0.0, angle - funnel[5])
     return min(funnel[0], standoff)
 
 

@@ -18,6 +18,7 @@ def reachable_grasps(
     V_WO: FloatArray,
     reachability: Reachability,
     horizon: float = 1.0,
+    n_best: int = 24,
 ) -> GraspSet:
     """The grasps, flips included, that are reachable now and after ``horizon`` seconds.
 
@@ -27,15 +28,16 @@ def reachable_grasps(
         V_WO: Object twist [angular; linear], shape (6,).
         reachability: Exact inverse kinematics of arm and hand.
         horizon: Look-ahead [s]; 0 for none.
+        n_best: How many are kept, the best scores first.
 
     Returns:
-        A subset in the object frame; ``rejected`` counts "out of reach now" and "out of reach soon".
+        A subset in the object frame; ``rejected`` counts
+        "out of reach now", "out of reach soon" and "better grasps in reach".
     """
     both = grasps.with_twins()
-    if len(both) == 0:
-        return both
     now = both.select(reachability.reachable(X_WO @ both.X_OG), "out of reach now")
-    if len(now) == 0 or horizon <= 0.0:
-        return now
-    X_later = se3.extrapolate(X_WO, V_WO, horizon)
-    return now.select(reachability.reachable(X_later @ now.X_OG), "out of reach soon")
+    if horizon > 0.0:
+        X_later = se3.extrapolate(X_WO, V_WO, horizon)
+        now = now.select(reachability.reachable(X_later @ now.X_OG), "out of reach soon")
+    best = np.argsort(-now.score, kind="stable")[:n_best]
+    return now.select(best, "better grasps in reach")

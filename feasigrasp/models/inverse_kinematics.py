@@ -34,19 +34,23 @@ def _rot_zyz(a, b, c, R):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _zyz_angles(R, sign, out, first, middle, last):  # type: ignore[no-untyped-def]
-    """Angles of R = Rz Ry Rz with the middle one of the given sign; at its zero, the last is 0."""
+def _zyz_angles(R, plus, minus):  # type: ignore[no-untyped-def]
+    """Writes both sets of angles (3,) of R = Rz Ry Rz; where the middle one is 0, so is the last."""
     s = np.hypot(R[0, 2], R[1, 2])
-    out[middle] = sign * np.arctan2(s, R[2, 2])
-    if s > 1e-9:
-        out[first] = np.arctan2(sign * R[1, 2], sign * R[0, 2])
-        out[last] = np.arctan2(sign * R[2, 1], -sign * R[2, 0])
+    plus[1] = np.arctan2(s, R[2, 2])
+    if s > 1e-12:
+        ca, sa = R[0, 2] / s, R[1, 2] / s
+        plus[0] = np.arctan2(sa, ca)
+        # What is left of R after the first angle: the product stays R where s is close to rounding.
+        plus[2] = np.arctan2(ca * R[1, 0] - sa * R[0, 0], ca * R[1, 1] - sa * R[0, 1])
     elif R[2, 2] > 0.0:
-        out[first] = np.arctan2(R[1, 0], R[0, 0])
-        out[last] = 0.0
+        plus[0], plus[2] = np.arctan2(R[1, 0], R[0, 0]), 0.0
     else:
-        out[first] = np.arctan2(-R[1, 0], -R[0, 0])
-        out[last] = 0.0
+        plus[0], plus[2] = np.arctan2(-R[1, 0], -R[0, 0]), 0.0
+    # Rz(a) Ry(b) Rz(c) = Rz(a + pi) Ry(-b) Rz(c + pi).
+    minus[0] = plus[0] - np.pi if plus[0] > 0.0 else plus[0] + np.pi
+    minus[1] = -plus[1]
+    minus[2] = plus[2] - np.pi if plus[2] > 0.0 else plus[2] + np.pi
 
 
 @nb.njit(cache=True)
@@ -74,6 +78,7 @@ def _reference_shoulder(X_WF, elbow_sign, R_03, axis):  # type: ignore[no-untype
 def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
     """Writes up to eight configurations (8, 7) for a flange pose and an arm angle; their number."""
     R0, R_03, R_47, axis = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    shoulder, wrist = np.empty((2, 3)), np.empty((2, 3))
     sp, cp = np.sin(psi), np.cos(psi)
     count = 0
     for elbow in range(2):
@@ -93,12 +98,14 @@ def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
             y = R_03[0, 1] * X_WF[0, j] + R_03[1, 1] * X_WF[1, j] + R_03[2, 1] * X_WF[2, j]
             z = R_03[0, 2] * X_WF[0, j] + R_03[1, 2] * X_WF[1, j] + R_03[2, 2] * X_WF[2, j]
             R_47[0, j], R_47[1, j], R_47[2, j] = c4 * x + s4 * z, y, c4 * z - s4 * x
-        for shoulder in range(2):
-            for wrist in range(2):
-                q = out[count]
-                _zyz_angles(R_03, 1.0 - 2.0 * shoulder, q, 0, 1, 2)
-                q[3] = q4
-                _zyz_angles(R_47, 1.0 - 2.0 * wrist, q, 4, 5, 6)
+        _zyz_angles(R_03, shoulder[0], shoulder[1])
+        _zyz_angles(R_47, wrist[0], wrist[1])
+        for i in range(2):
+            for j in range(2):
+                for k in range(3):
+                    out[count, k] = shoulder[i, k]
+                    out[count, 4 + k] = wrist[j, k]
+                out[count, 3] = q4
                 count += 1
     return count
 

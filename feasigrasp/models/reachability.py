@@ -104,7 +104,7 @@ class Reachability:
     """
 
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
-    n_arm_angles: int = 16
+    n_arm_angles: int = 12
     limit_margin: float = 0.05
     clearance: float = 0.02
     table_height: float = 0.0

@@ -15,7 +15,7 @@ from feasigrasp.systems.station import Station
 #: Meshcat path of everything that the station shows.
 PREFIX = "/drake/illustration"
 #: Where the camera stands and what it looks at, in the world frame [m], and its zoom.
-CAMERA, TARGET, ZOOM = (1.7, -1.9, 1.15), (0.32, 0.0, 0.46), 3.0
+CAMERA, TARGET, ZOOM = (1.75, -1.85, 1.15), (0.36, 0.0, 0.49), 3.1
 #: Opacity of the object, so that what is drawn on it can be seen from all sides.
 OBJECT_OPACITY = 0.35
 #: Brightness of the lights; Meshcat's own wash out a white arm and leave shaded sides black.

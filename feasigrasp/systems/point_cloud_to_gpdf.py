@@ -57,7 +57,7 @@ class PointCloudToGPDF(LeafSystem):
         self,
         period: float = 0.5,
         *,
-        max_points: int = 512,
+        max_points: int = 320,
         length_scale: float = 0.3,
         voxel_size: float = 0.003,
         min_points: int = 4 * MIN_POINTS,

@@ -1,4 +1,4 @@
-"""Reads the animation back out of a Meshcat replay, without a browser."""
+"""Systems under test with fixed inputs, and the animation of a Meshcat replay."""
 
 import base64
 import re
@@ -7,9 +7,64 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from pydrake.systems.framework import Context, PortDataType, System
 
 #: Meshcat path -> property -> keyframes as (frame, value).
 Animation = dict[str, dict[str, list[tuple[float, Any]]]]
+
+
+@pytest.fixture(scope="session")
+def fixed_context() -> Callable[..., Context]:
+    """``fixed_context(system, **inputs)``: a default context with its input ports fixed."""
+    return _fixed_context
+
+
+def _fixed_context(system: System, **inputs: Any) -> Context:
+    context = system.CreateDefaultContext()
+    for name, value in inputs.items():
+        system.GetInputPort(name).FixValue(context, value)
+    return context
+
+
+@pytest.fixture(scope="session")
+def ports() -> Callable[[System], tuple[dict[str, int | None], dict[str, int | None]]]:
+    """``ports(system)``: inputs and outputs by name, with their sizes; None if abstract."""
+    return _ports
+
+
+def _ports(system: System) -> tuple[dict[str, int | None], dict[str, int | None]]:
+    def sizes(all_ports: list[Any]) -> dict[str, int | None]:
+        return {
+            port.get_name(): (
+                port.size() if port.get_data_type() == PortDataType.kVectorValued else None
+            )
+            for port in all_ports
+        }
+
+    return (
+        sizes([system.get_input_port(i) for i in range(system.num_input_ports())]),
+        sizes([system.get_output_port(i) for i in range(system.num_output_ports())]),
+    )
+
+
+@pytest.fixture(scope="session")
+def documented_ports() -> Callable[[type], tuple[list[str], list[str]]]:
+    """``documented_ports(cls)``: input and output names in a docstring's pydrake_system block."""
+    return _documented_ports
+
+
+def _documented_ports(cls: type) -> tuple[list[str], list[str]]:
+    names: dict[str, list[str]] = {"input_ports": [], "output_ports": []}
+    section = None
+    for line in (cls.__doc__ or "").split(".. pydrake_system::")[1].splitlines():
+        text = line.strip()
+        if text.rstrip(":") in names:
+            section = names[text.rstrip(":")]
+        elif section is not None and text.startswith("- "):
+            section.append(text[2:])
+        elif section is not None:
+            break
+    return names["input_ports"], names["output_ports"]
 
 
 @pytest.fixture

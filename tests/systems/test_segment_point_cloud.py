@@ -1,0 +1,91 @@
+"""Segmentation keeps exactly the finite pixels with the body's label."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from pydrake.perception import DepthImageToPointCloud, PointCloud
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, PixelType
+
+from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
+
+LABEL = 7
+
+
+def cloud_of(xyz):
+    cloud = PointCloud(xyz.shape[1])
+    cloud.mutable_xyzs()[:] = xyz
+    return cloud
+
+
+def label_image(labels):
+    image = ImageLabel16I(labels.shape[1], labels.shape[0])
+    image.mutable_data[:, :, 0] = labels
+    return image
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    inputs, outputs = ports(SegmentPointCloud(LABEL))
+    assert (list(inputs), list(outputs)) == documented_ports(SegmentPointCloud)
+    assert set(inputs.values()) == set(outputs.values()) == {None}
+
+
+def test_it_keeps_exactly_the_labelled_finite_pixels_in_order(fixed_context):
+    rng = np.random.default_rng(0)
+    xyz = rng.normal(size=(3, 6 * 8)).astype(np.float32)
+    labels = rng.choice([LABEL, 3, 0], size=(6, 8))
+    bad = rng.random(48) < 0.4
+    xyz[rng.integers(3, size=48)[bad], np.flatnonzero(bad)] = rng.choice(
+        [np.nan, np.inf, -np.inf], bad.sum()
+    )
+    dut = SegmentPointCloud(LABEL)
+    context = fixed_context(dut, point_cloud=cloud_of(xyz), label_image=label_image(labels))
+    kept = dut.get_output_port().Eval(context).xyzs()
+    expected = [
+        xyz[:, 8 * row + column]
+        for row in range(6)
+        for column in range(8)
+        if labels[row, column] == LABEL and not bad[8 * row + column]
+    ]
+    assert 0 < len(expected) < (labels == LABEL).sum()
+    np.testing.assert_array_equal(kept, np.transpose(expected))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_without_a_valid_pixel_the_cloud_is_empty(fixed_context, value):
+    xyz = np.full((3, 4), value, dtype=np.float32)
+    dut = SegmentPointCloud(LABEL)
+    labels = np.full((2, 2), LABEL)
+    context = fixed_context(dut, point_cloud=cloud_of(xyz), label_image=label_image(labels))
+    assert dut.get_output_port().Eval(context).size() == 0
+
+
+def test_too_near_and_too_far_depths_give_no_point(fixed_context):
+    """Drake renders 0 nearer than the depth range and infinity beyond: neither is a point."""
+    builder = DiagramBuilder()
+    info = CameraInfo(width=3, height=1, fov_y=1.0)
+    to_cloud = builder.AddSystem(DepthImageToPointCloud(info, PixelType.kDepth32F))
+    segment = builder.AddSystem(SegmentPointCloud(LABEL))
+    builder.Connect(to_cloud.point_cloud_output_port(), segment.GetInputPort("point_cloud"))
+    builder.ExportInput(to_cloud.depth_image_input_port(), "depth")
+    builder.ExportInput(to_cloud.camera_pose_input_port(), "pose")
+    builder.ExportInput(segment.GetInputPort("label_image"), "label")
+    builder.ExportOutput(segment.get_output_port(), "cloud")
+    dut = builder.Build()
+    depth = ImageDepth32F(3, 1)
+    depth.mutable_data[0, :, 0] = [0.0, 0.5, np.inf]
+    X_WC = RigidTransform([1.0, 2.0, 3.0])
+    context = fixed_context(
+        dut, depth=depth, pose=X_WC, label=label_image(np.full((1, 3), LABEL))
+    )
+    kept = dut.get_output_port().Eval(context).xyzs()
+    np.testing.assert_allclose(kept, [[1.0], [2.0], [3.5]], atol=1e-6)  # the middle pixel
+
+
+def test_a_cloud_of_another_size_is_refused(fixed_context):
+    dut = SegmentPointCloud(LABEL)
+    context = fixed_context(
+        dut, point_cloud=PointCloud(5), label_image=label_image(np.full((2, 3), LABEL))
+    )
+    with pytest.raises(ValueError, match="5 points but 6 labels.*same camera"):
+        dut.get_output_port().Eval(context)

@@ -1,0 +1,108 @@
+"""The drive integrates commands inside every limit and never passes on what is not finite."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.systems.velocity_drive import VelocityDrive
+
+PERIOD = 0.005
+Q0 = np.deg2rad([0.0, -48.5, 10.0, -90.6, 0.0, 82.9, 20.0])
+
+
+def drive(command, ticks, *, q=Q0, follow=True, **kwargs):
+    """Desired states after each tick, shape (ticks, 14); the arm follows exactly or not at all."""
+    dut = VelocityDrive(PERIOD, **kwargs)
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    position, velocity = dut.GetInputPort("position"), dut.GetInputPort("velocity")
+    position.FixValue(context, q)
+    velocity.FixValue(context, np.zeros(7))
+    simulator.Initialize()
+    states = []
+    for k in range(ticks):
+        velocity.FixValue(context, command(k) if callable(command) else command)
+        simulator.AdvanceTo((k + 0.5) * PERIOD)  # past the update at k * PERIOD
+        states.append(dut.GetOutputPort("desired_state").Eval(context).copy())
+        if follow:
+            position.FixValue(context, states[-1][:7])
+    return np.array(states)
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    inputs, outputs = ports(VelocityDrive(PERIOD))
+    assert (list(inputs), list(outputs)) == documented_ports(VelocityDrive)
+    assert inputs == {"velocity": 7, "position": 7}
+    assert outputs == {"desired_state": 14}
+
+
+def test_the_measured_position_is_latched_at_initialisation():
+    dut = VelocityDrive(PERIOD)
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    dut.GetInputPort("position").FixValue(context, Q0)
+    dut.GetInputPort("velocity").FixValue(context, np.zeros(7))
+    simulator.Initialize()
+    np.testing.assert_array_equal(
+        dut.GetOutputPort("desired_state").Eval(context), np.concatenate([Q0, np.zeros(7)])
+    )
+
+
+def test_a_zero_command_holds_the_latched_position_though_the_arm_sags():
+    states = drive(np.zeros(7), 20, q=Q0)
+    sagged = drive(np.zeros(7), 20, q=Q0, follow=False)
+    np.testing.assert_array_equal(states, np.tile(np.r_[Q0, np.zeros(7)], (20, 1)))
+    np.testing.assert_array_equal(sagged, states)
+
+
+def test_a_small_command_is_integrated():
+    command = np.array([0.1, -0.05, 0.02, 0.1, -0.1, 0.03, 0.2])
+    states = drive(command, 100)
+    ramp = np.abs(command) / ACCELERATION_LIMITS  # time until the command is met
+    moved = command * (100 * PERIOD - 0.5 * ramp)
+    np.testing.assert_allclose(states[-1, 7:], command, atol=1e-12)
+    assert np.all(np.abs(states[-1, :7] - Q0 - moved) <= np.abs(command) * PERIOD)
+
+
+def test_velocity_and_acceleration_saturate_at_the_limits_of_each_joint():
+    signs = np.array([1, -1, 1, -1, 1, -1, 1.0])
+    states = drive(100.0 * signs, 60, q=np.zeros(7))
+    v = np.vstack([np.zeros(7), states[:, 7:]])
+    acceleration = np.diff(v, axis=0) / PERIOD
+    np.testing.assert_allclose(acceleration[0], signs * ACCELERATION_LIMITS)
+    assert np.all(np.abs(acceleration) <= ACCELERATION_LIMITS * (1 + 1e-9))
+    assert np.all(np.abs(v) <= VELOCITY_LIMITS * (1 + 1e-12))
+    full_speed = VELOCITY_LIMITS / ACCELERATION_LIMITS < 60 * PERIOD - PERIOD
+    assert full_speed.sum() >= 6
+    np.testing.assert_allclose(v[-1][full_speed], (signs * VELOCITY_LIMITS)[full_speed])
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_the_desired_position_never_leaves_the_limits(sign):
+    states = drive(np.full(7, sign * 100.0), 60, q=sign * 0.95 * POSITION_LIMITS)
+    assert np.all(np.abs(states[:, :7]) <= POSITION_LIMITS)
+    np.testing.assert_allclose(states[-1, :7], sign * POSITION_LIMITS)
+
+
+def test_without_position_limits_it_goes_on():
+    states = drive(np.full(7, 1.0), 60, q=0.99 * POSITION_LIMITS, enforce_position_limits=False)
+    assert np.all(states[-1, :7] > POSITION_LIMITS)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_command_that_is_not_finite_brakes_like_zero(bad):
+    def command(stop):
+        return lambda k: np.full(7, 0.1) if k < 20 else stop
+
+    broken = np.zeros(7)
+    broken[3] = bad
+    states = drive(command(broken), 40)
+    assert np.isfinite(states).all()
+    np.testing.assert_array_equal(states, drive(command(np.zeros(7)), 40))
+    np.testing.assert_array_equal(states[-1, 7:], np.zeros(7))
+
+
+def test_a_blocked_arm_is_not_left_far_behind():
+    states = drive(np.full(7, 0.5), 200, q=np.zeros(7), follow=False)
+    np.testing.assert_allclose(states[-1, :7], VelocityDrive.MAX_LEAD)
