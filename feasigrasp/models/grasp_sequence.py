@@ -160,7 +160,7 @@ class GraspState:
         elapsed = t - self.since
         if self.phase == Phase.CLOSE:
             return se3.extrapolate(self.X_WO, self.V_WO, elapsed), self.V_WO
-        s = float(np.clip(elapsed / config.lift_time, 0.0, 1.0)) if self.phase == Phase.LIFT else 1.0
+        s = min(1.0, elapsed / config.lift_time) if self.phase == Phase.LIFT else 1.0
         lift = np.asarray(config.lift, dtype=float)
         X = self.X_WO.copy()
         X[:3, 3] += lift * (3.0 * s**2 - 2.0 * s**3)

@@ -50,7 +50,9 @@ class GraspSet:
                 "give one width and one score per pose."
             )
         if not (np.isfinite(X_OG).all() and np.isfinite(width).all() and np.isfinite(score).all()):
-            raise GraspError("GraspSet: NaN or infinity in poses, widths or scores; drop them first.")
+            raise GraspError(
+                "GraspSet: NaN or infinity in poses, widths or scores; drop them first."
+            )
         for name, array in (("X_OG", X_OG), ("width", width), ("score", score)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)

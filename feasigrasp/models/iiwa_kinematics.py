@@ -71,9 +71,7 @@ def _batch_kernel(q, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
         pose_jacobian_kernel(q[k], X_FT, X_WT[k], J_WT[k])
 
 
-def pose_and_jacobian(
-    q: ArrayLike, X_FT: ArrayLike | None = None
-) -> tuple[FloatArray, FloatArray]:
+def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
     """Tool pose and geometric Jacobian.
 
     Args:
@@ -89,7 +87,7 @@ def pose_and_jacobian(
     """
     q = np.asarray(q, dtype=float)
     if q.shape[-1:] != (7,):
-        raise ValueError(f"joint positions must have 7 entries in the last axis, got shape {q.shape}")
+        raise ValueError(f"joint positions need 7 entries in the last axis, got shape {q.shape}")
     flat = np.ascontiguousarray(q.reshape(-1, 7))
     X_FT = np.eye(4) if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
     X_WT = np.empty((len(flat), 4, 4))

@@ -35,7 +35,7 @@ def _rot_zyz(a, b, c, R):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True)
 def _zyz_angles(R, plus, minus):  # type: ignore[no-untyped-def]
-    """Writes both sets of angles (3,) of R = Rz Ry Rz; where the middle one is 0, so is the last."""
+    """Writes both sets of angles (3,) of R = Rz Ry Rz; the last is 0 where the middle one is."""
     s = np.hypot(R[0, 2], R[1, 2])
     plus[1] = np.arctan2(s, R[2, 2])
     if s > 1e-12:
@@ -196,5 +196,5 @@ def closed_form(X_WF: ArrayLike, psi: float) -> FloatArray:
 
 
 def arm_angle(q: ArrayLike) -> float:
-    """The arm angle of a configuration, so that ``closed_form(FK(q), arm_angle(q))`` contains q."""
+    """Arm angle of a configuration [rad]: with it, `closed_form` of its flange pose contains it."""
     return float(arm_angle_kernel(np.asarray(q, dtype=float)))

@@ -52,9 +52,7 @@ class GPJointController(LeafSystem):
         self._options = options or JointControlOptions()
         self._enforce_limits = mode != "paper"
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
-        self._grasps = self.DeclareAbstractInputPort(
-            "grasps", AbstractValue.Make(GraspSet.empty())
-        )
+        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
         self._solutions = self.DeclareAbstractState(AbstractValue.Make(Solutions.empty()))

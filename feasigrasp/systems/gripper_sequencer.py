@@ -37,10 +37,10 @@ class GripperSequencer(LeafSystem):
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches. Once the hand has been at a grasp for a moment, only
     that grasp is passed on, with the pose extrapolated from then, and the fingers close; after the
-    object is let go, pose and twist are those of a lift. ``gripper_position`` is the commanded distance between the pads [m],
-    ``gripper_state`` the measured one and its rate, ``object_hold`` 1 until the object is let go,
-    ``phase`` a `Phase`. The state advances every ``period`` seconds, the rate at which grasps
-    arrive.
+    object is let go, pose and twist are those of a lift. ``gripper_position`` is the commanded
+    distance between the pads [m], ``gripper_state`` the measured one and its rate, ``object_hold``
+    1 until the object is let go, ``phase`` a `Phase`. The state advances every ``period`` seconds,
+    the rate at which grasps arrive.
     """
 
     #: Commanded distance between closed pads; negative, so that they squeeze whatever is between.
@@ -54,9 +54,7 @@ class GripperSequencer(LeafSystem):
         self._config = config
         self._gripper = gripper
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
-        self._grasps = self.DeclareAbstractInputPort(
-            "grasps", AbstractValue.Make(GraspSet.empty())
-        )
+        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
         self._gripper_state = self.DeclareVectorInputPort("gripper_state", 2)

@@ -1,4 +1,4 @@
-"""What a motion-capture system would tell about the object: its pose, late and noisy, and a twist."""
+"""What a motion-capture system would tell: the object's pose, late and noisy, and its twist."""
 
 from dataclasses import dataclass
 

@@ -75,9 +75,7 @@ class PointCloudToGPDF(LeafSystem):
         self._max_points = max_points
         self._length_scale = length_scale
         self._min_points = min_points
-        self._cloud = self.DeclareAbstractInputPort(
-            "point_cloud", AbstractValue.Make(PointCloud())
-        )
+        self._cloud = self.DeclareAbstractInputPort("point_cloud", AbstractValue.Make(PointCloud()))
         self._object_pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._camera_pose = self.DeclareAbstractInputPort("camera_pose", Value[RigidTransform]())
         nothing = Perceived(FusedCloud.empty(voxel_size), None)

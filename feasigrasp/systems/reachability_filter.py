@@ -37,9 +37,7 @@ class ReachabilityFilter(LeafSystem):
         super().__init__()
         self._reachability = reachability
         self._horizon = horizon
-        self._grasps = self.DeclareAbstractInputPort(
-            "grasps", AbstractValue.Make(GraspSet.empty())
-        )
+        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
         self.DeclareAbstractOutputPort(

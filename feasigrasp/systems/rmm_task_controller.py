@@ -34,8 +34,8 @@ class RMMTaskController(LeafSystem):
         - commanded_velocity
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
-    object frame, reachable ones. The mixture is a cache entry, fitted once per grasp set. Without grasps, or if none can be reached, the command is
-    to stop.
+    object frame, reachable ones. The mixture is a cache entry, fitted once per grasp set.
+    Without grasps, or if none can be reached, the command is to stop.
     """
 
     def __init__(
@@ -55,9 +55,7 @@ class RMMTaskController(LeafSystem):
         self._mode = mode
         self._seed = seed
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
-        self._grasps = self.DeclareAbstractInputPort(
-            "grasps", AbstractValue.Make(GraspSet.empty())
-        )
+        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
         self._mixture = self.DeclareCacheEntry(

@@ -56,6 +56,8 @@ class VelocityDrive(LeafSystem):
         dv = ACCELERATION_LIMITS * self._period
         v_next = np.clip(np.clip(command, -VELOCITY_LIMITS, VELOCITY_LIMITS), v - dv, v + dv)
         measured = self._position.Eval(context)
-        q_next = np.clip(q + self._period * v_next, measured - self.MAX_LEAD, measured + self.MAX_LEAD)
+        q_next = np.clip(
+            q + self._period * v_next, measured - self.MAX_LEAD, measured + self.MAX_LEAD
+        )
         q_next = np.clip(q_next, -self._limits, self._limits)
         discrete_state.get_mutable_vector().SetFromVector(np.concatenate([q_next, v_next]))

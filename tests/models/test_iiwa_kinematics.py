@@ -34,9 +34,7 @@ class DrakeKinematics:
         parser.AddModels(str(model_path("iiwa", "iiwa7.urdf")))
         self.plant.WeldFrames(self.plant.world_frame(), self.plant.GetFrameByName("iiwa_link_0"))
         self.flange = self.plant.GetFrameByName("iiwa_flange")
-        self.tool = self.plant.AddFrame(
-            FixedOffsetFrame("tool", self.flange, RigidTransform(X_FT))
-        )
+        self.tool = self.plant.AddFrame(FixedOffsetFrame("tool", self.flange, RigidTransform(X_FT)))
         self.plant.Finalize()
         self.context = self.plant.CreateDefaultContext()
 

@@ -63,7 +63,7 @@ def test_without_a_valid_pixel_the_cloud_is_empty(fixed_context, value):
 def test_too_near_and_too_far_depths_give_no_point(fixed_context):
     """Drake renders 0 nearer than the depth range and infinity beyond: neither is a point."""
     builder = DiagramBuilder()
-    info = CameraInfo(width=3, height=1, fov_y=1.0)
+    info = CameraInfo(width=3, height=2, fov_y=1.0)
     to_cloud = builder.AddSystem(DepthImageToPointCloud(info, PixelType.kDepth32F))
     segment = builder.AddSystem(SegmentPointCloud(LABEL))
     builder.Connect(to_cloud.point_cloud_output_port(), segment.GetInputPort("point_cloud"))
@@ -75,9 +75,7 @@ def test_too_near_and_too_far_depths_give_no_point(fixed_context):
     depth = ImageDepth32F(3, 1)
     depth.mutable_data[0, :, 0] = [0.0, 0.5, np.inf]
     X_WC = RigidTransform([1.0, 2.0, 3.0])
-    context = fixed_context(
-        dut, depth=depth, pose=X_WC, label=label_image(np.full((1, 3), LABEL))
-    )
+    context = fixed_context(dut, depth=depth, pose=X_WC, label=label_image(np.full((1, 3), LABEL)))
     kept = dut.get_output_port().Eval(context).xyzs()
     np.testing.assert_allclose(kept, [[1.0], [2.0], [3.5]], atol=1e-6)  # the middle pixel
 

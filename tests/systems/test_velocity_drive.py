@@ -67,15 +67,13 @@ def test_a_small_command_is_integrated():
 
 def test_velocity_and_acceleration_saturate_at_the_limits_of_each_joint():
     signs = np.array([1, -1, 1, -1, 1, -1, 1.0])
-    states = drive(100.0 * signs, 60, q=np.zeros(7))
+    states = drive(100.0 * signs, 80, q=np.zeros(7))
     v = np.vstack([np.zeros(7), states[:, 7:]])
     acceleration = np.diff(v, axis=0) / PERIOD
     np.testing.assert_allclose(acceleration[0], signs * ACCELERATION_LIMITS)
     assert np.all(np.abs(acceleration) <= ACCELERATION_LIMITS * (1 + 1e-9))
     assert np.all(np.abs(v) <= VELOCITY_LIMITS * (1 + 1e-12))
-    full_speed = VELOCITY_LIMITS / ACCELERATION_LIMITS < 60 * PERIOD - PERIOD
-    assert full_speed.sum() >= 6
-    np.testing.assert_allclose(v[-1][full_speed], (signs * VELOCITY_LIMITS)[full_speed])
+    np.testing.assert_allclose(v[-1], signs * VELOCITY_LIMITS)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
