@@ -53,6 +53,24 @@ def load(args: argparse.Namespace) -> Scenario:
     return scenario
 
 
+def draw_diagram(scenario: Scenario, filename: Path) -> None:
+    """Draws a scenario's diagram; a ``.dot`` file needs nothing, pictures need Graphviz."""
+    text = make_dynamic_grasp(scenario).GetGraphvizString(max_depth=1)
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    picture = filename.suffix.lstrip(".")
+    if picture in ("", "dot"):
+        filename.write_text(text)
+        return
+    graphs = pydot.graph_from_dot_data(text) or []
+    try:
+        graphs[0].write(str(filename), format=picture)
+    except FileNotFoundError as error:
+        raise FeasigraspError(
+            f"--graphviz {filename} needs the program 'dot': install the package graphviz, or "
+            "give a file that ends in .dot"
+        ) from error
+
+
 def print_table(record: dict) -> None:
     """Prints what a run brought."""
     timings, metrics = record["timings"], record["metrics"]
@@ -72,10 +90,7 @@ def main() -> int:
     try:
         scenario = load(args)
         if args.graphviz is not None:
-            diagram = make_dynamic_grasp(scenario)
-            args.graphviz.parent.mkdir(parents=True, exist_ok=True)
-            graphs = pydot.graph_from_dot_data(diagram.GetGraphvizString(max_depth=1)) or []
-            graphs[0].write(args.graphviz, format=args.graphviz.suffix.lstrip(".") or "dot")
+            draw_diagram(scenario, args.graphviz)
             return 0
         result = run(scenario, args.scenario_name, replay=args.replay)
     except FeasigraspError as error:

@@ -11,7 +11,6 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.se3_kernels import log_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -52,17 +51,25 @@ class Funnel:
 
 
 @nb.njit(cache=True)
+def _angle_between(X_OA, X_OB):  # type: ignore[no-untyped-def]
+    """Angle of the rotation from one pose to another [rad]."""
+    trace = 0.0
+    for i in range(3):
+        for j in range(3):
+            trace += X_OA[i, j] * X_OB[i, j]
+    return np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+
+
+@nb.njit(cache=True)
 def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
     """How far hand H must stay behind grasp G along its approach direction [m]."""
-    px = py = trace = 0.0
+    px = py = 0.0
     for i in range(3):
         d = X_OH[i, 3] - X_OG[i, 3]
         px += X_OG[i, 0] * d
         py += X_OG[i, 1] * d
-        for j in range(3):
-            trace += X_OG[i, j] * X_OH[i, j]
-    angle = np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
     lateral = np.hypot(max(0.0, abs(px) - funnel[3]), max(0.0, abs(py) - funnel[4]))
+    angle = _angle_between(X_OG, X_OH)
     standoff = funnel[1] * lateral + funnel[2] * max(0.0, angle - funnel[5])
     return min(funnel[0], standoff)
 
@@ -80,15 +87,12 @@ def funnel_targets_kernel(X_OG, X_OH, funnel, targets):  # type: ignore[no-untyp
 @nb.njit(cache=True)
 def grasp_errors_kernel(X_OG, X_OH, errors):  # type: ignore[no-untyped-def]
     """Writes position [m] and angle [rad] error of the hand to every grasp, shape (n, 2)."""
-    X = np.empty((4, 4))
     for k in range(len(X_OG)):
-        d = X_OH[:3, 3] - X_OG[k, :3, 3]
-        X[:] = 0.0
-        X[3, 3] = 1.0
-        X[:3, :3] = X_OG[k, :3, :3].T @ X_OH[:3, :3]
-        xi = log_kernel(X)
-        errors[k, 0] = np.sqrt(np.sum(d * d))
-        errors[k, 1] = np.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2)
+        square = 0.0
+        for i in range(3):
+            square += (X_OH[i, 3] - X_OG[k, i, 3]) ** 2
+        errors[k, 0] = np.sqrt(square)
+        errors[k, 1] = _angle_between(X_OG[k], X_OH)
 
 
 def grasp_errors(X_OG: FloatArray, X_OH: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.view_fusion import FusedCloud
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 
-#: Colours of grasps that the arm may take, and of those that the filters dropped.
+#: Colours of grasps that the controller is given, and of those that were dropped before.
 REACHABLE, DROPPED = Rgba(0.10, 0.80, 0.25), Rgba(0.35, 0.35, 0.40, 0.4)
 #: Colours of completed surface that was seen, and that was made up.
 SEEN, INVENTED = np.array([0.10, 0.50, 1.0]), np.array([1.0, 0.15, 0.55])
@@ -78,9 +78,10 @@ class GraspVisualizer(LeafSystem):
     ``perceived`` is a `Perceived`; ``grasps`` are all sampled grasps and ``reachable`` those that
     the controller is given, flips included, both in the object frame O; ``phase`` is a `Phase`.
     The completed surface is drawn as discs, from blue where it was seen to pink where it is made
-    up. Reachable grasps are green, dropped ones faint grey; while the fingers close only the grasp
-    that the hand committed to is drawn, and none after the object was let go. Everything is drawn
-    below ``path``, whose frame has to be O, and is part of a recording that runs.
+    up. Grasps that the controller is given are green, dropped ones faint grey; while the fingers
+    close only the grasp that the hand committed to is drawn, and none after the object was let go.
+    Everything is drawn below ``path``, whose frame has to be O, and is part of a recording that
+    runs.
     """
 
     #: Most grasps drawn: enough to show their variety, few enough to see the object.

@@ -1,6 +1,7 @@
 """The replay shows the completed surface and the grasps on the object, when they were true."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ OBJECT = "/drake/illustration/object/object"
 SCENARIOS = Path(__file__).parents[2] / "diagrams" / "dynamic.scenarios.yaml"
 
 
-def value_at(keys: list, time: float) -> object:
+def value_at(keys: list, time: float) -> Any:
     """The value of a stepwise track."""
     return [value for frame, value in keys if frame <= FRAMES_PER_SECOND * time][-1]
 
@@ -74,7 +75,7 @@ class Dut:
             phase=Phase.APPROACH,
         )
 
-    def set(self, **inputs: object) -> None:
+    def set(self, **inputs: Any) -> None:
         context = self.simulator.get_mutable_context()
         for name, value in inputs.items():
             value = [float(value)] if name == "phase" else AbstractValue.Make(value)
