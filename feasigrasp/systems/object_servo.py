@@ -49,7 +49,6 @@ class ObjectServo(LeafSystem):
         self._mass = inertia.get_mass()
         self._I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         self._gravity = plant.gravity_field().gravity_vector()
-        self._time_step = plant.time_step()
         self._state = self.DeclareVectorInputPort("state", 13)
         self._hold = self.DeclareVectorInputPort("hold", 1)
         self.DeclareAbstractOutputPort(
@@ -62,8 +61,8 @@ class ObjectServo(LeafSystem):
         if self._hold.Eval(context)[0] < 0.5:
             output.set_value([])
             return
-        # The plant steps from t to t + dt, where the reference should be met.
-        t = context.get_time() + self._time_step
+        # State and reference of the same instant: one a step later would make the body lead.
+        t = context.get_time()
         R_WB, wrench = np.empty((3, 3)), np.empty(6)
         carrying_wrench_kernel(
             self._state.Eval(context),

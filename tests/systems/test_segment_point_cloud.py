@@ -72,12 +72,13 @@ def test_too_near_and_too_far_depths_give_no_point(fixed_context):
     builder.ExportInput(segment.GetInputPort("label_image"), "label")
     builder.ExportOutput(segment.get_output_port(), "cloud")
     dut = builder.Build()
-    depth = ImageDepth32F(3, 1)
-    depth.mutable_data[0, :, 0] = [0.0, 0.5, np.inf]
+    depth = ImageDepth32F(3, 2)
+    depth.mutable_data[:, :, 0] = [[0.0, 0.5, np.inf], [np.inf, 0.0, 0.0]]
     X_WC = RigidTransform([1.0, 2.0, 3.0])
-    context = fixed_context(dut, depth=depth, pose=X_WC, label=label_image(np.full((1, 3), LABEL)))
+    context = fixed_context(dut, depth=depth, pose=X_WC, label=label_image(np.full((2, 3), LABEL)))
     kept = dut.get_output_port().Eval(context).xyzs()
-    np.testing.assert_allclose(kept, [[1.0], [2.0], [3.5]], atol=1e-6)  # the middle pixel
+    ray = [(1 - info.center_x()) / info.focal_x(), -info.center_y() / info.focal_y(), 1.0]
+    np.testing.assert_allclose(kept.T, [X_WC @ (0.5 * np.array(ray))], atol=1e-6)
 
 
 def test_a_cloud_of_another_size_is_refused(fixed_context):

@@ -1,0 +1,211 @@
+"""The tracker is exact when perfect, and late, noisy or silent as its configuration says."""
+
+import numpy as np
+import pytest
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.systems.object_tracker import ObjectTracker, TrackerConfig
+
+STILL = HarmonicMotion(
+    center=np.array([0.5, -0.2, 0.3]),
+    amplitude=np.zeros(3),
+    harmonic=np.ones(3),
+    offset_deg=np.zeros(3),
+    rate=0.0,
+    start_phase=0.0,
+    spin_axis=np.array([0.0, 0.0, 1.0]),
+    spin=0.0,
+)
+CIRCLE = HarmonicMotion(
+    center=np.array([0.5, 0.0, 0.55]),
+    amplitude=np.array([0.12, 0.12, 0.0]),
+    harmonic=np.ones(3),
+    offset_deg=np.array([90.0, 0.0, 0.0]),
+    rate=0.2 * np.pi,
+    start_phase=0.4,
+    spin_axis=np.array([1.0, 2.0, 3.0]),
+    spin=0.2,
+)
+
+
+class ConstantTwist:
+    """Straight motion at constant speed while turning at constant speed."""
+
+    twist = np.array([0.3, -0.2, 0.5, 0.1, 0.05, -0.2])
+
+    def pose(self, t):
+        w = self.twist[:3]
+        R = RotationMatrix(AngleAxis(np.linalg.norm(w) * t, w / np.linalg.norm(w)))
+        return RigidTransform(R, self.twist[3:] * t).GetAsMatrix4()
+
+    def velocity(self, t):
+        return self.twist
+
+
+class PoseSource(LeafSystem):
+    def __init__(self, motion):
+        super().__init__()
+        self._motion = motion
+        self.evaluations = 0
+        self.DeclareAbstractOutputPort("pose", Value[RigidTransform], self._calc)
+
+    def _calc(self, context, output):
+        self.evaluations += 1
+        output.set_value(RigidTransform(self._motion.pose(context.get_time())))
+
+
+class Tracked:
+    """A tracker that watches a motion, with the simulator that runs it."""
+
+    def __init__(self, motion, config=None):
+        builder = DiagramBuilder()
+        self.motion = motion
+        self.source = builder.AddSystem(PoseSource(motion))
+        self.tracker = builder.AddSystem(ObjectTracker(config))
+        builder.Connect(self.source.get_output_port(), self.tracker.GetInputPort("pose"))
+        self.simulator = Simulator(builder.Build())
+
+    def at(self, t):
+        """Estimated pose (4, 4) and twist (6,) at time t."""
+        self.simulator.AdvanceTo(t)
+        context = self.tracker.GetMyContextFromRoot(self.simulator.get_context())
+        pose = self.tracker.GetOutputPort("object_pose").Eval(context)
+        twist = self.tracker.GetOutputPort("object_velocity").Eval(context)
+        return pose.GetAsMatrix4(), twist.get_coeffs()
+
+    def errors(self, times):
+        """Position [m], angle [rad] and twist errors over time."""
+        rows = []
+        for t in times:
+            X, V = self.at(t)
+            X_true = self.motion.pose(t)
+            R = RotationMatrix(X_true[:3, :3].T @ X[:3, :3])
+            rows.append(
+                [
+                    np.linalg.norm(X[:3, 3] - X_true[:3, 3]),
+                    abs(R.ToAngleAxis().angle()),
+                    np.linalg.norm(V - self.motion.velocity(t)),
+                ]
+            )
+        return np.array(rows).T
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    inputs, outputs = ports(ObjectTracker())
+    assert (list(inputs), list(outputs)) == documented_ports(ObjectTracker)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.05])
+def test_a_constant_twist_is_tracked_exactly(latency):
+    tracked = Tracked(ConstantTwist(), TrackerConfig(latency=latency))
+    # Off the ticks too: the pose in between is extrapolated.
+    position, angle, twist = tracked.errors(latency + 0.1 + np.arange(20) * 0.0137)
+    assert position.max() < 1e-9
+    assert angle.max() < 1e-7
+    assert twist.max() < 1e-7
+
+
+def test_the_circular_motion_is_tracked_within_the_delay_of_its_window():
+    tracked = Tracked(CIRCLE, TrackerConfig())
+    position, _, twist = tracked.errors(0.1 + np.arange(30) * 0.0221)
+    acceleration = 0.12 * (0.2 * np.pi) ** 2
+    # A mean over the window is the velocity half a window (and up to a tick) ago.
+    delay = 0.02 / 2 + 0.005
+    assert 0.2 * delay * acceleration < twist.mean()
+    assert twist.max() < 1.1 * delay * acceleration
+    assert position.max() < 1.1 * delay * acceleration * 0.005
+
+
+def test_a_still_object_has_no_twist():
+    X, V = Tracked(STILL).at(0.1)
+    np.testing.assert_allclose(X, STILL.pose(0.0), atol=1e-12)
+    np.testing.assert_allclose(V, 0.0, atol=1e-12)
+
+
+def test_a_jump_is_seen_after_the_latency_and_not_before():
+    class Jump:
+        def pose(self, t):
+            return RigidTransform([1.0 if t >= 0.1 else 0.0, 0.0, 0.0]).GetAsMatrix4()
+
+    tracked = Tracked(Jump(), TrackerConfig(period=0.01, latency=0.05, twist_window=0.01))
+    seen = {t: tracked.at(t)[0][0, 3] for t in (0.095, 0.135, 0.145)}
+    assert seen == {0.095: 0.0, 0.135: 0.0, 0.145: 0.0}
+    assert tracked.at(0.151)[0][0, 3] >= 1.0
+    assert tracked.at(0.175)[0][0, 3] == pytest.approx(1.0)  # the jump has left the window
+
+
+def test_dropouts_are_bridged_by_extrapolation():
+    config = TrackerConfig(dropout=0.7, seed=1)
+    tracked = Tracked(ConstantTwist(), config)
+    position, angle, twist = tracked.errors(0.2 + np.arange(40) * 0.0137)
+    assert position.max() < 1e-9
+    assert angle.max() < 1e-7
+    assert twist.max() < 1e-7
+
+
+def test_dropouts_make_gaps_on_a_curve():
+    worst = [
+        Tracked(CIRCLE, TrackerConfig(dropout=p, seed=2)).errors(0.3 + np.arange(60) * 0.01)[0].max()
+        for p in (0.0, 0.8)
+    ]
+    assert worst[1] > 3 * worst[0]
+    assert worst[1] < 0.005
+
+
+def test_before_the_first_measurement_the_object_stands_still():
+    X, V = Tracked(CIRCLE, TrackerConfig(latency=0.5)).at(0.2)
+    np.testing.assert_allclose(V, 0.0)
+    np.testing.assert_allclose(X[3], [0, 0, 0, 1])
+    assert np.isfinite(X).all()
+
+
+def test_noise_has_the_configured_spread():
+    config = TrackerConfig(position_noise=0.002, rotation_noise=0.03, twist_window=0.5)
+    # Ticks only: there nothing is extrapolated.
+    tracked = Tracked(STILL, config)
+    R_OW = STILL.pose(0.0)[:3, :3].T
+    offsets = []
+    for k in range(400):
+        X, _ = tracked.at(k * config.period + 1e-9)
+        angle_axis = RotationMatrix(X[:3, :3] @ R_OW).ToAngleAxis()
+        offsets.append(
+            np.r_[X[:3, 3] - STILL.pose(0.0)[:3, 3], angle_axis.angle() * angle_axis.axis()]
+        )
+    offsets = np.array(offsets)
+    # 99.9 % bounds of mean and standard deviation over 400 samples.
+    sigma = np.r_[[0.002] * 3, [0.03] * 3]
+    assert np.all(np.abs(offsets.mean(axis=0)) < 3.3 * sigma / np.sqrt(400))
+    np.testing.assert_allclose(offsets.std(axis=0), sigma, rtol=3.3 / np.sqrt(800))
+    assert np.abs(np.corrcoef(offsets[1:, 0], offsets[:-1, 0])[0, 1]) < 0.17  # white
+
+
+def test_a_longer_window_calms_the_twist():
+    spread = []
+    for window in (0.02, 0.2):
+        config = TrackerConfig(position_noise=1e-3, twist_window=window)
+        tracked = Tracked(STILL, config)
+        spread.append(np.std([tracked.at(0.3 + k * 0.01)[1][3:] for k in range(60)]))
+    assert spread[0] == pytest.approx(1e-3 * np.sqrt(2) / 0.02, rel=0.3)
+    assert spread[1] == pytest.approx(1e-3 * np.sqrt(2) / 0.2, rel=0.3)
+
+
+def test_the_seed_decides_the_noise():
+    def poses(seed):
+        config = TrackerConfig(position_noise=1e-3, rotation_noise=1e-2, dropout=0.3, seed=seed)
+        tracked = Tracked(CIRCLE, config)
+        return np.array([tracked.at(0.05 * k)[0] for k in range(1, 5)])
+
+    np.testing.assert_array_equal(poses(3), poses(3))
+    assert np.abs(poses(3) - poses(4)).max() > 1e-4
+
+
+@pytest.mark.parametrize("period", [0.005, 0.02])
+def test_it_measures_at_its_rate_and_no_more(period):
+    tracked = Tracked(STILL, TrackerConfig(period=period))
+    tracked.simulator.AdvanceTo(0.2)
+    assert tracked.source.evaluations == round(0.2 / period)
