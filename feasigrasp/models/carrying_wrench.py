@@ -1,6 +1,7 @@
 """The wrench of a critically damped spatial spring that carries a free body along a motion."""
 
 import numba as nb
+import numpy as np
 
 from feasigrasp.models.se3 import so3_log_kernel
 
@@ -38,7 +39,7 @@ def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
     """
     rotation_kernel(state[:4], R_WB)
     w = frequency
-    angle_error = so3_log_kernel(X_WR[:3, :3] @ R_WB.T)
+    angle_error = so3_log_kernel(np.ascontiguousarray(X_WR[:3, :3]) @ R_WB.T)
     omega = state[7:10]
     I_WB = R_WB @ I_BBcm @ R_WB.T
     turning = w * w * angle_error + 2.0 * w * (V_WR[:3] - omega)

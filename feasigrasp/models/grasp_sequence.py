@@ -137,7 +137,7 @@ class GraspState:
         errors = grasp_errors(grasps.X_OG, X_OH)
         relative = np.max(errors / [config.position_tolerance, config.angle_tolerance], axis=1)
         nearest = int(np.argmin(relative))
-        if relative[nearest] > 1.0:
+        if not relative[nearest] <= 1.0:  # also where the object's pose is not known (NaN)
             return replace(self, near_since=float("nan"))
         near_since = t if np.isnan(self.near_since) else self.near_since
         if t - near_since < config.dwell - 1e-9:

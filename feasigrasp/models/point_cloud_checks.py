@@ -17,6 +17,12 @@ MAX_EXTENT = 2.0
 MIN_SPREAD = 2.5e-4
 
 
+def spread_across(cloud: Array) -> float:
+    """Standard deviation of points (n, 3), n > 1, along their second principal direction [m]."""
+    second = np.linalg.eigvalsh(np.cov(cloud, rowvar=False))[1]
+    return float(np.sqrt(max(second, 0.0)))
+
+
 def checked_cloud(points: ArrayLike) -> Array:
     """A copy of the cloud as float64 (n, 3), or a PointCloudError that says what is wrong."""
     cloud = np.array(points, dtype=float, order="C")
@@ -38,8 +44,7 @@ def checked_cloud(points: ArrayLike) -> Array:
             f"the cloud is {extent:.3g} m wide, more than {MAX_EXTENT:g} m: is it in millimetres "
             "(multiply by 0.001), or does it hold the background too?"
         )
-    second = np.linalg.eigvalsh(np.cov(cloud, rowvar=False))[1]
-    spread = float(np.sqrt(max(second, 0.0)))
+    spread = spread_across(cloud)
     if spread < MIN_SPREAD:
         raise PointCloudError(
             f"the points lie on one spot or line (extent {extent:.3g} m, spread across "

@@ -167,16 +167,19 @@ def in_collision_kernel(q, model, margin):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def table_kernel(q, model, height, clearance, gradient):  # type: ignore[no-untyped-def]
-    """Writes clearances above ``z = height`` (m,) and their gradients (m, 7) of the movers."""
+    """Writes clearances above ``z = height`` (m, 2) of the movers' ends; their gradients (m, 2, 7).
+
+    Both ends, since of a level capsule either is the lower one after the next motion.
+    """
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     ends = np.empty(model.ends.shape)
     capsule_ends_kernel(q, model, R, p, ends)
     gradient[:] = 0.0
     for k in range(len(model.movers)):
         c = model.movers[k]
-        lower = 0 if ends[c, 0, 2] < ends[c, 1, 2] else 1
-        clearance[k] = ends[c, lower, 2] - model.radius[c] - height
-        _add_lever(ends[c, lower], (0.0, 0.0, 1.0), 0, model.link[c], R, p, gradient[k])
+        for e in range(2):
+            clearance[k, e] = ends[c, e, 2] - model.radius[c] - height
+            _add_lever(ends[c, e], (0.0, 0.0, 1.0), 0, model.link[c], R, p, gradient[k, e])
 
 
 @njit(cache=True)
@@ -253,20 +256,21 @@ def in_collision(
 def table_distances_and_gradients(
     q: ArrayLike, table_height: float = 0.0, model: CapsuleModel = IIWA_CAPSULES
 ) -> tuple[FloatArray, FloatArray]:
-    """Clearance above a horizontal plane of the capsules whose height can change.
+    """Clearance above a horizontal plane of the ends of the capsules whose height can change.
 
     Args:
         q: Joint positions, shape (7,) [rad].
         table_height: Height of the plane in the base frame [m].
-        model: The capsules; ``model.movers`` says which one each entry belongs to (links 2 to 7
-            and the hand; the height of link 1 never changes).
+        model: The capsules; each of ``model.movers`` has two entries in a row, one per end (links 2
+            to 7 and the hand; the height of link 1 never changes).
 
     Returns:
-        Clearances (m,) [m], negative below the plane, and gradients (m, 7) [m/rad].
+        Clearances (2 m,) [m], negative below the plane, and gradients (2 m, 7) [m/rad].
 
     Raises:
         ValueError: ``q`` does not have shape (7,).
     """
-    clearance, gradient = np.empty(len(model.movers)), np.empty((len(model.movers), NUM_JOINTS))
+    m = len(model.movers)
+    clearance, gradient = np.empty((m, 2)), np.empty((m, 2, NUM_JOINTS))
     table_kernel(_positions(q, 1), model, table_height, clearance, gradient)
-    return clearance, gradient
+    return clearance.reshape(-1), gradient.reshape(-1, NUM_JOINTS)

@@ -12,6 +12,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.gpdf import MIN_POINTS, Gpdf, fit_gpdf
+from feasigrasp.models.point_cloud_checks import MIN_SPREAD, spread_across
 from feasigrasp.models.view_fusion import FusedCloud
 
 
@@ -88,13 +89,14 @@ class PointCloudToGPDF(LeafSystem):
     def _look(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
         points_W = self._cloud.Eval(context).xyzs().T
         points_W = points_W[np.isfinite(points_W).all(axis=1)]
-        if len(points_W) < self._min_points:
-            return
         X_OW = self._object_pose.Eval(context).inverse()
         p_OC = X_OW @ self._camera_pose.Eval(context).translation()
+        poses_known = np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()
+        if len(points_W) < self._min_points or not poses_known:
+            return
         seen: Perceived = context.get_abstract_state(int(self._state)).get_value()
         cloud = seen.cloud.merged((X_OW @ points_W.T).T, p_OC)
-        if len(cloud.points) < MIN_POINTS:
+        if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
             return
         gpdf = fit_gpdf(
             cloud.points,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from feasigrasp.models import se3
@@ -73,6 +73,7 @@ tangents = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(np.array)
 steps = st.lists(st.floats(-1e-3, 1e-3), min_size=6, max_size=6).map(np.array)
 
 
+@settings(deadline=None)
 @given(tangents, tangents, steps)
 def test_the_standoff_is_continuous(g, h, step):
     """A small motion of the hand changes it at most by the gains times that motion."""

@@ -217,7 +217,7 @@ def test_table_clearance_of_the_upright_arm():
     """At q = 0 with the table at 0.2 m: the lowest mover is link 2's drum, 0.34 - 0.068 m high."""
     clearance, gradient = sc.table_distances_and_gradients(np.zeros(7), 0.2)
     assert clearance.min() == pytest.approx(0.34 - 0.068 - 0.2)
-    assert gradient.shape == (len(capsule_model().movers), 7)
+    assert gradient.shape == (2 * len(capsule_model().movers), 7)
     np.testing.assert_array_equal(gradient[:, 0], 0.0)  # turning the base moves nothing up
 
 

@@ -95,8 +95,9 @@ def test_it_starts_without_the_reference_velocity_and_catches_up(tmp_path):
     carried = Carried(motion(0.12, spin=0.2), tmp_path)
     worst = max(np.linalg.norm(carried.error(round(k * DT, 9))[0]) for k in range(1, 60))
     speed = np.linalg.norm(carried.motion.velocity(0.0)[3:])
-    # A critically damped spring that starts with velocity error v errs by v / (e w) at most.
-    assert worst == pytest.approx(speed / (np.e * FREQUENCY), rel=0.15)
+    # A critically damped spring that starts with velocity error v errs by v / (e w) at most; the
+    # discrete one a little less, as it brakes over whole steps.
+    assert 0.7 < worst * np.e * FREQUENCY / speed < 1.0
 
 
 def test_it_yields_to_a_constant_force_like_its_spring(tmp_path):

@@ -1,0 +1,147 @@
+"""The joint-space distance field against dense linear algebra and finite differences."""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.joint_field import JointField, fit_joint_field, spacing_length_scale
+
+
+def random_solutions(n, seed=0, spread=1.0):
+    return np.random.default_rng(seed).uniform(-spread, spread, (n, 7))
+
+
+def dense_occupancy(solutions, q, scale, noise=1e-6):
+    """o(q) = k (K + s2 I)^-1 1, written out."""
+    K = np.exp(-np.linalg.norm(solutions[:, None] - solutions[None], axis=2) / scale)
+    k = np.exp(-np.linalg.norm(solutions - q, axis=1) / scale)
+    return k @ np.linalg.inv(K + noise * np.eye(len(solutions))) @ np.ones(len(solutions))
+
+
+@pytest.mark.parametrize("scale", [0.05, 0.2, 1.0])
+def test_distance_is_the_papers_formula(scale):
+    solutions = random_solutions(25)
+    field = fit_joint_field(solutions, scale)
+    for q in random_solutions(20, seed=1, spread=1.5):
+        o = dense_occupancy(solutions, q, scale)
+        assert field.evaluate(q)[0] == pytest.approx(-scale * np.log(o), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("scale", [0.03, 0.1, 0.2, 1.0])
+def test_gradient_by_finite_differences(scale):
+    field, step = fit_joint_field(random_solutions(25), scale), 1e-6
+    for q in random_solutions(20, seed=2, spread=2.0):
+        gradient = field.evaluate(q)[1]
+        ahead = [field.evaluate(q + step * e)[0] for e in np.eye(7)]
+        behind = [field.evaluate(q - step * e)[0] for e in np.eye(7)]
+        np.testing.assert_allclose(gradient, np.subtract(ahead, behind) / (2 * step), atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [0.03, 0.2, 3.0])
+def test_one_solution_gives_the_euclidean_distance(scale):
+    solution = random_solutions(1)
+    field = fit_joint_field(solution, scale)
+    for q in random_solutions(20, seed=3, spread=2.0):
+        d, gradient, weights = field.evaluate(q)
+        offset = q - solution[0]
+        assert d == pytest.approx(np.linalg.norm(offset), abs=1e-5 * scale)
+        np.testing.assert_allclose(gradient, offset / np.linalg.norm(offset), atol=1e-12)
+        np.testing.assert_array_equal(weights, [1.0])
+
+
+def test_distance_vanishes_at_every_solution():
+    solutions = random_solutions(30)
+    field = fit_joint_field(solutions)
+    for k, q in enumerate(solutions):
+        d, gradient, weights = field.evaluate(q)
+        assert abs(d) < 1e-5 and np.isfinite(gradient).all()
+        assert np.argmax(weights) == k
+
+
+def test_far_away_nothing_underflows():
+    """At 30 rad with l = 0.03 the occupancy is exp(-1000), which is 0 in float64."""
+    solutions = random_solutions(20)
+    field = fit_joint_field(solutions, 0.03)
+    direction = np.ones(7) / np.sqrt(7)
+    for far in (3.0, 30.0, 300.0):
+        q = far * direction
+        r = np.linalg.norm(q - solutions, axis=1)
+        expected = -0.03 * logsumexp(-r / 0.03, b=field.alpha)
+        d, gradient, weights = field.evaluate(q)
+        assert d == pytest.approx(expected, rel=1e-12)
+        assert np.linalg.norm(gradient) == pytest.approx(1.0, abs=0.05)
+        assert weights.sum() == pytest.approx(1.0)
+
+
+def test_weights_are_a_share_of_each_solution():
+    field = fit_joint_field(random_solutions(30))
+    for q in random_solutions(20, seed=4, spread=3.0):
+        weights = field.evaluate(q)[2]
+        assert (weights >= 0).all() and weights.sum() == pytest.approx(1.0)
+        r = np.linalg.norm(field.q - q, axis=1)
+        np.testing.assert_array_equal(np.argsort(-weights, kind="stable")[0], np.argmin(r))
+        ratio = weights[1] / weights[0]
+        assert ratio == pytest.approx(np.exp((r[0] - r[1]) / field.length_scale), rel=1e-9)
+
+
+def test_a_field_whose_occupancy_is_not_positive_still_leads_to_solutions():
+    """Negative weights, as rounding may leave for all but coinciding solutions."""
+    solutions = random_solutions(2)
+    field = JointField(solutions, np.array([1.0, -2.0]), 0.1)
+    q = solutions[1] + 0.01
+    d, gradient, weights = field.evaluate(q)
+    assert d == pytest.approx(np.linalg.norm(q - solutions[1]))
+    assert gradient @ (q - solutions[1]) > 0 and np.isfinite(weights).all()
+
+
+def test_length_scale_follows_the_spacing():
+    line = np.zeros((5, 7))
+    line[:, 0] = np.arange(5) * 0.25
+    assert spacing_length_scale(line) == pytest.approx(0.4 * 0.25)
+    assert fit_joint_field(line).length_scale == pytest.approx(0.4 * 0.25)
+    assert spacing_length_scale(0.1 * line) == 0.03
+    assert spacing_length_scale(10 * line) == 0.2
+    uneven = line.copy()
+    uneven[:, 0] = [0.0, 0.1, 0.3, 0.6, 3.0]  # nearest neighbours at 0.1 0.1 0.2 0.3 2.4
+    assert spacing_length_scale(uneven) == pytest.approx(0.4 * 0.2)
+    assert spacing_length_scale(line[:1]) == 0.2
+    assert spacing_length_scale(np.tile(line[:1], (4, 1))) == 0.03
+
+
+def descended(field, q, steps=2000, dt=0.01, gain=5.0, speed=2.0):
+    """qd = -k d grad d, at a limited speed."""
+    for _ in range(steps):
+        d, gradient, _ = field.evaluate(q)
+        qd = -gain * d * gradient
+        q = q + dt * qd / max(1.0, np.linalg.norm(qd) / speed)
+    return q
+
+
+def distance_left(field, n_starts=25, seed=5):
+    starts = np.random.default_rng(seed).uniform(-1, 1, (n_starts, 7)) * POSITION_LIMITS
+    ends = np.array([descended(field, q) for q in starts])
+    return np.linalg.norm(ends[:, None] - field.q[None], axis=2).min(axis=1)
+
+
+@pytest.fixture(scope="module")
+def ik_like_solutions():
+    """Clusters like those of neighbouring grasps, one per branch of the inverse kinematics."""
+    rng = np.random.default_rng(6)
+    centers = rng.uniform(-0.8, 0.8, (6, 7)) * POSITION_LIMITS
+    return np.repeat(centers, 5, axis=0) + rng.normal(scale=0.1, size=(30, 7))
+
+
+@pytest.mark.parametrize("scale", [0.05, 0.1, None], ids=["0.05", "0.1", "by spacing"])
+def test_all_starts_converge_with_a_short_length_scale(ik_like_solutions, scale):
+    assert distance_left(fit_joint_field(ik_like_solutions, scale)).max() < 1e-3
+
+
+def test_a_length_scale_beyond_the_spacing_blends_solutions(ik_like_solutions):
+    """Which is why it follows the spacing: with l = 1 the arm stalls between solutions."""
+    assert np.median(distance_left(fit_joint_field(ik_like_solutions, 1.0), n_starts=10)) > 0.05
+
+
+def test_no_solutions():
+    with pytest.raises(ValueError, match="at least one configuration"):
+        fit_joint_field(np.zeros((0, 7)))

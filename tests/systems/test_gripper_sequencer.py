@@ -1,0 +1,213 @@
+"""The sequencer gates what the arm follows, through a whole grasp and through failed ones."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.models.grasp_sequence import GraspSequenceConfig, Phase
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.systems.gripper_sequencer import GripperSequencer
+
+GRIPPER = ParallelGripper()
+CONFIG = GraspSequenceConfig(
+    dwell=0.1, squeeze_time=0.4, lift=[-0.05, 0.0, 0.1], lift_time=0.3, hold_time=0.2
+)
+Q = np.deg2rad([0.0, 20.0, 0.0, -80.0, 0.0, 70.0, 0.0])
+X_WH = forward_kinematics(Q, GRIPPER.X_FG)
+X_WO = RigidTransform(RollPitchYaw(0.3, 0.2, 1.0), [0.5, 0.1, 0.5])
+#: The object's motion; the hand is carried along with it in this mock.
+V_WO = np.array([0.1, -0.2, 0.3, 0.05, -0.1, 0.02])
+
+
+def grasps_at(*errors):
+    """One grasp for each error: where the hand is, moved by that much along its own x [m]."""
+    X_OH = X_WO.inverse().GetAsMatrix4() @ X_WH
+    poses = [X_OH @ RigidTransform([error, 0.0, 0.0]).GetAsMatrix4() for error in errors]
+    n = len(poses)
+    return GraspSet(np.array(poses).reshape(n, 4, 4), 0.04 + 0.001 * np.arange(n), np.ones(n))
+
+
+class Mock:
+    """A sequencer whose inputs are set by hand."""
+
+    def __init__(self, config=CONFIG, **inputs):
+        self.dut = GripperSequencer(config, GRIPPER)
+        self.simulator = Simulator(self.dut)
+        self.context = self.simulator.get_mutable_context()
+        self.fix(
+            position=Q,
+            grasps=grasps_at(0.05, 0.001, 0.1),
+            object_pose=X_WO,
+            object_velocity=SpatialVelocity(V_WO),
+            gripper_state=[0.04, 0.0],
+        )
+        self.fix(**inputs)
+
+    def fix(self, **inputs):
+        for name, value in inputs.items():
+            self.dut.GetInputPort(name).FixValue(self.context, value)
+
+    def output(self, name):
+        value = self.dut.GetOutputPort(name).Eval(self.context)
+        return float(value[0]) if isinstance(value, np.ndarray) else value
+
+    def advance(self, t):
+        self.simulator.AdvanceTo(t)
+        return Phase(int(self.output("phase")))
+
+    def advance_to_phase(self, phase, limit=10.0):
+        """Advances to just after the phase begins, in control periods."""
+        while self.advance(self.context.get_time() + 0.005) != phase:
+            assert self.context.get_time() < limit
+        return self.context.get_time()
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    inputs, outputs = ports(GripperSequencer(CONFIG, GRIPPER))
+    assert (list(inputs), list(outputs)) == documented_ports(GripperSequencer)
+    assert (inputs["position"], inputs["gripper_state"]) == (7, 2)
+    assert all(outputs[name] == 1 for name in ("gripper_position", "object_hold", "phase"))
+
+
+def test_away_from_all_grasps_everything_is_passed_through():
+    given = grasps_at(0.05, 0.1)
+    mock = Mock(grasps=given)
+    assert mock.advance(1.0) == Phase.APPROACH
+    assert mock.output("grasps") is given
+    np.testing.assert_array_equal(mock.output("object_pose").GetAsMatrix4(), X_WO.GetAsMatrix4())
+    np.testing.assert_array_equal(mock.output("object_velocity").get_coeffs(), V_WO)
+    assert mock.output("gripper_position") == GRIPPER.max_opening
+    assert mock.output("object_hold") == 1.0
+
+
+def test_a_whole_grasp_keeps_its_times():
+    mock = Mock()
+    begins = [mock.advance_to_phase(p) for p in (Phase.CLOSE, Phase.LIFT, Phase.HOLD, Phase.DONE)]
+    # Every phase begins with an update, every 0.05 s; seen at the next control period.
+    expected = np.cumsum([0.1, 0.4, 0.3, 0.2]) + 0.005
+    np.testing.assert_allclose(begins, expected, atol=0.0051)
+    assert mock.advance(5.0) == Phase.DONE
+
+
+def test_the_object_is_held_until_the_lift_and_never_again():
+    mock = Mock()
+    for phase in list(Phase)[1:]:
+        mock.advance_to_phase(phase)
+        assert mock.output("object_hold") == (1.0 if phase == Phase.CLOSE else 0.0)
+
+
+def test_closing_passes_on_one_grasp_and_where_the_object_would_be():
+    mock = Mock()
+    start = mock.advance_to_phase(Phase.CLOSE)
+    (width,) = mock.output("grasps").width
+    assert width == 0.041  # the second, nearest to the hand
+    # The fingers push the object; the arm must not follow that.
+    mock.fix(object_pose=RigidTransform([9.0, 9.0, 9.0]), object_velocity=SpatialVelocity.Zero())
+    mock.advance(start + 0.2)
+    elapsed = mock.context.get_time() - 0.1
+    expected = X_WO.translation() + V_WO[3:] * elapsed
+    pose = mock.output("object_pose")
+    np.testing.assert_allclose(pose.translation(), expected, atol=1e-9)
+    turned = (pose.rotation() @ X_WO.rotation().inverse()).ToAngleAxis()
+    np.testing.assert_allclose(turned.angle() * turned.axis(), V_WO[:3] * elapsed, atol=1e-9)
+    np.testing.assert_array_equal(mock.output("object_velocity").get_coeffs(), V_WO)
+
+
+def test_the_fingers_close_at_their_speed_and_stay_closed():
+    mock = Mock()
+    mock.advance_to_phase(Phase.CLOSE)
+    commands = []
+    for t in (0.2, 0.3, 0.45):
+        mock.advance(t)
+        commands.append(mock.output("gripper_position"))
+    np.testing.assert_allclose(
+        commands, GRIPPER.max_opening - CONFIG.closing_speed * np.array([0.1, 0.2, 0.35])
+    )
+    for phase in (Phase.LIFT, Phase.HOLD, Phase.DONE):
+        mock.advance_to_phase(phase)
+        assert mock.output("gripper_position") == GripperSequencer.CLOSED < 0.0
+
+
+def test_the_lift_starts_where_the_object_was_let_go_and_is_smooth():
+    mock = Mock()
+    mock.advance_to_phase(Phase.LIFT)
+    released = RigidTransform(X_WO.rotation(), X_WO.translation() + [0.001, 0.0, 0.0])
+    mock.fix(object_pose=released)  # from now on the measured pose counts no more
+    times, poses, twists = [], [], []
+    while mock.context.get_time() < 0.1 + 0.4 + 0.3 - 1e-6:
+        times.append(mock.context.get_time())
+        poses.append(mock.output("object_pose").translation().copy())
+        twists.append(mock.output("object_velocity").get_coeffs())
+        mock.advance(times[-1] + 0.005)
+    poses, twists = np.array(poses), np.array(twists)
+    np.testing.assert_allclose(poses[0], X_WO.translation(), atol=1e-4)
+    np.testing.assert_array_equal(twists[:, :3], 0.0)
+    slope = np.diff(poses, axis=0) / np.diff(times)[:, None]
+    np.testing.assert_allclose(slope, (twists[1:, 3:] + twists[:-1, 3:]) / 2, atol=2e-3)
+    assert np.linalg.norm(twists[0, 3:]) < 0.1 * np.linalg.norm(twists[:, 3:], axis=1).max()
+    mock.advance_to_phase(Phase.HOLD)
+    end = mock.output("object_pose").translation()
+    np.testing.assert_allclose(end - X_WO.translation(), CONFIG.lift, atol=1e-9)
+    np.testing.assert_array_equal(mock.output("object_velocity").get_coeffs(), 0.0)
+
+
+def test_lifting_follows_the_grasp_that_the_hand_really_has():
+    """The object moved in the hand while the fingers closed: that is no error to correct."""
+    mock = Mock()
+    mock.advance_to_phase(Phase.CLOSE)
+    moved = RigidTransform(X_WO.rotation(), X_WO.translation() + [0.004, -0.003, 0.002])
+    mock.fix(object_pose=moved)
+    mock.advance_to_phase(Phase.LIFT)
+    (X_OG,) = mock.output("grasps").X_OG
+    np.testing.assert_allclose(moved.GetAsMatrix4() @ X_OG, X_WH, atol=1e-12)
+
+
+def test_fingers_that_close_on_nothing_open_again_and_the_object_stays_held():
+    mock = Mock()
+    mock.advance_to_phase(Phase.CLOSE)
+    mock.fix(gripper_state=[0.0005, 0.0])
+    mock.advance_to_phase(Phase.APPROACH)
+    assert mock.output("object_hold") == 1.0
+    assert mock.output("gripper_position") == GRIPPER.max_opening
+    assert len(mock.output("grasps")) == 3
+    mock.advance_to_phase(Phase.CLOSE)  # and tries again
+
+
+def test_a_short_visit_is_no_grasp():
+    mock = Mock()
+    for a, b in pairwise(np.arange(0.0, 1.0, 0.1)):
+        mock.fix(grasps=grasps_at(0.001))
+        assert mock.advance(a + 0.04) == Phase.APPROACH
+        mock.fix(grasps=grasps_at(0.02))
+        assert mock.advance(b) == Phase.APPROACH
+
+
+@pytest.mark.parametrize(("error", "closes"), [(0.0055, True), (0.0065, False)])
+def test_the_tolerance_decides(error, closes):
+    assert (Mock(grasps=grasps_at(error)).advance(0.3) == Phase.CLOSE) == closes
+
+
+def test_an_open_hand_follows_for_ever():
+    mock = Mock(GraspSequenceConfig(close=False))
+    assert mock.advance(2.0) == Phase.APPROACH
+
+
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        {"object_pose": RigidTransform(np.full((4, 4), np.nan))},
+        {"grasps": GraspSet.empty()},
+    ],
+    ids=["NaN pose", "no grasps"],
+)
+def test_an_unknown_pose_or_no_grasp_never_closes_the_hand(unknown):
+    mock = Mock(**unknown)
+    assert mock.advance(1.0) == Phase.APPROACH
+    mock.fix(object_pose=X_WO, grasps=grasps_at(0.001))
+    assert mock.advance(1.3) == Phase.CLOSE

@@ -1,0 +1,170 @@
+"""Perception merges views in the object frame, at its rate, and survives views without content."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.perception import PointCloud
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.systems import point_cloud_to_gpdf
+from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
+
+RADIUS = 0.04
+CAMERA = np.array([0.0, 0.0, 0.5])
+POSES = [
+    RigidTransform(),
+    RigidTransform(RollPitchYaw(0.3, -1.2, 2.0), [0.5, -0.2, 0.6]),
+    RigidTransform(RollPitchYaw(-2.0, 0.4, 0.9), [-1.0, 2.0, 0.1]),
+]
+
+
+def sphere(n=900, seed=0):
+    """Points on a sphere about the origin, at random, so that none lies on a voxel's border."""
+    p = np.random.default_rng(seed).normal(size=(n, 3))
+    return RADIUS * p / np.linalg.norm(p, axis=1, keepdims=True)
+
+
+def seen_from(points, camera):
+    """The part of the sphere that faces the camera."""
+    return points[points @ camera > RADIUS**2]
+
+
+def cloud_of(points):
+    cloud = PointCloud(len(points))
+    cloud.mutable_xyzs()[:] = np.asarray(points).T
+    return cloud
+
+
+class Perception:
+    """A perception system with a simulator whose inputs can be changed."""
+
+    def __init__(self, **kwargs):
+        self.dut = PointCloudToGPDF(**kwargs)
+        self.simulator = Simulator(self.dut)
+        self.context = self.simulator.get_mutable_context()
+
+    def look(self, t, points_W, X_WO=POSES[0], p_WC=CAMERA):
+        """Fixes what is seen and advances to t; what has been perceived by then."""
+        fix = {"point_cloud": cloud_of(points_W), "object_pose": X_WO}
+        fix["camera_pose"] = RigidTransform(np.asarray(p_WC, dtype=float))
+        for name, value in fix.items():
+            self.dut.GetInputPort(name).FixValue(self.context, value)
+        self.simulator.AdvanceTo(t)
+        return self.dut.GetOutputPort("perceived").Eval(self.context)
+
+    def gpdf(self):
+        return self.dut.GetOutputPort("gpdf").Eval(self.context)
+
+    def see_object(self, t, X_WO, p_OC=CAMERA):
+        """Looks at the sphere at some pose from a camera that is fixed to the object."""
+        visible = seen_from(sphere(), p_OC)
+        return self.look(t, (X_WO @ visible.T).T, X_WO, X_WO @ p_OC)
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    inputs, outputs = ports(PointCloudToGPDF())
+    assert (list(inputs), list(outputs)) == documented_ports(PointCloudToGPDF)
+
+
+def test_nothing_seen_yet_is_none():
+    perception = Perception()
+    assert perception.gpdf() is None
+
+
+@pytest.mark.parametrize("X_WO", POSES[1:])
+def test_the_field_does_not_depend_on_the_pose_of_the_object(X_WO):
+    fields, clouds = [], []
+    for pose in (POSES[0], X_WO):
+        perception = Perception()
+        clouds.append(perception.see_object(0.1, pose).cloud)
+        fields.append(perception.gpdf())
+    # Drake's clouds are float32: half a micrometre at two metres.
+    np.testing.assert_allclose(clouds[1].points, clouds[0].points, atol=1e-6)
+    np.testing.assert_allclose(clouds[1].directions, clouds[0].directions, atol=1e-4)
+    x = 0.08 * np.random.default_rng(1).normal(size=(200, 3))
+    np.testing.assert_allclose(fields[1].distance(x), fields[0].distance(x), atol=2e-5)
+    assert np.ptp(fields[0].distance(x)) > 0.02
+
+
+def test_views_of_a_turning_object_complete_it():
+    far_side = seen_from(sphere(seed=5), -CAMERA)
+    perception = Perception()
+    one = perception.see_object(0.1, POSES[1])
+    error_of_one = np.abs(perception.gpdf().refine(far_side)[0]).mean()
+    # The object has turned: the same camera now sees the other side of it.
+    two = perception.see_object(0.6, POSES[2], p_OC=-CAMERA)
+    error_of_two = np.abs(perception.gpdf().refine(far_side)[0]).mean()
+    assert (one.cloud.views, two.cloud.views) == (1, 2)
+    assert one.cloud.points[:, 2].min() > 0.0 > -0.02 > two.cloud.points[:, 2].min()
+    assert error_of_two < 0.001 < 0.003 < error_of_one
+    np.testing.assert_allclose(np.linalg.norm(two.cloud.points, axis=1), RADIUS, atol=4e-4)
+
+
+def test_directions_point_to_the_camera_of_their_view():
+    perception = Perception()
+    cloud = perception.see_object(0.1, POSES[1], p_OC=np.array([0.3, -0.2, 0.4])).cloud
+    expected = np.array([0.3, -0.2, 0.4]) - cloud.points
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    np.testing.assert_allclose(cloud.directions, expected, atol=1e-3)
+
+
+NAN_POSE = RigidTransform(np.full((4, 4), np.nan))
+BLIND = {
+    "empty": (np.zeros((0, 3)), POSES[0]),
+    "too few points": (sphere(31), POSES[0]),
+    "all NaN": (np.full((500, 3), np.nan), POSES[0]),
+    "all infinite": (np.full((500, 3), np.inf), POSES[0]),
+    "one coordinate NaN": (np.where([True, True, False], sphere(), np.nan), POSES[0]),
+    "pose NaN": (sphere(), NAN_POSE),
+    "a spot": (np.full((500, 3), 0.1), POSES[0]),
+    "a line": (np.outer(np.linspace(0, 0.1, 500), [0, 0, 1.0]), POSES[0]),
+}
+
+
+@pytest.mark.parametrize("case", BLIND)
+def test_a_view_without_content_changes_nothing(case):
+    points, pose = BLIND[case]
+    perception = Perception()
+    perception.look(0.1, points, pose)
+    assert perception.gpdf() is None
+    before = perception.see_object(0.6, POSES[1])
+    field = perception.gpdf()
+    assert field is not None
+    assert before.cloud.views == 1
+    after = perception.look(1.1, points, pose)
+    if case in ("a spot", "a line"):  # beside a surface seen before they are points like others
+        return
+    assert after is before
+    assert perception.gpdf() is field
+
+
+def test_invalid_points_are_left_out():
+    visible = seen_from(sphere(), CAMERA)
+    mixed = np.concatenate([visible, np.full((50, 3), np.inf), np.full((50, 3), np.nan)])
+    clean, dirty = Perception().look(0.1, visible), Perception().look(0.1, mixed)
+    np.testing.assert_array_equal(dirty.cloud.points, clean.cloud.points)
+
+
+@pytest.mark.parametrize("period", [0.5, 0.2])
+def test_it_looks_exactly_once_per_period(monkeypatch, period):
+    perception = Perception(period=period)
+    looked, fit = [], point_cloud_to_gpdf.fit_gpdf
+
+    def counting(*args, **kwargs):
+        looked.append(perception.context.get_time())
+        return fit(*args, **kwargs)
+
+    monkeypatch.setattr(point_cloud_to_gpdf, "fit_gpdf", counting)
+    visible = seen_from(sphere(), CAMERA)
+    for k in range(1, 20):
+        perception.look(0.1 * k + 0.05, visible)
+        perception.gpdf()
+    # 1.95 s in all.
+    np.testing.assert_allclose(looked, np.arange(0.0, 1.95, period), atol=1e-9)
+
+
+def test_the_options_reach_the_fit():
+    perception = Perception(max_points=100, length_scale=0.2)
+    perception.look(0.1, sphere())
+    assert len(perception.gpdf().points) == 100
+    assert perception.gpdf().length_scale == 0.2
