@@ -11,6 +11,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from feasigrasp.models.se3 import inverse_kernel, log_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -100,6 +101,19 @@ def grasp_errors(X_OG: FloatArray, X_OH: FloatArray) -> FloatArray:
     errors = np.empty((len(X_OG), 2))
     grasp_errors_kernel(np.ascontiguousarray(X_OG), np.ascontiguousarray(X_OH), errors)
     return errors
+
+
+@nb.njit(cache=True)
+def steering_kernel(X_OG, X_OH, funnel, weight, u):  # type: ignore[no-untyped-def]
+    """Writes the body twist (6,) that leads the hand along the geodesics into weighted grasps.
+
+    ``u = -sum_i w_i log(target_i^-1 X_OH)`` with the funnel target of every grasp.
+    """
+    targets = np.empty((len(X_OG), 4, 4))
+    funnel_targets_kernel(X_OG, X_OH, funnel, targets)
+    u[:] = 0.0
+    for k in range(len(X_OG)):
+        u -= weight[k] * log_kernel(inverse_kernel(targets[k]) @ X_OH)
 
 
 def funnel_targets(X_OG: FloatArray, X_OH: FloatArray, funnel: Funnel) -> FloatArray:

@@ -10,10 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.grasp_funnel import grasp_errors
+from feasigrasp.models.grasp_funnel import grasp_errors_kernel
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.riemannian_mixture import RiemannianMixture, fit_riemannian_mixture
 
@@ -21,6 +22,20 @@ FloatArray = NDArray[np.float64]
 
 #: Metres that count as much as one radian in comparing hand poses.
 LENGTH_PER_RADIAN = 0.1
+
+
+@nb.njit(cache=True)
+def _closest_kernel(X_OG, component, X_OH, member):  # type: ignore[no-untyped-def]
+    """Writes the index of the grasp of each component that is closest to the hand; -1 for none."""
+    closest = np.full(len(member), np.inf)
+    member[:] = -1
+    errors = np.empty((len(X_OG), 2))
+    grasp_errors_kernel(X_OG, X_OH, errors)
+    for i in range(len(X_OG)):
+        distance = errors[i, 0] + LENGTH_PER_RADIAN * errors[i, 1]
+        if distance < closest[component[i]]:
+            closest[component[i]] = distance
+            member[component[i]] = i
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +66,10 @@ class GraspMixture:
             Indices of the components that have members, shape (m,), and of those members' grasps,
             shape (m,).
         """
-        position, angle = grasp_errors(self.X_OG, X_OH).T
-        order = np.argsort(position + LENGTH_PER_RADIAN * angle, kind="stable")
-        components, first = np.unique(self.component[order], return_index=True)
-        return components, order[first]
+        member = np.empty(len(self.mixture), dtype=np.int64)
+        _closest_kernel(self.X_OG, self.component, np.ascontiguousarray(X_OH), member)
+        components = np.flatnonzero(member >= 0)
+        return components, member[components]
 
 
 def fit_grasp_mixture(

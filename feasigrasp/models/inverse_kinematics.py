@@ -75,23 +75,27 @@ def _reference_shoulder(X_WF, elbow_sign, R_03, axis):  # type: ignore[no-untype
 
 
 @nb.njit(cache=True)
-def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
-    """Writes up to eight configurations (8, 7) for a flange pose and an arm angle; their number."""
-    R0, R_03, R_47, axis = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    shoulder, wrist = np.empty((2, 3)), np.empty((2, 3))
+def reference_kernel(X_WF, R0, axis, q4):  # type: ignore[no-untyped-def]
+    """Writes what all arm angles share: R0 (2, 3, 3), axis (3,), q4 (2,); False if out of reach."""
+    q4[0] = _reference_shoulder(X_WF, 1.0, R0[0], axis)
+    q4[1] = _reference_shoulder(X_WF, -1.0, R0[1], axis)
+    return not np.isnan(q4[0])
+
+
+@nb.njit(cache=True)
+def branches_kernel(X_WF, R0, axis, q4, psi, work, out):  # type: ignore[no-untyped-def]
+    """Writes the eight configurations (8, 7) of an arm angle; ``work`` is scratch, (4, 3, 3)."""
+    R_03, R_47, shoulder, wrist = work[0], work[1], work[2], work[3]
     sp, cp = np.sin(psi), np.cos(psi)
     count = 0
     for elbow in range(2):
-        q4 = _reference_shoulder(X_WF, 1.0 - 2.0 * elbow, R0, axis)
-        if np.isnan(q4):
-            return 0
         for j in range(3):
-            x, y, z = R0[0, j], R0[1, j], R0[2, j]
+            x, y, z = R0[elbow, 0, j], R0[elbow, 1, j], R0[elbow, 2, j]
             dot = (1.0 - cp) * (axis[0] * x + axis[1] * y + axis[2] * z)
             R_03[0, j] = cp * x + sp * (axis[1] * z - axis[2] * y) + dot * axis[0]
             R_03[1, j] = cp * y + sp * (axis[2] * x - axis[0] * z) + dot * axis[1]
             R_03[2, j] = cp * z + sp * (axis[0] * y - axis[1] * x) + dot * axis[2]
-        s4, c4 = np.sin(q4), np.cos(q4)
+        s4, c4 = np.sin(q4[elbow]), np.cos(q4[elbow])
         for j in range(3):
             # Rows of R_47 = Ry(-q4)^T R_03^T R_WF.
             x = R_03[0, 0] * X_WF[0, j] + R_03[1, 0] * X_WF[1, j] + R_03[2, 0] * X_WF[2, j]
@@ -105,9 +109,18 @@ def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
                 for k in range(3):
                     out[count, k] = shoulder[i, k]
                     out[count, 4 + k] = wrist[j, k]
-                out[count, 3] = q4
+                out[count, 3] = q4[elbow]
                 count += 1
-    return count
+
+
+@nb.njit(cache=True)
+def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
+    """Writes eight configurations (8, 7) for a flange pose and an arm angle; 8, or 0 if none."""
+    R0, axis, q4 = np.empty((2, 3, 3)), np.empty(3), np.empty(2)
+    if not reference_kernel(X_WF, R0, axis, q4):
+        return 0
+    branches_kernel(X_WF, R0, axis, q4, psi, np.empty((4, 3, 3)), out)
+    return 8
 
 
 @nb.njit(cache=True)

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.spatial.distance import cdist
 
 FloatArray = NDArray[np.float64]
 
@@ -21,14 +20,44 @@ FloatArray = NDArray[np.float64]
 MIN_LENGTH_SCALE, MAX_LENGTH_SCALE, SPACING_RATIO = 0.03, 0.2, 0.4
 
 
+@nb.njit(cache=True)
+def _distances(q):  # type: ignore[no-untyped-def]
+    n = len(q)
+    distance = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i):
+            square = 0.0
+            for k in range(7):
+                square += (q[i, k] - q[j, k]) ** 2
+            distance[i, j] = distance[j, i] = np.sqrt(square)
+    return distance
+
+
+@nb.njit(cache=True)
+def _length_scale(distance):  # type: ignore[no-untyped-def]
+    n = len(distance)
+    nearest = np.full(n, np.inf)
+    for i in range(n):
+        for j in range(n):
+            if i != j:
+                nearest[i] = min(nearest[i], distance[i, j])
+    return min(max(SPACING_RATIO * np.median(nearest), MIN_LENGTH_SCALE), MAX_LENGTH_SCALE)
+
+
+@nb.njit(cache=True)
+def _weights(distance, length_scale, noise_variance):  # type: ignore[no-untyped-def]
+    """(K + s2 I)^-1 1."""
+    K = np.exp(-distance / length_scale)
+    for i in range(len(K)):
+        K[i, i] += noise_variance
+    return np.linalg.solve(K, np.ones(len(K)))
+
+
 def spacing_length_scale(q: FloatArray) -> float:
-    """L = clip(0.4 x median nearest-neighbour distance, 0.03, 0.2) [rad] for q, shape (n, 7)."""
+    """Clip(0.4 x median nearest-neighbour distance, 0.03, 0.2) [rad] for q, shape (n, 7)."""
     if len(q) < 2:
         return MAX_LENGTH_SCALE
-    distance = cdist(q, q)
-    np.fill_diagonal(distance, np.inf)
-    spacing = float(np.median(distance.min(axis=1)))
-    return float(np.clip(SPACING_RATIO * spacing, MIN_LENGTH_SCALE, MAX_LENGTH_SCALE))
+    return _length_scale(_distances(q))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +109,7 @@ def fit_joint_field(
     q = np.array(q, dtype=float).reshape(-1, 7)
     if len(q) == 0:
         raise ValueError("a joint field needs at least one configuration; got none")
-    scale = spacing_length_scale(q) if length_scale is None else length_scale
-    K = np.exp(-cdist(q, q) / scale)
-    K[np.diag_indices_from(K)] += noise_variance
-    alpha = cho_solve(cho_factor(K, lower=True), np.ones(len(q)))
-    return JointField(q, alpha, scale)
+    distance = _distances(q)
+    if length_scale is None:
+        length_scale = _length_scale(distance) if len(q) > 1 else MAX_LENGTH_SCALE
+    return JointField(q, _weights(distance, length_scale, noise_variance), length_scale)

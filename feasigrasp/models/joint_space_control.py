@@ -143,16 +143,19 @@ def joint_space_velocity(
         enforce_limits: Whether the QP keeps limits and clearances; the paper enforces nothing.
 
     Returns:
-        Joint velocity [rad/s], shape (7,); zero if there is no solution.
+        Joint velocity [rad/s], shape (7,); zero if there is no solution, or if the object's pose
+        or twist is not finite.
     """
-    if len(solutions.q) == 0:
+    known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
+    if len(solutions.q) == 0 or not known:
         return safe_velocity(q, np.zeros(7), options=options.safety)
     X_FG = reachability.gripper.X_FG
-    X_OH = se3.inverse(X_WO) @ forward_kinematics(q, X_FG)
-    X_WF = X_WO @ funnel_targets(solutions.X_OG, X_OH, options.funnel) @ se3.inverse(X_FG)
+    X_OH = se3.inverse_kernel(X_WO) @ forward_kinematics(q, X_FG)
+    targets = funnel_targets(solutions.X_OG, X_OH, options.funnel)
+    X_WF = X_WO @ targets @ se3.inverse_kernel(X_FG)
     V_WF = np.empty((len(X_WF), 6))
     V_WF[:, :3] = V_WO[:3]
-    V_WF[:, 3:] = V_WO[3:] + np.cross(V_WO[:3], X_WF[:, :3, 3] - X_WO[:3, 3])
+    V_WF[:, 3:] = V_WO[3:] + (X_WF[:, :3, 3] - X_WO[:3, 3]) @ se3.hat_kernel(V_WO[:3]).T
     q_i, qd_i, errors = solutions.q.copy(), np.empty_like(solutions.q), np.empty(len(X_WF))
     _continue_kernel(X_WF, V_WF, options.refinement_steps, options.damping, q_i, qd_i, errors)
     good = errors < options.max_position_error

@@ -7,6 +7,7 @@ while the object turns with constant speed about a fixed axis.
 
 from dataclasses import dataclass, field
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,29 +42,47 @@ class HarmonicMotion:
     spin: float
     R_WO: FloatArray = field(default_factory=lambda: np.eye(3))
 
-    def _angles(self, t: float) -> FloatArray:
-        phase = self.start_phase + self.rate * t
-        return np.asarray(self.harmonic * phase + np.deg2rad(self.offset_deg))
+    def __post_init__(self) -> None:
+        """Makes float arrays of whatever was given."""
+        for name in ("center", "amplitude", "harmonic", "offset_deg", "spin_axis", "R_WO"):
+            array = np.array(getattr(self, name), dtype=float)
+            object.__setattr__(self, name, array)
 
-    def angular_velocity(self) -> FloatArray:
-        """Constant angular velocity w_WO [rad/s], shape (3,)."""
-        axis = np.asarray(self.spin_axis, dtype=float)
-        return np.asarray(self.spin * axis / np.linalg.norm(axis))
+    def state(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``X_WO`` (4, 4), ``V_WO`` (6,) and the acceleration of the origin (3,) at time t [s]."""
+        return _motion_kernel(  # type: ignore[no-any-return]
+            self.center,
+            self.amplitude,
+            self.harmonic,
+            self.offset_deg,
+            self.rate,
+            self.start_phase + self.rate * t,
+            self.spin_axis,
+            self.spin,
+            self.R_WO,
+            t,
+        )
 
     def pose(self, t: float) -> FloatArray:
         """``X_WO`` at time t [s], shape (4, 4)."""
-        X_WO = np.eye(4)
-        X_WO[:3, :3] = so3_exp_kernel(self.angular_velocity() * t) @ self.R_WO
-        X_WO[:3, 3] = self.center + self.amplitude * np.sin(self._angles(t))
-        return X_WO
+        return self.state(t)[0]
 
     def velocity(self, t: float) -> FloatArray:
         """``V_WO`` = [angular; linear] at time t, shape (6,)."""
-        linear = self.amplitude * self.harmonic * self.rate * np.cos(self._angles(t))
-        return np.concatenate([self.angular_velocity(), linear])
+        return self.state(t)[1]
 
-    def linear_acceleration(self, t: float) -> FloatArray:
-        """Acceleration of the object's origin at time t [m/s^2], shape (3,)."""
-        return np.asarray(
-            -self.amplitude * (self.harmonic * self.rate) ** 2 * np.sin(self._angles(t))
-        )
+
+@nb.njit(cache=True)
+def _motion_kernel(  # type: ignore[no-untyped-def]
+    center, amplitude, harmonic, offset_deg, rate, phase, spin_axis, spin, R_WO, t
+):
+    X, V, a = np.eye(4), np.empty(6), np.empty(3)
+    omega = spin / np.sqrt(np.sum(spin_axis**2)) * spin_axis
+    X[:3, :3] = so3_exp_kernel(omega * t) @ R_WO
+    for i in range(3):
+        angle, speed = harmonic[i] * phase + np.deg2rad(offset_deg[i]), harmonic[i] * rate
+        X[i, 3] = center[i] + amplitude[i] * np.sin(angle)
+        V[i] = omega[i]
+        V[3 + i] = amplitude[i] * speed * np.cos(angle)
+        a[i] = -amplitude[i] * speed**2 * np.sin(angle)
+    return X, V, a

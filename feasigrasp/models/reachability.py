@@ -17,8 +17,9 @@ from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa_capsules import CapsuleModel, capsule_model
 from feasigrasp.models.inverse_kinematics import (
     arm_angle_kernel,
-    closed_form_kernel,
+    branches_kernel,
     inside_limits_kernel,
+    reference_kernel,
     travel_time_kernel,
 )
 from feasigrasp.models.self_collision import capsule_ends_kernel, closest_parameters
@@ -46,18 +47,22 @@ def admissible_kernel(q, model, limit_margin, clearance, table_height):  # type:
 
 @nb.njit(cache=True)
 def nearest_kernel(  # type: ignore[no-untyped-def]
-    X_WF, q_near, psis, model, limit_margin, clearance, table_height, best
+    X_WF, q_near, psi_near, psis, model, limit_margin, clearance, table_height, best
 ):
     """Writes the admissible configuration that is soonest reached from ``q_near``.
 
-    Besides the given arm angles, that of ``q_near`` itself is tried, so that the answer moves
+    The arm angle ``psi_near`` of ``q_near`` itself is tried first, so that the answer moves
     smoothly with the pose. Returns the travel time [s], infinite if there is none.
     """
-    candidates = np.empty((8, 7))
+    R0, axis, q4 = np.empty((2, 3, 3)), np.empty(3), np.empty(2)
+    if not reference_kernel(X_WF, R0, axis, q4):
+        return np.inf
+    work, candidates = np.empty((4, 3, 3)), np.empty((8, 7))
     shortest = np.inf
     for k in range(len(psis) + 1):
-        psi = psis[k] if k < len(psis) else arm_angle_kernel(q_near)
-        for b in range(closed_form_kernel(X_WF, psi, candidates)):
+        psi = psi_near if k == 0 else psis[k - 1]
+        branches_kernel(X_WF, R0, axis, q4, psi, work, candidates)
+        for b in range(8):
             time = travel_time_kernel(candidates[b], q_near)
             if time < shortest and admissible_kernel(
                 candidates[b], model, limit_margin, clearance, table_height
@@ -71,24 +76,31 @@ def nearest_kernel(  # type: ignore[no-untyped-def]
 def _nearest_batch(  # type: ignore[no-untyped-def]
     X_WF, q_near, psis, model, limit_margin, clearance, table_height, q, times
 ):
+    psi_near = arm_angle_kernel(q_near)
     for k in range(len(X_WF)):
         times[k] = nearest_kernel(
-            X_WF[k], q_near, psis, model, limit_margin, clearance, table_height, q[k]
+            X_WF[k], q_near, psi_near, psis, model, limit_margin, clearance, table_height, q[k]
         )
 
 
 @nb.njit(cache=True)
+def _is_reachable(X_WF, psis, model, limit_margin, clearance, table_height):  # type: ignore[no-untyped-def]
+    R0, axis, q4 = np.empty((2, 3, 3)), np.empty(3), np.empty(2)
+    if not reference_kernel(X_WF, R0, axis, q4):
+        return False
+    work, candidates = np.empty((4, 3, 3)), np.empty((8, 7))
+    for psi in psis:
+        branches_kernel(X_WF, R0, axis, q4, psi, work, candidates)
+        for b in range(8):
+            if admissible_kernel(candidates[b], model, limit_margin, clearance, table_height):
+                return True
+    return False
+
+
+@nb.njit(cache=True)
 def _reachable_batch(X_WF, psis, model, limit_margin, clearance, table_height, out):  # type: ignore[no-untyped-def]
-    candidates = np.empty((8, 7))
     for k in range(len(X_WF)):
-        out[k] = False
-        for psi in psis:
-            for b in range(closed_form_kernel(X_WF[k], psi, candidates)):
-                if admissible_kernel(candidates[b], model, limit_margin, clearance, table_height):
-                    out[k] = True
-                    break
-            if out[k]:
-                break
+        out[k] = _is_reachable(X_WF[k], psis, model, limit_margin, clearance, table_height)
 
 
 @dataclass(frozen=True, eq=False)

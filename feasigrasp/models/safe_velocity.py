@@ -16,18 +16,18 @@ quadratic programming using recursive LDL' updates", TAC 2022).
 from dataclasses import dataclass
 
 import daqp
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.self_collision import (
-    distances_and_gradients,
-    table_distances_and_gradients,
-)
+from feasigrasp.models.self_collision import IIWA_CAPSULES, gradients_kernel, table_kernel
 
 FloatArray = NDArray[np.float64]
 
 _SOFT = 8  # DAQP's flag of a constraint that may be violated at a price
+_UNBOUNDED = 1e30
+_IDENTITY = np.eye(7)
 
 
 @dataclass(frozen=True)
@@ -55,29 +55,52 @@ class SafetyOptions:
     damping: float = 1e-3
 
 
+@nb.njit(cache=True)
+def bounds_kernel(q, margin, limit_gain, velocity_scale, lower, upper):  # type: ignore[no-untyped-def]
+    """Writes joint velocity bounds into the first seven entries of ``lower`` and ``upper``."""
+    for i in range(7):
+        speed = velocity_scale * VELOCITY_LIMITS[i]
+        above = POSITION_LIMITS[i] - margin - q[i]
+        below = POSITION_LIMITS[i] - margin + q[i]
+        # Beyond a limit the bound turns negative and leads back in, no faster than the joint can.
+        up = min(np.sqrt(ACCELERATION_LIMITS[i] * max(above, 0.0)), limit_gain * above, speed)
+        down = min(np.sqrt(ACCELERATION_LIMITS[i] * max(below, 0.0)), limit_gain * below, speed)
+        upper[i] = max(up, -speed)
+        lower[i] = -max(down, -speed)
+
+
+@nb.njit(cache=True)
+def constraints_kernel(  # type: ignore[no-untyped-def]
+    q, model, margin, limit_gain, velocity_scale, clearance, active, collision_gain, lower, rows
+):
+    """Writes lower bounds and rows of what is close; returns upper bounds and the rows' number."""
+    pairs, movers = len(model.pairs), len(model.movers)
+    total = pairs + 2 * movers
+    upper = np.full(7 + total, _UNBOUNDED)
+    bounds_kernel(q, margin, limit_gain, velocity_scale, lower, upper)
+    distance, gradient = np.empty(total), np.empty((total, 7))
+    gradients_kernel(q, model, distance[:pairs], gradient[:pairs])
+    above_table, slopes = np.empty((movers, 2)), np.empty((movers, 2, 7))
+    table_kernel(q, model, 0.0, above_table, slopes)
+    distance[pairs:] = above_table.ravel()
+    gradient[pairs:] = slopes.reshape(2 * movers, 7)
+    m = 0
+    for k in range(total):
+        if distance[k] < active:
+            rows[m] = gradient[k]
+            lower[7 + m] = -collision_gain * (distance[k] - clearance)
+            m += 1
+    return upper, m
+
+
 def velocity_bounds(q: FloatArray, options: SafetyOptions) -> tuple[FloatArray, FloatArray]:
     """Lower and upper joint velocity bounds at ``q``, shape (7,) each [rad/s]."""
-    speed = options.velocity_scale * VELOCITY_LIMITS
-    above = POSITION_LIMITS - options.position_margin - q
-    below = POSITION_LIMITS - options.position_margin + q
-
-    def towards_limit(room: FloatArray) -> FloatArray:
-        braking = np.sqrt(ACCELERATION_LIMITS * np.maximum(room, 0.0))
-        return np.asarray(np.minimum(np.minimum(braking, options.limit_gain * room), speed))
-
-    # Beyond a limit the bound turns negative and leads back in, never faster than the joint can.
-    upper = np.maximum(towards_limit(above), -speed)
-    lower = -np.maximum(towards_limit(below), -speed)
+    lower, upper = np.empty(7), np.empty(7)
+    q = np.ascontiguousarray(q, dtype=float)
+    bounds_kernel(
+        q, options.position_margin, options.limit_gain, options.velocity_scale, lower, upper
+    )
     return lower, upper
-
-
-def _collision_rows(q: FloatArray, options: SafetyOptions) -> tuple[FloatArray, FloatArray]:
-    d_self, grad_self = distances_and_gradients(q)
-    d_table, grad_table = table_distances_and_gradients(q)
-    distance = np.concatenate([d_self, d_table])
-    close = distance < options.active_distance
-    rows = np.concatenate([grad_self, grad_table])[close]
-    return rows, -options.collision_gain * (distance[close] - options.clearance)
 
 
 def safe_velocity(
@@ -102,25 +125,30 @@ def safe_velocity(
     """
     options = options or SafetyOptions()
     if J is None or V is None:
-        H, f = np.eye(7), -np.asarray(qd_preferred, dtype=float)
+        H, f = _IDENTITY, -np.asarray(qd_preferred, dtype=float)
     else:
-        weight = np.array([options.rotation_weight**2] * 3 + [1.0] * 3)
-        weighted = J.T * weight
-        H = weighted @ J + options.damping * np.eye(7)
+        weighted = J.T * np.array([options.rotation_weight**2] * 3 + [1.0] * 3)
+        H = weighted @ J + options.damping * _IDENTITY
         f = -(weighted @ V + options.damping * qd_preferred)
-    if not (np.isfinite(q).all() and np.isfinite(f).all() and np.isfinite(H).all()):
+    if not np.isfinite(q.sum() + f.sum() + H.sum()):
         return np.zeros(7)
-    lower, upper = velocity_bounds(q, options)
-    rows, bound = _collision_rows(q, options)
-    m = len(rows)
-    qd, _, exit_flag, _ = daqp.solve(
-        H,
-        f,
-        np.ascontiguousarray(rows),
-        np.concatenate([upper, np.full(m, 1e30)]),
-        np.concatenate([lower, bound]),
-        np.concatenate([np.zeros(7, dtype=np.intc), np.full(m, _SOFT, dtype=np.intc)]),
+    most = len(IIWA_CAPSULES.pairs) + 2 * len(IIWA_CAPSULES.movers)
+    lower, rows = np.empty(7 + most), np.empty((most, 7))
+    upper, m = constraints_kernel(
+        np.ascontiguousarray(q, dtype=float),
+        IIWA_CAPSULES,
+        options.position_margin,
+        options.limit_gain,
+        options.velocity_scale,
+        options.clearance,
+        options.active_distance,
+        options.collision_gain,
+        lower,
+        rows,
     )
+    kinds = np.full(7 + m, _SOFT, dtype=np.intc)
+    kinds[:7] = 0
+    qd, _, exit_flag, _ = daqp.solve(H, f, rows[:m], upper[: 7 + m], lower[: 7 + m], kinds)
     if exit_flag <= 0 or not np.isfinite(qd).all():
         return np.zeros(7)
-    return np.clip(qd, lower, upper)
+    return np.clip(qd, lower[:7], upper[:7])

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.models import se3
-from feasigrasp.models.grasp_funnel import Funnel, funnel_targets
+from feasigrasp.models.grasp_funnel import Funnel, steering_kernel
 from feasigrasp.models.grasp_mixture import GraspMixture
 from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
 from feasigrasp.models.reachability import Reachability
@@ -64,7 +64,10 @@ def carried_twist(V_WO: FloatArray, p_OG_W: FloatArray) -> FloatArray:
         V_WO: The object's twist at its origin, [angular; linear], shape (6,).
         p_OG_W: From the object's origin to the frame's, in the world, shape (3,) [m].
     """
-    return np.concatenate([V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], p_OG_W)])
+    wx, wy, wz = V_WO[:3]
+    x, y, z = p_OG_W
+    turning = np.array([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x])
+    return np.concatenate([V_WO[:3], V_WO[3:] + turning])
 
 
 def task_space_velocity(
@@ -86,10 +89,11 @@ def task_space_velocity(
         options: Gains.
 
     Returns:
-        Joint velocity [rad/s], shape (7,); zero if no component can be reached.
+        Joint velocity [rad/s], shape (7,); zero if no component can be reached, or if the object's
+        pose or twist is not finite.
     """
     X_WH, J_WH = pose_and_jacobian(q, reachability.gripper.X_FG)
-    X_OH = se3.inverse(X_WO) @ X_WH
+    X_OH = se3.inverse_kernel(X_WO) @ X_WH
     components, members = grasps.closest_members(X_OH)
     X_OG = grasps.X_OG[members]
     solutions, travel_time = reachability.nearest(X_WO @ X_OG, q)
@@ -100,17 +104,15 @@ def task_space_velocity(
 
     # Far from all grasps the plain density is all but zero: tempered by the distance of the nearest
     # component it stays comparable, and the travel times decide.
-    log_density = grasps.mixture.component_log_densities(X_OH[None])[0, components[within]]
+    log_density = grasps.mixture.component_log_densities(X_OH)[components[within]]
     log_density /= max(1.0, float(-log_density.max()))
     log_weight = log_density - travel_time / options.travel_time_scale
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
 
-    # Body twist of the hand, relative to the object, along the geodesics into the funnels.
-    targets = funnel_targets(X_OG, X_OH, options.funnel)
-    errors = se3.log(se3.inverse(targets) @ X_OH)
-    u_H = -options.gain * weight @ errors
-    V_WH = _world_twist(u_H, X_WH, X_WO, V_WO, options)
+    u_H = np.empty(6)
+    steering_kernel(X_OG, X_OH, options.funnel.parameters, weight, u_H)
+    V_WH = _world_twist(options.gain * u_H, X_WH, X_WO, V_WO, options)
     posture = options.posture_gain * weight @ (solutions - q)
     return safe_velocity(q, posture, J_WH, V_WH, options.safety)
 
@@ -145,4 +147,5 @@ def paper_task_space_velocity(
     X_WH, J_WH = pose_and_jacobian(q, X_FG)
     X_OH = se3.inverse(X_WO) @ X_WH
     u_H = options.gain * grasps.mixture.direction(X_OH[None])[0]
-    return np.asarray(np.linalg.pinv(J_WH) @ _world_twist(u_H, X_WH, X_WO, V_WO, options))
+    V_WH = _world_twist(u_H, X_WH, X_WO, V_WO, options)
+    return np.linalg.pinv(J_WH) @ V_WH if np.isfinite(V_WH).all() else np.zeros(len(q))

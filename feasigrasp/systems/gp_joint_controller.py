@@ -35,7 +35,7 @@ class GPJointController(LeafSystem):
     The ports are those of `RMMTaskController`: either controller can replace the other. Every
     ``solution_period`` seconds the configurations that are soonest reached are found anew by exact
     inverse kinematics; in between they follow the object by damped least-squares steps. Without
-    solutions the command is to stop.
+    solutions, or while the object's pose or twist is not finite, the command is to stop.
     """
 
     def __init__(

@@ -66,9 +66,7 @@ class ObjectServo(LeafSystem):
         R_WB, wrench = np.empty((3, 3)), np.empty(6)
         carrying_wrench_kernel(
             self._state.Eval(context),
-            self._motion.pose(t),
-            self._motion.velocity(t),
-            self._motion.linear_acceleration(t),
+            *self._motion.state(t),
             self._gravity,
             self._mass,
             self._I_BBcm,

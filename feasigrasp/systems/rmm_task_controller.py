@@ -35,7 +35,8 @@ class RMMTaskController(LeafSystem):
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. The mixture is a cache entry, fitted once per grasp set.
-    Without grasps, or if none can be reached, the command is to stop.
+    Without grasps, or if none can be reached, or while the object's pose or twist is not finite,
+    the command is to stop.
     """
 
     def __init__(

@@ -11,10 +11,10 @@ from generator.arm import arm_urdf
 from generator.camera import camera_urdf
 from generator.cell import cell_directives
 from generator.gltf import gltf
-from generator.hand import PAD_THICKNESS, SIDES, gripper_urdf, pad_vtk
+from generator.hand import SIDES, gripper_urdf, pad_size, pad_vtk
 from generator.hand_shapes import camera_parts, finger_parts, gripper_parts
 from generator.housings import link_parts
-from generator.table import table_urdf
+from generator.table import table_parts, table_urdf
 
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
@@ -27,8 +27,9 @@ def cell_files() -> dict[str, str]:
     meshes = {f"link_{i}": link_parts(i, heights[i + 1] - heights[i]) for i in range(8)}
     meshes["gripper_body"] = gripper_parts(gripper)
     for side, sign in SIDES:
-        meshes[f"{side}_finger"] = finger_parts(gripper, sign, PAD_THICKNESS)
+        meshes[f"{side}_finger"] = finger_parts(gripper, sign, pad_size(gripper))
     meshes["camera"] = camera_parts()
+    meshes["table"] = table_parts()
     return {
         "iiwa7.urdf": arm_urdf(),
         "gripper.urdf": gripper_urdf(gripper),

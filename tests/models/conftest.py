@@ -1,9 +1,14 @@
-"""Clouds and true surfaces for the tests of the distance field and what is built on it."""
+"""Clouds and true surfaces for tests of the distance field; grasps and rollouts for control."""
 
 import numpy as np
 import open3d as o3d
 import pytest
 import trimesh
+
+from feasigrasp.models.grasp_funnel import grasp_errors
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
 
 CAMERA_DISTANCE = 0.5
 DEPTH_NOISE = 0.001
@@ -81,3 +86,49 @@ class Truth:
             clouds.append(camera + depth[:, None] * rays[seen])
             directions.append(camera - clouds[-1])
         return np.concatenate(clouds), np.concatenate(directions)
+
+
+@pytest.fixture(scope="session")
+def ring_of_grasps():
+    """Grasps of an upright cylinder from all sides, at three heights; frame O is its middle."""
+    poses = []
+    for angle in np.linspace(0, 2 * np.pi, 16, endpoint=False):
+        c, s = np.cos(angle), np.sin(angle)
+        for height in (-0.03, 0.0, 0.03):
+            closing, approach = np.array([-s, c, 0.0]), np.array([-c, -s, 0.0])
+            X_OG = np.eye(4)
+            X_OG[:3, :3] = np.column_stack([closing, np.cross(approach, closing), approach])
+            X_OG[:3, 3] = [0.0, 0.0, height]
+            poses.append(X_OG)
+    n = len(poses)
+    return GraspSet(np.array(poses), np.full(n, 0.05), np.ones(n))
+
+
+class Rollout:
+    """Positions and errors of a kinematic arm that does exactly as its controller says."""
+
+    def __init__(self, controller, motion, grasps, q, duration, period=0.005):
+        """``controller(t, q, X_WO, V_WO)`` gives joint velocities; ``motion(t)`` X_WO and V_WO."""
+        self.times = period * np.arange(round(duration / period))
+        self.q, self.qd, self.errors = [], [], []
+        for t in self.times:
+            X_WO, V_WO = motion(t)
+            X_OH = np.linalg.inv(X_WO) @ forward_kinematics(q, ParallelGripper().X_FG)
+            errors = grasp_errors(grasps.X_OG, X_OH)
+            self.errors.append(errors[np.argmin(errors @ [1.0, 0.1])])
+            qd = controller(t, q, X_WO, V_WO)
+            self.q.append(q)
+            self.qd.append(qd)
+            q = q + period * qd
+        self.q, self.qd, self.errors = map(np.array, (self.q, self.qd, self.errors))
+
+    def worst_after(self, start):
+        """Largest position [mm] and angle [deg] error from a time on."""
+        position, angle = self.errors[self.times >= start].max(axis=0)
+        return 1e3 * position, np.rad2deg(angle)
+
+
+@pytest.fixture(scope="session")
+def roll_out():
+    """``roll_out(controller, motion, grasps, q, duration)``: a `Rollout` at 200 Hz."""
+    return Rollout

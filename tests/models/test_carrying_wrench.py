@@ -66,7 +66,7 @@ def turning_and_swinging(t):
         spin_axis=np.array([1.0, 1.0, -0.5]),
         spin=1.5,
     )
-    return m.pose(t), m.velocity(t), m.linear_acceleration(t)
+    return m.state(t)
 
 
 def test_rotation_of_a_quaternion():

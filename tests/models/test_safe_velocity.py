@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
-from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity, velocity_bounds
 from feasigrasp.models.self_collision import (
     distances_and_gradients,
@@ -54,7 +53,8 @@ def test_the_answer_is_always_an_admissible_velocity(q, request, twist, follow):
 @given(vectors(numbers, 7))
 def test_positions_that_are_not_finite_stop_the_arm(q):
     if not np.isfinite(q).all():
-        np.testing.assert_array_equal(safe_velocity(q, np.ones(7)), 0.0)
+        with np.errstate(all="ignore"):
+            np.testing.assert_array_equal(safe_velocity(q, np.ones(7)), 0.0)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -163,11 +163,12 @@ def test_bodies_that_are_too_close_are_pushed_apart():
 
 
 def towards_contact(q, rng):
-    """Full speed at whatever is nearest, self or table."""
+    """Full speed at whatever is nearest and can come nearer, self or table."""
     d_self, grad_self = distances_and_gradients(q)
     d_table, grad_table = table_distances_and_gradients(q)
-    worst = np.argmin(np.concatenate([d_self, d_table]))
-    return (-20.0 * np.concatenate([grad_self, grad_table])[worst],)
+    distance, gradient = np.concatenate([d_self, d_table]), np.concatenate([grad_self, grad_table])
+    distance[np.abs(gradient).max(axis=1) < 1e-9] = np.inf
+    return (-20.0 * gradient[np.argmin(distance)],)
 
 
 ADVERSARIES = {
@@ -184,11 +185,10 @@ ADVERSARIES = {
 def test_no_request_leads_out_of_the_limits_or_into_contact(name):
     """Two seconds at 200 Hz from random admissible configurations."""
     rng = np.random.default_rng(3)
-    reachability = Reachability()
     starts = []
     while len(starts) < 4:
         q = rng.uniform(-1, 1, 7) * POSITION_LIMITS
-        if np.abs(q / POSITION_LIMITS).max() < 0.98 and clearance(q) > reachability.clearance:
+        if np.abs(q / POSITION_LIMITS).max() < 0.98 and clearance(q) > 0.02:
             starts.append(q)
     for q in starts:
         start = q
@@ -196,6 +196,6 @@ def test_no_request_leads_out_of_the_limits_or_into_contact(name):
             qd = safe_velocity(q, *ADVERSARIES[name](q, rng))
             assert (np.abs(qd) <= CAPACITY).all()
             q = q + 0.005 * qd
-            assert (np.abs(q) <= POSITION_LIMITS - 0.9 * OPTIONS.position_margin).all()
-            assert clearance(q) > 0.8 * OPTIONS.clearance
-        assert np.abs(q - start).max() > 0.1 or name == "dive"
+            assert (np.abs(q) <= POSITION_LIMITS - 0.99 * OPTIONS.position_margin).all()
+            assert clearance(q) > 0.98 * OPTIONS.clearance
+        assert np.abs(q - start).max() > 0.01

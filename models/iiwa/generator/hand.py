@@ -14,7 +14,6 @@ FRICTION = 0.8
 PAD_MODULUS = 1e7
 PAD_DISSIPATION = 20.0
 PAD_THICKNESS = 0.006
-PAD_COLOR = "0.06 0.06 0.07 1"
 
 # 0.34 kg is the mass of the SAKE EZGripper Dual, 0.05 kg that of its mount.
 FINGER_MASS = 0.035
@@ -26,7 +25,8 @@ FINGER_VELOCITY = 0.2
 SIDES = (("left", 1.0), ("right", -1.0))
 
 
-def _pad_size(gripper: ParallelGripper) -> NDArray[np.float64]:
+def pad_size(gripper: ParallelGripper) -> NDArray[np.float64]:
+    """Thickness, width and height of a pad [m]."""
     return np.array([PAD_THICKNESS, gripper.finger_width, 2 * gripper.tip])
 
 
@@ -36,7 +36,7 @@ def pad_vtk(gripper: ParallelGripper) -> str:
     Drake's own mesh of a box ends in a medial plate and has more tetrahedra, which doubles the
     polygons of every contact patch and with them the time of a simulation step.
     """
-    corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * _pad_size(gripper)
+    corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * pad_size(gripper)
     points = np.concatenate([corners, np.zeros((1, 3))])
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     # Seen from outside the sides run counter-clockwise, so (centre, a, b, c) has positive volume.
@@ -57,10 +57,8 @@ def _finger(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper)
     size = np.array([gripper.finger_thickness, gripper.finger_width, length])
     center = np.array([sign * gripper.finger_thickness / 2, 0.0, gripper.tip - length / 2])
     xml.inertial(link, FINGER_MASS, center, xml.box_inertia(FINGER_MASS, size))
-    pad_size = _pad_size(gripper)
     pad_center = np.array([sign * PAD_THICKNESS / 2, 0.0, 0.0])
     xml.visual_mesh(link, f"{side}_finger")
-    xml.shape(link, "visual", xml.box(pad_size), name="pad", xyz=pad_center, color=PAD_COLOR)
     uri = {"filename": "package://feasigrasp/iiwa/meshes/pad.vtk"}
     pad = xml.shape(link, "collision", uri, name="pad", tag="mesh", xyz=pad_center)
     xml.proximity(pad, friction=FRICTION, dissipation=PAD_DISSIPATION, modulus=PAD_MODULUS)

@@ -1,15 +1,17 @@
 """The look of the gripper and of the wrist camera, as coloured meshes."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from feasigrasp.models.gripper import ParallelGripper
 from generator.camera import CAMERA_SIZE, camera_pose
-from generator.gltf import Material
 from generator.housings import DARK, GREY, ORANGE, SILVER, Parts
+from generator.palette import Material
 from generator.solids import bevelled_box, cylinder, join, lathe, rounded_box, surface, union
 
-GLASS = Material("glass", (0.02, 0.02, 0.03), 0.0, 0.1)
-LENS = Material("lens", (0.12, 0.13, 0.2), 0.0, 0.1)
+GLASS = Material((0.02, 0.02, 0.03), 0.0, 0.1)
+RUBBER = Material((0.005, 0.005, 0.006), 0.0, 0.9)
+LENS = Material((0.12, 0.13, 0.2), 0.0, 0.1)
 
 
 def gripper_parts(gripper: ParallelGripper) -> Parts:
@@ -42,8 +44,9 @@ def gripper_parts(gripper: ParallelGripper) -> Parts:
     ]
 
 
-def finger_parts(gripper: ParallelGripper, sign: float, pad: float) -> Parts:
-    """A finger without its pad (of thickness ``pad``), in the finger's frame."""
+def finger_parts(gripper: ParallelGripper, sign: float, pad_size: NDArray[np.float64]) -> Parts:
+    """A finger and its pad, in the finger's frame."""
+    pad = pad_size[0]
     thickness = gripper.finger_thickness - pad
     length = gripper.tip - gripper.heel
     center = np.array([sign * (pad + thickness / 2), 0.0, gripper.tip - length / 2])
@@ -51,7 +54,8 @@ def finger_parts(gripper: ParallelGripper, sign: float, pad: float) -> Parts:
     bone = bevelled_box(center, size, 0.002)
     stripe_center = center + (sign * thickness / 2, 0.0, 0.004)
     stripe = bevelled_box(stripe_center, (0.0012, 0.010, 0.030), 0.0004)
-    return [(SILVER, bone), (ORANGE, stripe)]
+    pad_box = bevelled_box((sign * pad / 2, 0.0, 0.0), pad_size, 0.0005)
+    return [(SILVER, bone), (ORANGE, stripe), (RUBBER, pad_box)]
 
 
 def camera_parts() -> Parts:

@@ -5,7 +5,7 @@ so that the drums bulge to alternating sides; the forearm (link 5) holds the wri
 side. Lengths in metres, in the frame of the link.
 """
 
-from generator.gltf import Material
+from generator.palette import Material
 from generator.solids import (
     Mesh,
     Solid,
@@ -19,11 +19,11 @@ from generator.solids import (
     union,
 )
 
-SILVER = Material("silver", (0.85, 0.86, 0.88), 0.0, 0.45)
-GREY = Material("grey", (0.45, 0.46, 0.48), 0.0, 0.5)
-DARK = Material("dark", (0.07, 0.07, 0.08), 0.1, 0.6)
-ORANGE = Material("orange", (1.0, 0.36, 0.0), 0.0, 0.5)
-BLUE = Material("blue", (0.25, 0.75, 1.0), 0.0, 0.3)
+SILVER = Material((0.85, 0.86, 0.88), 0.0, 0.45)
+GREY = Material((0.45, 0.46, 0.48), 0.0, 0.5)
+DARK = Material((0.07, 0.07, 0.08), 0.1, 0.6)
+ORANGE = Material((1.0, 0.36, 0.0), 0.0, 0.5)
+BLUE = Material((0.25, 0.75, 1.0), 0.0, 0.3)
 
 _R = 0.067  # tubes and drums
 _CELL = 0.0085

@@ -1,10 +1,12 @@
-"""The URDF of the table."""
+"""The URDF of the table, and its look."""
 
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from generator import xml
+from generator.palette import Material
+from generator.solids import Mesh, bevelled_box, join
 
 SIZE = np.array([1.6, 1.6, 0.04])
 LEG = np.array([0.06, 0.06, 0.70])
@@ -12,6 +14,21 @@ MASS = 40.0
 FRICTION = 0.8
 MODULUS = 1e7
 DISSIPATION = 20.0
+WOOD = Material((0.48, 0.36, 0.22), 0.0, 0.6)
+STEEL = Material((0.03, 0.032, 0.035), 0.0, 0.5)
+
+
+def table_parts() -> list[tuple[Material, Mesh]]:
+    """Top and legs, in the frame of ``table_top``."""
+    inset = 0.08
+    spread = SIZE / 2 - (inset, inset, 0.0)
+    legs = [
+        bevelled_box((x * spread[0], y * spread[1], -SIZE[2] - LEG[2] / 2), LEG, 0.001)
+        for x in (1, -1)
+        for y in (1, -1)
+    ]
+    top = bevelled_box((0.0, 0.0, -SIZE[2] / 2), SIZE, 0.001)
+    return [(WOOD, top), (STEEL, join(legs))]
 
 
 def table_urdf() -> str:
@@ -20,10 +37,7 @@ def table_urdf() -> str:
     top = ET.SubElement(robot, "link", name="table_top")
     center = np.array([0.0, 0.0, -SIZE[2] / 2])
     xml.inertial(top, MASS, center, xml.box_inertia(MASS, SIZE))
-    xml.shape(top, "visual", xml.box(SIZE), name="top", xyz=center, color="0.80 0.72 0.60 1")
-    for k, (x, y) in enumerate([(1, 1), (1, -1), (-1, -1), (-1, 1)]):
-        at = np.array([x, y, -1]) * (SIZE + (0, 0, LEG[2] + SIZE[2])) / 2 - (x * 0.08, y * 0.08, 0)
-        xml.shape(top, "visual", xml.box(LEG), name=f"leg_{k}", xyz=at, color="0.35 0.36 0.38 1")
+    xml.visual_mesh(top, "table")
     collision = xml.shape(top, "collision", xml.box(SIZE), name="top", xyz=center)
     xml.proximity(collision, friction=FRICTION, dissipation=DISSIPATION, modulus=MODULUS)
     return xml.document(robot)

@@ -1,4 +1,4 @@
-"""URDF snippets: numbers, origins, inertias, materials, boxes, cylinders, capsules."""
+"""URDF snippets: numbers, origins, inertias, boxes, cylinders, capsules."""
 
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
@@ -55,15 +55,11 @@ def shape(
     tag: str = "box",
     xyz: ArrayLike = (0, 0, 0),
     rpy: ArrayLike = (0, 0, 0),
-    color: str | None = None,
 ) -> ET.Element:
     """Adds a ``<visual>`` or ``<collision>`` (``kind``) with one geometry element ``tag``."""
     element = ET.SubElement(link, kind, name=name)
     origin(element, xyz, rpy)
     ET.SubElement(ET.SubElement(element, "geometry"), tag, geometry)
-    if color is not None:
-        material = ET.SubElement(element, "material", name=f"{link.get('name')}_{name}")
-        ET.SubElement(material, "color", rgba=color)
     return element
 
 

@@ -1,0 +1,76 @@
+"""Which grasps are kept, and the reasons that are counted for the others."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import se3
+from feasigrasp.models.grasp_lookahead import reachable_grasps
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.reachability import Reachability
+
+REACHABILITY = Reachability()
+X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
+STILL = np.zeros(6)
+
+
+@pytest.fixture(scope="module")
+def grasps():
+    """All round the object, many of them out of reach."""
+    rng = np.random.default_rng(0)
+    X_OG = se3.random_pose(rng, 60)
+    X_OG[:, :3, 3] *= 0.05
+    return GraspSet(X_OG, np.full(60, 0.05), rng.random(60), {"no contact": 5})
+
+
+def rows(X):
+    return {tuple(x.ravel().round(9)) for x in X}
+
+
+def test_without_look_ahead_they_are_those_in_reach(grasps):
+    both = grasps.with_twins()
+    reach = REACHABILITY.reachable(X_WO @ both.X_OG)
+    assert 10 < reach.sum() < len(both) - 10
+    kept = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, horizon=0.0, n_best=1000)
+    np.testing.assert_array_equal(np.sort(kept.score), np.sort(both.score[reach]))
+    assert rows(kept.X_OG) == rows(both.X_OG[reach])
+    assert kept.rejected["out of reach now"] == (~reach).sum()
+    assert kept.rejected["no contact"] == 5
+    assert "out of reach soon" not in kept.rejected
+
+
+def test_a_still_object_loses_nothing_by_looking_ahead(grasps):
+    now = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, horizon=0.0)
+    soon = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, horizon=1.0)
+    np.testing.assert_array_equal(soon.X_OG, now.X_OG)
+
+
+def test_an_object_that_leaves_loses_the_grasps_that_leave_reach(grasps):
+    V_WO = np.array([0.0, 0.0, 0.4, 0.15, 0.0, 0.0])
+    kept = reachable_grasps(grasps, X_WO, V_WO, REACHABILITY, horizon=1.0, n_best=1000)
+    now = reachable_grasps(grasps, X_WO, V_WO, REACHABILITY, horizon=0.0, n_best=1000)
+    X_later = X_WO.copy()
+    X_later[:3, :3] = se3.so3_exp([0, 0, 0.4])
+    X_later[0, 3] += 0.15
+    later = REACHABILITY.reachable(X_later @ now.X_OG)
+    assert 0 < later.sum() < len(now)
+    assert rows(kept.X_OG) == rows(now.X_OG[later])
+    assert kept.rejected["out of reach soon"] == (~later).sum()
+    both = len(grasps.with_twins())
+    assert len(kept) + sum(kept.rejected.values()) == both + grasps.rejected["no contact"]
+
+
+def test_an_object_that_flies_away_keeps_none(grasps):
+    V_WO = np.array([0, 0, 0, 5.0, 0.0, 0.0])
+    assert len(reachable_grasps(grasps, X_WO, V_WO, REACHABILITY)) == 0
+
+
+def test_of_too_many_the_best_are_kept(grasps):
+    every = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000)
+    best = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=7)
+    np.testing.assert_array_equal(best.score, np.sort(every.score)[::-1][:7])
+    assert best.rejected["better grasps in reach"] == len(every) - 7
+
+
+def test_no_grasps():
+    kept = reachable_grasps(GraspSet.empty({"all": 3}), X_WO, STILL, REACHABILITY)
+    assert len(kept) == 0 and kept.rejected == {"all": 3}

@@ -1,0 +1,196 @@
+"""Phases of a grasp, stepped by hand, and the targets that belong to them."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import se3
+from feasigrasp.models.grasp_sequence import GraspSequenceConfig, GraspState, Phase
+from feasigrasp.models.grasps import GraspSet
+
+CONFIG = GraspSequenceConfig()
+WIDTH = 0.05
+X_WO = se3.make_pose(se3.so3_exp([0.1, 0.2, 0.3]), [0.5, 0.1, 0.6])
+V_WO = np.array([0.1, -0.2, 0.3, 0.02, 0.05, -0.01])
+GRASPS = GraspSet(
+    np.stack([se3.exp([0.0, 1.0, 0.0, 0.01, 0.0, 0.0]), se3.exp([0.0, -1.0, 0.5, 0.0, 0.02, 0.0])]),
+    [WIDTH, WIDTH],
+    [0.5, 0.9],
+)
+AT_GRASP = X_WO @ GRASPS.X_OG[1]
+AWAY = AT_GRASP @ se3.exp([0, 0, 0, 0, 0, -0.2])
+
+
+def advanced(state, t, X_WH=AT_GRASP, *, grasps=GRASPS, opening=WIDTH, config=CONFIG):
+    return state.advanced(t, X_WH, X_WO, V_WO, grasps, opening, config)
+
+
+def closing(t=0.0):
+    state = GraspState()
+    state = advanced(state, t)
+    state = advanced(state, t + CONFIG.dwell)
+    assert state.phase == Phase.CLOSE
+    return state
+
+
+def lifting(t=0.0):
+    start = closing(t).since
+    return advanced(closing(t), start + CONFIG.squeeze_time)
+
+
+def test_the_whole_sequence():
+    state, phases = GraspState(), []
+    for t in np.arange(0.0, 8.0, 0.01):
+        state = advanced(state, t, AWAY if t < 1.0 else AT_GRASP)
+        phases.append(state.phase)
+    changes = {phase: 0.01 * phases.index(phase) for phase in Phase}
+    expected = np.cumsum(
+        [1.0, CONFIG.dwell, CONFIG.squeeze_time, CONFIG.lift_time, CONFIG.hold_time]
+    )
+    got = [1.0 if phases[99] == Phase.APPROACH else np.nan]
+    got += [changes[phase] for phase in list(Phase)[1:]]
+    np.testing.assert_allclose(got, expected, atol=0.011)
+    assert sorted(phases) == phases  # never back
+
+
+def test_far_from_all_grasps_it_goes_on_approaching():
+    state = GraspState()
+    for t in np.arange(0.0, 2.0, 0.05):
+        state = advanced(state, t, AWAY)
+    assert state.phase == Phase.APPROACH and not state.released
+
+
+def test_without_grasps_it_goes_on_approaching():
+    near = advanced(GraspState(), 0.0)
+    state = advanced(near, 1.0, grasps=GraspSet.empty())
+    assert state.phase == Phase.APPROACH and np.isnan(state.near_since)
+
+
+def test_a_gripper_that_shall_not_close_never_does():
+    config = GraspSequenceConfig(close=False)
+    state = GraspState()
+    for t in np.arange(0.0, 2.0, 0.05):
+        state = advanced(state, t, config=config)
+    assert state.phase == Phase.APPROACH
+
+
+@pytest.mark.parametrize(
+    ("error", "near"),
+    [
+        ([0, 0, 0, 0.9 * CONFIG.position_tolerance, 0, 0], True),
+        ([0, 0, 0, 1.1 * CONFIG.position_tolerance, 0, 0], False),
+        ([0, 0.9 * CONFIG.angle_tolerance, 0, 0, 0, 0], True),
+        ([0, 1.1 * CONFIG.angle_tolerance, 0, 0, 0, 0], False),
+    ],
+)
+def test_tolerances(error, near):
+    X_WH = AT_GRASP @ se3.exp(np.array(error, dtype=float))
+    state = advanced(advanced(GraspState(), 0.0, X_WH), 1.0, X_WH)
+    assert (state.phase == Phase.CLOSE) == near
+
+
+def test_the_hand_must_dwell():
+    state = advanced(GraspState(), 0.0)
+    assert advanced(state, 0.5 * CONFIG.dwell).phase == Phase.APPROACH
+    assert advanced(state, CONFIG.dwell).phase == Phase.CLOSE
+    # Leaving in between starts the wait anew.
+    state = advanced(state, 0.5 * CONFIG.dwell, AWAY)
+    state = advanced(state, 0.6 * CONFIG.dwell)
+    assert advanced(state, 1.5 * CONFIG.dwell).phase == Phase.APPROACH
+    assert advanced(state, 1.6 * CONFIG.dwell).phase == Phase.CLOSE
+
+
+def test_it_commits_to_the_grasp_it_is_at():
+    state = closing()
+    assert len(state.grasp) == 1
+    np.testing.assert_array_equal(state.grasp.X_OG[0], GRASPS.X_OG[1])
+    np.testing.assert_array_equal(state.X_WO, X_WO)
+    np.testing.assert_array_equal(state.V_WO, V_WO)
+    assert not state.released
+
+
+def test_fingers_that_close_on_nothing_go_back_to_the_approach():
+    start = closing()
+    end = start.since + CONFIG.squeeze_time
+    missed = advanced(start, end, opening=0.5 * CONFIG.min_width)
+    assert missed.phase == Phase.APPROACH and missed.since == end
+    assert missed.grasp is None and missed.X_WO is None and np.isnan(missed.near_since)
+    # Too early to tell: the fingers are still on their way.
+    assert advanced(start, 0.5 * end, opening=0.0).phase == Phase.CLOSE
+    again = advanced(advanced(missed, end), end + CONFIG.dwell)
+    assert again.phase == Phase.CLOSE
+
+
+def test_the_lift_holds_the_hand_where_it_closed():
+    start = closing()
+    slipped = AT_GRASP @ se3.exp([0.0, 0.01, 0.0, 0.003, 0.0, 0.002])
+    state = start.advanced(
+        start.since + CONFIG.squeeze_time, slipped, X_WO, V_WO, GRASPS, WIDTH, CONFIG
+    )
+    assert state.phase == Phase.LIFT and state.released
+    np.testing.assert_allclose(X_WO @ state.grasp.X_OG[0], slipped, atol=1e-12)
+
+
+def test_the_target_of_the_approach_is_the_object():
+    X, V = GraspState().target(3.0, X_WO, V_WO, CONFIG)
+    np.testing.assert_array_equal(X, X_WO)
+    np.testing.assert_array_equal(V, V_WO)
+
+
+def test_while_closing_the_target_moves_on_as_before():
+    """Whatever the fingers do to the object in the meantime."""
+    state = closing()
+    pushed = se3.make_pose(np.eye(3), [0.7, 0.0, 0.4])
+    for elapsed in (0.0, 0.3, CONFIG.squeeze_time):
+        X, V = state.target(state.since + elapsed, pushed, np.zeros(6), CONFIG)
+        np.testing.assert_allclose(X[:3, 3], X_WO[:3, 3] + elapsed * V_WO[3:])
+        turn = se3.so3_exp(elapsed * V_WO[:3])
+        np.testing.assert_allclose(X[:3, :3], turn @ X_WO[:3, :3], atol=1e-12)
+        np.testing.assert_array_equal(V, V_WO)
+
+
+def target_at(state, elapsed):
+    return state.target(state.since + elapsed, np.eye(4), np.zeros(6), CONFIG)
+
+
+def test_the_lift_is_smooth_and_as_long_as_configured():
+    state, h = lifting(), 1e-6
+    for elapsed in np.linspace(0.1, CONFIG.lift_time - 0.1, 15):
+        X, V = target_at(state, elapsed)
+        ahead, behind = target_at(state, elapsed + h)[0], target_at(state, elapsed - h)[0]
+        np.testing.assert_allclose(V[3:], (ahead - behind)[:3, 3] / (2 * h), atol=1e-7)
+        np.testing.assert_array_equal(X[:3, :3], X_WO[:3, :3])
+        np.testing.assert_array_equal(V[:3], 0.0)
+    X_start, V_start = target_at(state, 0.0)
+    X_end, V_end = target_at(state, CONFIG.lift_time)
+    np.testing.assert_allclose(X_start, X_WO)
+    np.testing.assert_allclose(X_end[:3, 3] - X_WO[:3, 3], CONFIG.lift)
+    np.testing.assert_allclose([V_start, V_end], 0.0, atol=1e-12)
+    np.testing.assert_allclose(target_at(state, 2 * CONFIG.lift_time)[0], X_end)
+
+
+def test_after_the_lift_the_hand_stays():
+    lift = lifting()
+    hold = advanced(lift, lift.since + CONFIG.lift_time)
+    done = advanced(hold, hold.since + CONFIG.hold_time)
+    assert (hold.phase, done.phase) == (Phase.HOLD, Phase.DONE)
+    X_end = target_at(lift, CONFIG.lift_time)[0]
+    for state in (hold, done):
+        X, V = target_at(state, 0.7)
+        np.testing.assert_allclose(X, X_end)
+        np.testing.assert_array_equal(V, 0.0)
+        assert state.released
+    assert advanced(done, 1e3) is done
+
+
+def test_targets_do_not_change_the_state():
+    state = lifting()
+    X = target_at(state, CONFIG.lift_time)[0]
+    X[:] = 0.0
+    np.testing.assert_array_equal(state.X_WO, X_WO)
+
+
+def test_a_deep_copy_is_the_state_itself():
+    state = closing()
+    assert copy.deepcopy(state) is state

@@ -1,0 +1,262 @@
+"""What both controllers promise: the same ports, the same safe behaviour, the same goal."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantValueSource, LogVectorOutput
+
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.safe_velocity import SafetyOptions, velocity_bounds
+from feasigrasp.models.self_collision import min_distance
+from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.rmm_task_controller import RMMTaskController
+
+REACH = Reachability()
+HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
+NEAR = RigidTransform(RollPitchYaw(0.2, -0.1, 0.4), [0.5, 0.0, 0.5])
+FAR = RigidTransform([3.0, 0.0, 0.5])
+UNKNOWN = RigidTransform(np.full((4, 4), np.nan))
+STILL = SpatialVelocity.Zero()
+
+both = pytest.mark.parametrize("make", [RMMTaskController, GPJointController])
+
+
+def ring(n=16):
+    """Grasps round the object with many approach directions."""
+    poses = [
+        RigidTransform(
+            RotationMatrix(RollPitchYaw(2 * np.pi * k / n, 0.7 * k, 0.3)), [0, 0, 0.01 * k - 0.08]
+        ).GetAsMatrix4()
+        for k in range(n)
+    ]
+    return GraspSet(np.array(poses), np.full(n, 0.04), np.ones(n))
+
+
+class Bench:
+    """A controller with inputs set by hand, after its first update."""
+
+    def __init__(self, make, *, grasps=None, q=HOME, pose=NEAR, velocity=STILL, **kwargs):
+        self.dut = make(REACH, **kwargs)
+        self.simulator = Simulator(self.dut)
+        self.context = self.simulator.get_mutable_context()
+        self.fix(
+            position=q,
+            grasps=ring() if grasps is None else grasps,
+            object_pose=pose,
+            object_velocity=velocity,
+        )
+        self.advance(0.001)
+
+    def fix(self, **inputs):
+        for name, value in inputs.items():
+            self.dut.GetInputPort(name).FixValue(self.context, value)
+
+    def advance(self, t):
+        self.simulator.AdvanceTo(t)
+
+    def command(self):
+        return self.dut.GetOutputPort("commanded_velocity").Eval(self.context).copy()
+
+
+@both
+def test_ports_are_those_of_the_docstring(make, ports, documented_ports):
+    inputs, outputs = ports(make(REACH))
+    assert (list(inputs), list(outputs)) == documented_ports(make)
+
+
+def test_either_controller_can_replace_the_other(ports):
+    assert ports(RMMTaskController(REACH)) == ports(GPJointController(REACH))
+    inputs, outputs = ports(RMMTaskController(REACH))
+    assert inputs == {"position": 7, "grasps": None, "object_pose": None, "object_velocity": None}
+    assert outputs == {"commanded_velocity": 7}
+
+
+@both
+def test_a_reachable_grasp_makes_the_arm_move(make):
+    qd = Bench(make).command()
+    assert np.linalg.norm(qd) > 0.05
+    assert np.all(np.abs(qd) < VELOCITY_LIMITS)
+
+
+@both
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        {"grasps": GraspSet.empty()},
+        {"grasps": GraspSet.empty({"object not seen": 1})},
+        {"grasps": GraspSet.empty(), "velocity": SpatialVelocity(np.full(6, 0.3))},
+        {"pose": FAR},
+        {"pose": UNKNOWN},
+        {"velocity": SpatialVelocity(np.full(6, np.nan))},
+    ],
+    ids=["empty", "not seen", "empty, moving", "out of reach", "pose unknown", "twist unknown"],
+)
+def test_with_nothing_to_follow_the_command_is_exactly_zero(make, inputs):
+    np.testing.assert_array_equal(Bench(make, **inputs).command(), np.zeros(7))
+
+
+@both
+@pytest.mark.parametrize(
+    "lost",
+    [
+        {"object_pose": UNKNOWN},
+        {"object_velocity": SpatialVelocity(np.full(6, np.nan))},
+        {"object_pose": FAR},
+    ],
+    ids=["pose unknown", "twist unknown", "out of reach"],
+)
+def test_an_object_that_is_lost_between_updates_stops_the_arm(make, lost):
+    bench = Bench(make)
+    assert np.linalg.norm(bench.command()) > 0.05
+    bench.fix(**lost)
+    np.testing.assert_array_equal(bench.command(), np.zeros(7))
+    bench.advance(0.2)
+    np.testing.assert_array_equal(bench.command(), np.zeros(7))
+    bench.fix(object_pose=NEAR, object_velocity=STILL)
+    bench.advance(0.4)
+    assert np.linalg.norm(bench.command()) > 0.05
+
+
+@both
+def test_an_arm_that_touches_itself_is_not_held_there(make):
+    """Without grasps the task-space command is to stop; the QP of either may push apart."""
+    q = np.array([0.0, 2.0, 0.0, -2.0, 0.0, -2.0, 0.0])
+    qd = Bench(make, grasps=GraspSet.empty(), q=q).command()
+    assert np.isfinite(qd).all()
+    assert min_distance(q + 1e-3 * qd) >= min_distance(q) - 1e-9
+
+
+@both
+@pytest.mark.parametrize("seed", range(3))
+def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed):
+    rng = np.random.default_rng(seed)
+    grasps, options = ring(), SafetyOptions()
+    moved = 0
+    for _ in range(12):
+        q = rng.uniform(-1, 1, 7) * POSITION_LIMITS
+        pose = RigidTransform(
+            RotationMatrix(RollPitchYaw(rng.uniform(-3, 3, 3))), rng.uniform(-0.7, 0.7, 3)
+        )
+        velocity = SpatialVelocity(rng.normal(scale=0.5, size=6))
+        qd = Bench(make, grasps=grasps, q=q, pose=pose, velocity=velocity).command()
+        lower, upper = velocity_bounds(q, options)
+        assert np.isfinite(qd).all()
+        assert np.all((lower - 1e-9 <= qd) & (qd <= upper + 1e-9))
+        moved += bool(np.any(qd))
+    assert moved > 0
+
+
+@both
+def test_paper_mode_enforces_nothing(make):
+    """The same state near a limit: the paper's law goes on, the safe one does not."""
+    q = HOME.copy()
+    q[5] = POSITION_LIMITS[5] - 0.011
+    spin = SpatialVelocity([0.0, -6.0, 0.0], [0.0, 0.0, 0.0])
+    commands = {
+        mode: Bench(make, q=q, velocity=spin, mode=mode).command() for mode in ("safe", "paper")
+    }
+    lower, upper = velocity_bounds(q, SafetyOptions())
+    assert np.all((lower - 1e-9 <= commands["safe"]) & (commands["safe"] <= upper + 1e-9))
+    assert np.isfinite(commands["paper"]).all()
+    assert np.any((commands["paper"] > upper) | (commands["paper"] < lower))
+
+
+@both
+@pytest.mark.parametrize(
+    "lost",
+    [{"pose": UNKNOWN}, {"velocity": SpatialVelocity(np.full(6, np.nan))}],
+    ids=["pose unknown", "twist unknown"],
+)
+def test_paper_mode_stops_too_when_the_object_is_unknown(make, lost):
+    np.testing.assert_array_equal(Bench(make, mode="paper", **lost).command(), np.zeros(7))
+
+
+class MovingObject(LeafSystem):
+    def __init__(self, motion):
+        super().__init__()
+        self._motion = motion
+        self.DeclareAbstractOutputPort("pose", Value[RigidTransform], self._calc_pose)
+        self.DeclareAbstractOutputPort("velocity", Value[SpatialVelocity], self._calc_velocity)
+
+    def _calc_pose(self, context, output):
+        output.set_value(RigidTransform(self._motion.pose(context.get_time())))
+
+    def _calc_velocity(self, context, output):
+        output.set_value(SpatialVelocity(self._motion.velocity(context.get_time())))
+
+
+class PerfectArm(LeafSystem):
+    """An arm that does what it is told, at control rate."""
+
+    def __init__(self, q):
+        super().__init__()
+        self._velocity = self.DeclareVectorInputPort("velocity", 7)
+        self.DeclareStateOutputPort("position", self.DeclareDiscreteState(q))
+        self.DeclarePeriodicDiscreteUpdateEvent(0.005, 0.0, self._update)
+
+    def _update(self, context, discrete_state):
+        q = context.get_discrete_state_vector().value()
+        discrete_state.get_mutable_vector().SetFromVector(
+            q + 0.005 * self._velocity.Eval(context)
+        )
+
+
+def closed_loop(make, motion, duration, grasps, **kwargs):
+    """Joint positions every 0.05 s, shape (n, 7), of a controller that follows an object."""
+    builder = DiagramBuilder()
+    controller = builder.AddSystem(make(REACH, **kwargs))
+    arm = builder.AddSystem(PerfectArm(HOME))
+    target = builder.AddSystem(MovingObject(motion))
+    source = builder.AddSystem(ConstantValueSource(AbstractValue.Make(grasps)))
+    builder.Connect(arm.get_output_port(), controller.GetInputPort("position"))
+    builder.Connect(source.get_output_port(), controller.GetInputPort("grasps"))
+    builder.Connect(target.GetOutputPort("pose"), controller.GetInputPort("object_pose"))
+    builder.Connect(target.GetOutputPort("velocity"), controller.GetInputPort("object_velocity"))
+    builder.Connect(controller.get_output_port(), arm.get_input_port())
+    logger = LogVectorOutput(arm.get_output_port(), builder, 0.05)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(duration)
+    log = logger.FindLog(simulator.get_context())
+    return log.sample_times(), log.data().T
+
+
+def line(speed, spin):
+    """Along y through x = 0.5, with about ``speed`` [m/s] at the start."""
+    return HarmonicMotion(
+        center=np.array([0.5, 0.0, 0.5]),
+        amplitude=np.array([0.0, speed / 0.6, 0.0]),
+        harmonic=np.ones(3),
+        offset_deg=np.zeros(3),
+        rate=0.6,
+        start_phase=0.0,
+        spin_axis=np.array([0.0, 0.0, 1.0]),
+        spin=spin,
+        R_WO=NEAR.rotation().matrix(),
+    )
+
+
+@both
+@pytest.mark.parametrize(("speed", "spin"), [(0.0, 0.0), (0.08, 0.2)], ids=["still", "moving"])
+def test_the_hand_gets_to_a_grasp_and_stays_there(make, speed, spin):
+    motion = line(speed, spin)
+    both_ways = ring().with_twins()
+    reachable = REACH.reachable(motion.pose(0.0) @ both_ways.X_OG)
+    grasps = both_ways.select(reachable)
+    times, q = closed_loop(make, motion, 4.0, grasps)
+    for t, q_t in zip(times[times > 3.5], q[times > 3.5], strict=True):
+        X_WG = motion.pose(t) @ grasps.X_OG
+        X_GH = np.linalg.inv(X_WG) @ forward_kinematics(q_t, REACH.gripper.X_FG)
+        position = np.linalg.norm(X_GH[:, :3, 3], axis=1)
+        cosine = (np.trace(X_GH[:, :3, :3], axis1=1, axis2=2) - 1) / 2
+        angle = np.arccos(np.clip(cosine, -1, 1))
+        assert np.any((position < 0.004) & (angle < 0.05)), (t, position.min(), angle.min())
+    assert np.all(np.abs(q) < POSITION_LIMITS)
+    assert min(min_distance(q_t) for q_t in q) > 0.0

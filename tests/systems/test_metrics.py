@@ -1,0 +1,183 @@
+"""Every entry of a sample against Drake's own kinematics and collision geometry."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.tree import JacobianWrtVariable
+
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import load_scenario
+from feasigrasp.systems.dynamic_grasp import make_station
+from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
+
+GRIPPER = ParallelGripper()
+X_WO = RigidTransform(RollPitchYaw(0.4, -0.3, 1.0), [0.5, 0.1, 0.4])
+HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
+
+
+@pytest.fixture(scope="module")
+def station():
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachCircular")
+    scenario.cameras = {}
+    return make_station(scenario)
+
+
+@pytest.fixture
+def sample(fixed_context):
+    """``sample(q, v, grasps, ...)``: one sample, by name."""
+
+    def evaluate(q, v=np.zeros(7), *, grasps=None, pose=X_WO, phase=0.0):  # noqa: B008
+        dut = Metrics(GRIPPER)
+        context = fixed_context(
+            dut,
+            state=np.r_[q, v],
+            object_pose=pose,
+            grasps=GraspSet.empty() if grasps is None else grasps,
+            phase=[phase],
+        )
+        return dict(zip(SAMPLE_NAMES, dut.get_output_port().Eval(context), strict=True))
+
+    return evaluate
+
+
+def configurations(n, seed=0):
+    return np.random.default_rng(seed).uniform(-1, 1, (n, 7)) * POSITION_LIMITS
+
+
+class DrakeArm:
+    """The station's plant at a configuration of the arm, object out of the way."""
+
+    def __init__(self, station, q):
+        self.plant, self.scene_graph = station.plant, station.scene_graph
+        self.iiwa = self.plant.GetModelInstanceByName("iiwa")
+        root = station.CreateDefaultContext()
+        self.context = self.plant.GetMyMutableContextFromRoot(root)
+        self.plant.SetPositions(self.context, self.iiwa, q)
+        self.plant.SetFreeBodyPose(
+            self.context, station.object_body, RigidTransform([5.0, 5.0, 5.0])
+        )
+        self.query = self.scene_graph.get_query_output_port().Eval(
+            self.scene_graph.GetMyContextFromRoot(root)
+        )
+
+    def manipulability(self):
+        plant = self.plant
+        J = plant.CalcJacobianSpatialVelocity(
+            self.context,
+            JacobianWrtVariable.kV,
+            plant.GetFrameByName("iiwa_flange"),
+            np.zeros(3),
+            plant.world_frame(),
+            plant.world_frame(),
+        )
+        first = plant.GetJointByName("iiwa_joint_1").velocity_start()
+        J = J[:, first : first + 7]
+        return np.sqrt(max(np.linalg.det(J @ J.T), 0.0))
+
+    def hand(self):
+        """The contact centre: midway between the pads, in front of the flange."""
+        flange = self.plant.GetFrameByName("iiwa_flange").CalcPoseInWorld(self.context)
+        return flange.GetAsMatrix4() @ GRIPPER.X_FG
+
+    def distances(self):
+        """Signed distances between geometries of bodies that are no neighbours [m]."""
+        inspector = self.scene_graph.model_inspector()
+        pairs = self.query.ComputeSignedDistancePairwiseClosestPoints(0.5)
+        names = []
+        for pair in pairs:
+            bodies = [
+                self.plant.GetBodyFromFrameId(inspector.GetFrameId(g)).name()
+                for g in (pair.id_A, pair.id_B)
+            ]
+            names.append((bodies, pair.distance))
+        return names
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    inputs, outputs = ports(Metrics(GRIPPER))
+    assert (list(inputs), list(outputs)) == documented_ports(Metrics)
+    assert (inputs["state"], inputs["phase"], outputs["sample"]) == (14, 1, len(SAMPLE_NAMES))
+
+
+def test_manipulability_is_that_of_drakes_jacobian(station, sample):
+    for q in configurations(6):
+        expected = DrakeArm(station, q).manipulability()
+        assert sample(q)["manipulability"] == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_object_is_told_in_the_hand_and_in_the_world(station, sample):
+    for q in configurations(4, seed=1):
+        x = sample(q)
+        X_WH = DrakeArm(station, q).hand()
+        p_HO = np.array([x[f"p_HO_{axis}"] for axis in "xyz"])
+        np.testing.assert_allclose(
+            p_HO, X_WH[:3, :3].T @ (X_WO.translation() - X_WH[:3, 3]), atol=1e-9
+        )
+        distance = np.linalg.norm(X_WO.translation() - X_WH[:3, 3])
+        assert np.linalg.norm(p_HO) == pytest.approx(distance)
+        assert [x[f"p_WO_{axis}"] for axis in "xyz"] == list(X_WO.translation())
+
+
+def test_self_distance_is_no_more_than_the_true_one(station, sample):
+    """The capsules enclose the simulated bodies, and not by much."""
+    slack = []
+    for q in configurations(25, seed=2):
+        x = sample(q)
+        arm = DrakeArm(station, q)
+        true = [
+            d
+            for names, d in arm.distances()
+            if not {"table_top", "object"} & set(names) and not _neighbours(*names)
+        ]
+        if true and min(true) < 0.15:
+            slack.append(min(true) - x["self_distance"])
+            if min(true) < 0.0:
+                assert x["self_collision"] == 1.0
+    assert len(slack) >= 5
+    assert min(slack) > -2e-3
+    assert np.median(slack) < 0.05
+
+
+def _neighbours(a, b):
+    """Whether two bodies of the arm are joined, or are both of the hand."""
+    links = [int(n.rsplit("_", 1)[1]) if n.startswith("iiwa_link_") else 7 for n in (a, b)]
+    return abs(links[0] - links[1]) <= 1
+
+
+def test_a_straight_arm_is_clear_and_a_folded_one_is_not(sample):
+    clear = sample(HOME)
+    assert (clear["self_collision"], clear["self_distance"] > 0.0) == (0.0, True)
+    folded = sample(np.array([0.0, 0.0, 0.0, -2.9, 0.0, -2.5, 0.0]))
+    assert folded["self_collision"] == 1.0
+
+
+def test_limit_margin_and_speed_are_those_of_the_worst_joint(sample):
+    q, v = 0.5 * POSITION_LIMITS, 0.3 * VELOCITY_LIMITS
+    assert sample(q, v)["limit_margin"] == pytest.approx((POSITION_LIMITS - q).min())
+    assert sample(q, v)["velocity_ratio"] == pytest.approx(0.3)
+    q[2], v[4] = -POSITION_LIMITS[2] - 0.02, -1.25 * VELOCITY_LIMITS[4]
+    assert sample(q, v)["limit_margin"] == pytest.approx(-0.02)
+    assert sample(q, v)["velocity_ratio"] == pytest.approx(1.25)
+
+
+def test_the_nearest_grasp_counts(station, sample):
+    X_OH = X_WO.inverse().GetAsMatrix4() @ DrakeArm(station, HOME).hand()
+    offsets = [
+        RigidTransform([0.3, 0.0, 0.0]),
+        RigidTransform(RotationMatrix.MakeZRotation(0.2), [0.01, 0.0, -0.02]),
+        RigidTransform(RotationMatrix.MakeXRotation(2.0), [0.0, 0.0, 0.0]),
+    ]
+    poses = np.array([X_OH @ X.GetAsMatrix4() for X in offsets])
+    x = sample(HOME, grasps=GraspSet(poses, np.full(3, 0.04), np.ones(3)), phase=2.0)
+    assert x["grasp_position_error"] == pytest.approx(np.hypot(0.01, 0.02), rel=1e-6)
+    assert x["grasp_angle_error"] == pytest.approx(0.2, rel=1e-6)
+    assert x["phase"] == 2.0
+
+
+def test_without_grasps_only_their_errors_are_nan(sample):
+    x = sample(HOME)
+    missing = {name for name, value in x.items() if np.isnan(value)}
+    assert missing == {"grasp_position_error", "grasp_angle_error"}

@@ -1,0 +1,290 @@
+"""The robot cell does what its ports say: arm, gripper, camera and object."""
+
+import dataclasses
+
+import numpy as np
+import open3d as o3d
+import pytest
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.errors import MeshError
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import load_scenario, make_motion
+from feasigrasp.systems.dynamic_grasp import load_scenario_object, make_station
+from feasigrasp.systems.station import Station, StationConfig
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+OPEN = ParallelGripper().max_opening
+HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
+
+
+def scenario(*, cameras=False, mode="safe", model="mug", plant=None):
+    result = load_scenario(
+        FILE, "ReachCircular", f"{{object: {{model: {model}}}, control: {{mode: {mode}}}}}"
+    )
+    if not cameras:
+        result.cameras = {}
+    return result
+
+
+class Cell:
+    """A station with a simulator whose inputs can be changed; trials get fresh contexts."""
+
+    def __init__(self, config):
+        self.scenario = config
+        self.motion = make_motion(config)
+        self.station = make_station(config)
+
+    def start(self, q=HOME):
+        self.simulator = Simulator(self.station)
+        self.context = self.simulator.get_mutable_context()
+        self.fix("iiwa.desired_state", np.r_[q, np.zeros(7)])
+        self.fix("gripper.position", [OPEN])
+        self.fix("object.hold", [1.0])
+        return self
+
+    def fix(self, name, value):
+        self.station.GetInputPort(name).FixValue(self.context, value)
+
+    def advance(self, t):
+        self.simulator.AdvanceTo(t)
+
+    def read(self, name):
+        value = self.station.GetOutputPort(name).Eval(self.context)
+        return value.copy() if isinstance(value, np.ndarray) else value
+
+    def object_pose(self):
+        return RigidTransform(self.read("object.pose"))
+
+    def put_object(self, X_WO):
+        plant = self.station.plant
+        plant.SetFreeBodyPose(
+            plant.GetMyMutableContextFromRoot(self.context), self.station.object_body, X_WO
+        )
+
+
+@pytest.fixture(scope="module")
+def blind():
+    return Cell(scenario())
+
+
+@pytest.fixture(scope="module")
+def seeing():
+    return Cell(scenario(cameras=True))
+
+
+@pytest.fixture(scope="module")
+def surface(seeing):
+    """Distance of points in O to the object's true surface."""
+    obj = load_scenario_object(seeing.scenario)
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(obj.vertices.astype(np.float32)),
+        o3d.core.Tensor(obj.faces.astype(np.uint32)),
+    )
+    return lambda x: scene.compute_distance(o3d.core.Tensor(x.astype(np.float32))).numpy()
+
+
+def test_ports_are_those_of_the_docstring(seeing, ports, documented_ports):
+    inputs, outputs = ports(seeing.station)
+    documented_inputs, documented_outputs = documented_ports(Station)
+    named = [name.replace("<camera>", "wrist_camera") for name in documented_outputs]
+    assert list(inputs) == documented_inputs
+    assert sorted(outputs) == sorted(named)
+    assert inputs == {"iiwa.desired_state": 14, "gripper.position": 1, "object.hold": 1}
+    sizes = {name: size for name, size in outputs.items() if size is not None}
+    assert sizes == {
+        "iiwa.position_measured": 7,
+        "iiwa.state_estimated": 14,
+        "gripper.state_measured": 2,
+    }
+
+
+def test_it_starts_where_the_scenario_says(blind):
+    cell = blind.start()
+    np.testing.assert_allclose(
+        cell.read("iiwa.state_estimated"), np.r_[np.deg2rad(cell.scenario.q_start), np.zeros(7)]
+    )
+    np.testing.assert_array_equal(
+        cell.read("iiwa.position_measured"), cell.read("iiwa.state_estimated")[:7]
+    )
+    np.testing.assert_allclose(cell.read("gripper.state_measured"), [OPEN, 0.0])
+    np.testing.assert_allclose(
+        cell.object_pose().GetAsMatrix4(), cell.motion.pose(0.0), atol=1e-12
+    )
+
+
+def test_the_arm_holds_its_place_against_gravity(blind):
+    cell = blind.start()
+    cell.advance(0.5)
+    np.testing.assert_allclose(cell.read("iiwa.position_measured"), HOME, atol=1e-4)
+
+
+def test_the_arm_tracks_a_moving_desired_state(blind):
+    """DESIGN: within 1.4 mrad."""
+    cell = blind.start()
+    amplitude, rate = 0.1 * np.array([1, -1, 1, -1, 1, -1, 1]), 3.0
+    errors = []
+    for k in range(200):
+        t = 0.005 * k
+        q = HOME + amplitude * (1 - np.cos(rate * t))
+        cell.fix("iiwa.desired_state", np.r_[q, amplitude * rate * np.sin(rate * t)])
+        errors.append(np.abs(cell.read("iiwa.position_measured") - q).max())
+        cell.advance(t + 0.005)
+    assert max(errors) < 0.004  # one control period at full speed is 1.5 mrad
+
+
+def test_a_step_of_the_desired_state_is_reached(blind):
+    cell = blind.start()
+    q = HOME + 0.05 * np.array([1, -1, 1, 1, -1, 1, -1])
+    cell.fix("iiwa.desired_state", np.r_[q, np.zeros(7)])
+    cell.advance(1.0)
+    np.testing.assert_allclose(cell.read("iiwa.state_estimated"), np.r_[q, np.zeros(7)], atol=2e-3)
+
+
+@pytest.mark.parametrize("width", [0.01, 0.05, OPEN])
+def test_the_gripper_opens_to_the_commanded_width(blind, width):
+    cell = blind.start()
+    cell.fix("gripper.position", [width])
+    cell.advance(0.6)
+    measured = cell.read("gripper.state_measured")
+    np.testing.assert_allclose(measured, [width, 0.0], atol=5e-4)
+    # Either finger is half the width away from the middle, along the closing direction.
+    plant = cell.station.plant
+    context = plant.GetMyContextFromRoot(cell.context)
+    gripper = plant.GetModelInstanceByName("gripper")
+    opened = [
+        plant.GetJointByName(f"{side}_finger_joint", gripper).get_translation(context)
+        for side in ("left", "right")
+    ]
+    np.testing.assert_allclose(opened, width / 2, atol=5e-4)
+
+
+def test_the_gripper_closes_until_the_pads_meet(blind):
+    cell = blind.start()
+    cell.fix("gripper.position", [-0.05])
+    cell.advance(0.8)
+    assert abs(cell.read("gripper.state_measured")[0]) < 1e-3
+
+
+def test_the_object_follows_its_motion(blind):
+    cell = blind.start()
+    for t in np.arange(8, 16) * 0.05:
+        cell.advance(round(t, 9))
+        X, X_true = cell.object_pose(), RigidTransform(cell.motion.pose(t))
+        assert np.linalg.norm(X.translation() - X_true.translation()) < 1e-4
+        assert abs((X.rotation().inverse() @ X_true.rotation()).ToAngleAxis().angle()) < 1e-3
+        velocity = cell.read("object.velocity").get_coeffs()
+        np.testing.assert_allclose(velocity, cell.motion.velocity(t), atol=2e-3)
+
+
+def test_let_go_the_object_falls(blind):
+    cell = blind.start()
+    cell.advance(0.3)
+    start, speed = cell.object_pose().translation().copy(), cell.motion.velocity(0.3)[3:]
+    cell.fix("object.hold", [0.0])
+    cell.advance(0.5)
+    moved = cell.object_pose().translation() - start
+    np.testing.assert_allclose(moved, 0.2 * speed + [0, 0, -9.81 / 2 * 0.2**2], atol=3e-3)
+
+
+@pytest.mark.parametrize(("mode", "free"), [("safe", False), ("paper", True)])
+def test_the_end_stops_are_there_only_in_safe_mode(mode, free):
+    cell = Cell(scenario(mode=mode)).start()
+    beyond = HOME.copy()
+    beyond[0] = POSITION_LIMITS[0] + 0.2
+    cell.fix("iiwa.desired_state", np.r_[beyond, np.zeros(7)])
+    plant = cell.station.plant
+    near = beyond - np.r_[0.3, np.zeros(6)]
+    plant.SetPositions(
+        plant.GetMyMutableContextFromRoot(cell.context), plant.GetModelInstanceByName("iiwa"), near
+    )
+    cell.advance(1.0)
+    reached = cell.read("iiwa.position_measured")[0]
+    if free:
+        assert reached == pytest.approx(beyond[0], abs=5e-3)
+    else:
+        assert reached == pytest.approx(POSITION_LIMITS[0], abs=0.02)
+
+
+def test_the_point_cloud_lies_on_the_true_object(seeing, surface):
+    cell = seeing.start()
+    cell.advance(0.01)
+    labels = cell.read("wrist_camera.label_image").data.ravel()
+    xyz = cell.read("wrist_camera.point_cloud").xyzs()
+    on_object = labels == int(cell.station.object_body.index())
+    assert on_object.sum() > 500
+    points = xyz[:, on_object]
+    assert np.isfinite(points).all()
+    distance = surface((cell.object_pose().inverse() @ points).T)
+    assert distance.max() < 2e-3  # silhouette pixels that the rasteriser rounds to the object
+    assert np.median(distance) < 1e-4
+
+
+def test_no_other_label_lies_on_the_object(seeing, surface):
+    """A label is the index of a body: all that touches the object's surface bears its own."""
+    cell = seeing.start()
+    cell.advance(0.01)
+    labels = cell.read("wrist_camera.label_image").data.ravel()
+    xyz = cell.read("wrist_camera.point_cloud").xyzs()
+    others = np.isfinite(xyz).all(axis=0) & (labels != int(cell.station.object_body.index()))
+    assert others.sum() > 500
+    assert surface((cell.object_pose().inverse() @ xyz[:, others]).T).min() > 2e-3
+    bodies = cell.station.plant.num_bodies()
+    assert np.all(labels[others] < bodies)
+
+
+def test_an_object_nearer_than_the_depth_range_has_labels_but_no_points(seeing):
+    cell = seeing.start()
+    X_WC = cell.read("wrist_camera.pose")
+    z_near = cell.scenario.cameras["wrist_camera"].z_near
+    cell.put_object(X_WC @ RigidTransform([0.0, 0.0, z_near - 0.05]))
+    labels = cell.read("wrist_camera.label_image").data.ravel()
+    depth = cell.read("wrist_camera.depth_image").data.ravel()
+    xyz = cell.read("wrist_camera.point_cloud").xyzs()
+    too_near = (labels == int(cell.station.object_body.index())) & (depth == 0.0)
+    assert too_near.sum() > 500
+    assert not np.isfinite(xyz[:, too_near]).any(axis=0).any()
+
+
+def test_the_camera_moves_with_the_hand(seeing):
+    """Its pose against Drake's own kinematics, and the object in the middle of its picture."""
+    cell = seeing.start()
+    plant = cell.station.plant
+    frame = plant.GetFrameByName("camera_optical")
+    for q in (HOME, HOME + 0.1):
+        context = plant.GetMyMutableContextFromRoot(cell.context)
+        plant.SetPositions(context, plant.GetModelInstanceByName("iiwa"), q)
+        X_WC = cell.read("wrist_camera.pose").GetAsMatrix4()
+        expected = frame.CalcPoseInWorld(context).GetAsMatrix4()
+        np.testing.assert_allclose(X_WC, expected, atol=1e-12)
+    assert X_WC[2, 3] > 0.3
+
+
+def test_a_fresh_context_is_a_fresh_trial(blind):
+    runs = []
+    for _ in range(2):
+        cell = blind.start()
+        cell.advance(0.1)
+        runs.append(cell.object_pose().GetAsMatrix4())
+    np.testing.assert_array_equal(*runs)
+
+
+def test_a_cell_without_an_arm_is_refused_by_name():
+    bare = dataclasses.replace(_config(scenario()), directives=[])
+    with pytest.raises(RuntimeError, match="iiwa"):
+        Station(bare, load_scenario_object(scenario()), make_motion(scenario()))
+
+
+def test_an_unknown_object_is_refused_by_name():
+    unknown = scenario()
+    unknown.object.model = "no_such_thing"
+    with pytest.raises(MeshError, match="no_such_thing"):
+        make_station(unknown)
+
+
+def _config(of):
+    return StationConfig(plant=of.plant_config, directives=of.directives, q_start=HOME)
