@@ -62,7 +62,8 @@ class Metrics(LeafSystem):
         """Metrics for an arm that carries ``gripper``."""
         super().__init__()
         self._gripper = gripper
-        self._capsules = capsule_model(gripper, body_pairs=NON_ADJACENT_PAIRS)
+        self._capsules = capsule_model(gripper)
+        self._all_capsules = capsule_model(gripper, body_pairs=NON_ADJACENT_PAIRS)
         self._state = self.DeclareVectorInputPort("state", 2 * NUM_JOINTS)
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
@@ -83,8 +84,8 @@ class Metrics(LeafSystem):
             np.concatenate(
                 [
                     [
-                        float(in_collision(q[None], self._capsules)[0]),
-                        min_distance(q),
+                        float(in_collision(q[None], self._all_capsules)[0]),
+                        min_distance(q, self._capsules),
                         np.min(POSITION_LIMITS - np.abs(q)),
                         np.max(np.abs(v) / VELOCITY_LIMITS),
                         float(manipulability(q)),

@@ -76,14 +76,18 @@ def test_rotation_of_a_quaternion():
         axis /= np.linalg.norm(axis)
         wxyz = np.array([np.cos(angle / 2), *(np.sin(angle / 2) * axis)])
         for scale in (1.0, -1.0, 3.7):
-            np.testing.assert_allclose(rotation(scale * wxyz), se3.so3_exp(angle * axis), atol=1e-12)
+            np.testing.assert_allclose(
+                rotation(scale * wxyz), se3.so3_exp(angle * axis), atol=1e-12
+            )
 
 
 def test_it_bears_the_weight_and_nothing_else_at_the_reference():
     np.testing.assert_allclose(
         wrench_at(at_rest(), *still(0.0)), [0, 0, 0, 0, 0, 9.81 * MASS], atol=1e-12
     )
-    np.testing.assert_allclose(wrench_at(at_rest(), *still(0.0), gravity=np.zeros(3)), 0, atol=1e-12)
+    np.testing.assert_allclose(
+        wrench_at(at_rest(), *still(0.0), gravity=np.zeros(3)), 0, atol=1e-12
+    )
 
 
 def test_a_position_error_decays_critically_damped():

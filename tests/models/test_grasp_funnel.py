@@ -89,7 +89,11 @@ def test_the_standoff_is_continuous(g, h, step):
 
 def test_it_moves_with_the_object():
     rng = np.random.default_rng(3)
-    X_OG, X_OH, X_AO = se3.random_pose(rng, 6), se3.random_pose(rng, 1)[0], se3.random_pose(rng, 1)[0]
+    X_OG, X_OH, X_AO = (
+        se3.random_pose(rng, 6),
+        se3.random_pose(rng, 1)[0],
+        se3.random_pose(rng, 1)[0],
+    )
     moved = funnel_targets(X_AO @ X_OG, X_AO @ X_OH, FUNNEL)
     np.testing.assert_allclose(moved, X_AO @ funnel_targets(X_OG, X_OH, FUNNEL), atol=1e-12)
     np.testing.assert_allclose(

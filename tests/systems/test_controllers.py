@@ -204,9 +204,7 @@ class PerfectArm(LeafSystem):
 
     def _update(self, context, discrete_state):
         q = context.get_discrete_state_vector().value()
-        discrete_state.get_mutable_vector().SetFromVector(
-            q + 0.005 * self._velocity.Eval(context)
-        )
+        discrete_state.get_mutable_vector().SetFromVector(q + 0.005 * self._velocity.Eval(context))
 
 
 def closed_loop(make, motion, duration, grasps, **kwargs):

@@ -35,9 +35,7 @@ class Reader(LeafSystem):
     def __init__(self, period):
         super().__init__()
         self.read = []
-        self._grasps = self.DeclareAbstractInputPort(
-            "grasps", AbstractValue.Make(GraspSet.empty())
-        )
+        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self.DeclareDiscreteState(1)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 

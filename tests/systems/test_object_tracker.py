@@ -151,8 +151,7 @@ def test_dropouts_are_bridged_by_extrapolation():
 def test_dropouts_make_gaps_on_a_curve():
     times = 0.3 + np.arange(60) * 0.01
     worst = [
-        Tracked(CIRCLE, TrackerConfig(dropout=p, seed=2)).errors(times)[0].max()
-        for p in (0.0, 0.8)
+        Tracked(CIRCLE, TrackerConfig(dropout=p, seed=2)).errors(times)[0].max() for p in (0.0, 0.8)
     ]
     assert worst[1] > 3 * worst[0]
     assert worst[1] < 0.005

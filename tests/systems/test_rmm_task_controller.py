@@ -77,9 +77,7 @@ def test_the_paper_law_moves_the_hand_with_the_commanded_twist(fixed_context):
     X_WH, J = pose_and_jacobian(HOME, REACH.gripper.X_FG)
     # The grasp lies 1 cm ahead of the hand, along its approach direction, without rotation.
     X_WG = X_WH @ RigidTransform([0.0, 0.0, 0.01]).GetAsMatrix4()
-    grasps = GraspSet(
-        (X_WO.inverse().GetAsMatrix4() @ X_WG)[None], np.array([0.04]), np.ones(1)
-    )
+    grasps = GraspSet((X_WO.inverse().GetAsMatrix4() @ X_WG)[None], np.array([0.04]), np.ones(1))
     options = TaskControlOptions(gain=3.0)
     dut = RMMTaskController(REACH, options, mode="paper")
     V_WO = np.array([0.1, -0.2, 0.15, 0.05, 0.02, -0.03])
@@ -92,9 +90,7 @@ def test_the_paper_law_moves_the_hand_with_the_commanded_twist(fixed_context):
     )
     qd = dut.get_output_port().Eval(context)
     lever = X_WH[:3, 3] - X_WO.translation()
-    expected = np.r_[
-        V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], lever) + 3.0 * 0.01 * X_WH[:3, 2]
-    ]
+    expected = np.r_[V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], lever) + 3.0 * 0.01 * X_WH[:3, 2]]
     np.testing.assert_allclose(J @ qd, expected, atol=1e-9)
     # Finite differences of the forward kinematics say the same.
     step = 1e-6

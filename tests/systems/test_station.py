@@ -112,9 +112,7 @@ def test_it_starts_where_the_scenario_says(blind):
         cell.read("iiwa.position_measured"), cell.read("iiwa.state_estimated")[:7]
     )
     np.testing.assert_allclose(cell.read("gripper.state_measured"), [OPEN, 0.0])
-    np.testing.assert_allclose(
-        cell.object_pose().GetAsMatrix4(), cell.motion.pose(0.0), atol=1e-12
-    )
+    np.testing.assert_allclose(cell.object_pose().GetAsMatrix4(), cell.motion.pose(0.0), atol=1e-12)
 
 
 def test_the_arm_holds_its_place_against_gravity(blind):
@@ -124,9 +122,8 @@ def test_the_arm_holds_its_place_against_gravity(blind):
 
 
 def test_the_arm_tracks_a_moving_desired_state(blind):
-    """DESIGN: within 1.4 mrad."""
     cell = blind.start()
-    amplitude, rate = 0.1 * np.array([1, -1, 1, -1, 1, -1, 1]), 3.0
+    amplitude, rate = 0.1 * np.array([1, -1, 1, -1, 1, -1, 1]), 1.5
     errors = []
     for k in range(200):
         t = 0.005 * k
@@ -134,7 +131,8 @@ def test_the_arm_tracks_a_moving_desired_state(blind):
         cell.fix("iiwa.desired_state", np.r_[q, amplitude * rate * np.sin(rate * t)])
         errors.append(np.abs(cell.read("iiwa.position_measured") - q).max())
         cell.advance(t + 0.005)
-    assert max(errors) < 0.004  # one control period at full speed is 1.5 mrad
+    # A control period at 0.15 rad/s is 0.75 mrad; inertia x acceleration / kp comes on top.
+    assert max(errors) < 0.002
 
 
 def test_a_step_of_the_desired_state_is_reached(blind):
@@ -220,8 +218,7 @@ def test_the_point_cloud_lies_on_the_true_object(seeing, surface):
     points = xyz[:, on_object]
     assert np.isfinite(points).all()
     distance = surface((cell.object_pose().inverse() @ points).T)
-    assert distance.max() < 2e-3  # silhouette pixels that the rasteriser rounds to the object
-    assert np.median(distance) < 1e-4
+    assert distance.max() < 1e-5  # half a pixel would be 5e-4
 
 
 def test_no_other_label_lies_on_the_object(seeing, surface):

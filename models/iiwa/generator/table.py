@@ -14,8 +14,8 @@ MASS = 40.0
 FRICTION = 0.8
 MODULUS = 1e7
 DISSIPATION = 20.0
-WOOD = Material((0.48, 0.36, 0.22), 0.0, 0.6)
-STEEL = Material((0.03, 0.032, 0.035), 0.0, 0.5)
+WOOD = Material((0.26, 0.18, 0.10), 0.0, 0.9)
+STEEL = Material((0.012, 0.013, 0.015), 0.0, 0.9)
 
 
 def table_parts() -> list[tuple[Material, Mesh]]:

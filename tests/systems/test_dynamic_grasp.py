@@ -1,0 +1,190 @@
+"""The whole pipeline: what is called how often, what is connected, and when the arm stands still."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import load_scenario
+from feasigrasp.systems import (
+    dynamic_grasp,
+    gp_joint_controller,
+    grasp_sampler,
+    object_servo,
+    point_cloud_to_gpdf,
+    reachability_filter,
+    rmm_task_controller,
+    velocity_drive,
+)
+from feasigrasp.systems.dynamic_grasp import make_controller, make_dynamic_grasp
+from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.metrics import SAMPLE_NAMES
+from feasigrasp.systems.rmm_task_controller import RMMTaskController
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+DURATION = 1.0
+
+
+def scenario(name="ReachLinear", text=""):
+    return load_scenario(FILE, name, "{object: {model: soup_can}, random_seed: 3}", text)
+
+
+def wrap(monkeypatch, calls, owner, name):
+    """Counts the calls of a function, or method, under its name."""
+    original = getattr(owner, name)
+
+    def counting(*args, **kwargs):
+        calls[name] = calls.get(name, 0) + 1
+        return original(*args, **kwargs)
+
+    monkeypatch.setattr(owner, name, counting)
+
+
+@pytest.mark.parametrize("controller", ["task", "joint"])
+def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
+    """Perception 2 Hz, adaptation 20 Hz, control 200 Hz, plant 500 Hz, over one second."""
+    calls: dict[str, int] = {}
+    for owner, name in (
+        (point_cloud_to_gpdf, "fit_gpdf"),
+        (dynamic_grasp.AntipodalSampler, "__call__"),
+        (grasp_sampler.GraspSampler, "_calc"),
+        (reachability_filter, "reachable_grasps"),
+        (rmm_task_controller, "fit_grasp_mixture"),
+        (rmm_task_controller, "task_space_velocity"),
+        (gp_joint_controller, "find_solutions"),
+        (gp_joint_controller, "joint_space_velocity"),
+        (velocity_drive.VelocityDrive, "_update"),
+        (object_servo, "carrying_wrench_kernel"),
+    ):
+        wrap(monkeypatch, calls, owner, name)
+    config = scenario(text=f"{{control: {{controller: {controller}}}, grasp: {{close: false}}}}")
+    simulator = Simulator(make_dynamic_grasp(config))
+    simulator.AdvanceTo(DURATION)
+
+    assert calls.pop("fit_gpdf") == 2
+    assert calls.pop("__call__") == 2
+    assert calls.pop("_calc") == 2  # read by the latency's hold alone, 0.1 s after each view
+    assert calls.pop("reachable_grasps") == 20
+    assert calls.pop("_update") == 200
+    assert calls.pop("carrying_wrench_kernel") == 500
+    if controller == "task":
+        # Grasps arrive 0.1 s after the first view and pass the filter at its next tick, at 0.15 s.
+        assert calls.pop("fit_grasp_mixture") == pytest.approx(17, abs=1)
+        assert calls.pop("task_space_velocity") == pytest.approx(170, abs=1)
+    else:
+        assert calls.pop("find_solutions") == 20
+        assert calls.pop("joint_space_velocity") == 200
+    assert calls == {}
+
+
+@pytest.fixture(scope="module")
+def diagram():
+    return make_dynamic_grasp(scenario())
+
+
+def test_the_subsystems_have_their_documented_names(diagram):
+    named = make_dynamic_grasp.__doc__.split("subsystems are named")[1].split("With a Meshcat")[0]
+    documented = {word for word in named.split("``")[1::2]}
+    assert len(documented) >= 12
+    assert documented == {system.get_name() for system in diagram.GetSystems()}
+
+
+def test_every_input_is_connected(diagram):
+    assert diagram.num_input_ports() == 0
+    context = diagram.CreateDefaultContext()
+    for system in diagram.GetSystems():
+        for i in range(system.num_input_ports()):
+            port = system.get_input_port(i)
+            assert port.HasValue(system.GetMyContextFromRoot(context)), port.GetFullDescription()
+
+
+@pytest.mark.parametrize(
+    ("controller", "cls"), [("task", RMMTaskController), ("joint", GPJointController)]
+)
+def test_the_scenario_chooses_the_controller(controller, cls):
+    config = scenario(text=f"{{control: {{controller: {controller}}}}}")
+    assert type(make_controller(config, dynamic_grasp.Reachability())) is cls
+
+
+def arm_positions(config, duration):
+    """Arm positions and commands at 50 Hz, and the diagram with its context at the end."""
+    diagram = make_dynamic_grasp(config)
+    simulator = Simulator(diagram)
+    controller, station = (diagram.GetSubsystemByName(n) for n in ("controller", "station"))
+    q, command = [], []
+    for k in range(round(duration / 0.02) + 1):
+        simulator.AdvanceTo(0.02 * k)
+        root = simulator.get_context()
+        q.append(
+            station.GetOutputPort("iiwa.position_measured")
+            .Eval(station.GetMyContextFromRoot(root))
+            .copy()
+        )
+        command.append(
+            controller.get_output_port().Eval(controller.GetMyContextFromRoot(root)).copy()
+        )
+    return np.array(q), np.array(command), diagram, simulator.get_context()
+
+
+@pytest.mark.parametrize("controller", ["task", "joint"])
+@pytest.mark.parametrize(
+    ("center", "reason"),
+    [([-1.5, 0.0, 0.5], "object not seen"), ([1.15, 0.0, 0.75], "out of reach now")],
+    ids=["not seen", "out of reach"],
+)
+def test_an_object_that_cannot_be_grasped_leaves_the_arm_where_it_is(controller, center, reason):
+    config = scenario(
+        text=f"{{motion: {{center: {center}, amplitude: [0, 0, 0]}},"
+        f" control: {{controller: {controller}}}}}"
+    )
+    if reason == "out of reach now":  # look ahead, to where the object is
+        config.q_start = [0.0, -30.0, 0.0, -90.0, 0.0, 25.0, 0.0]
+    q, command, diagram, context = arm_positions(config, 0.3)
+    np.testing.assert_array_equal(command, 0.0)
+    np.testing.assert_allclose(q, np.tile(np.deg2rad(config.q_start), (len(q), 1)), atol=1e-4)
+    reachable = diagram.GetSubsystemByName("reachable")
+    grasps = reachable.get_output_port().Eval(reachable.GetMyContextFromRoot(context))
+    assert len(grasps) == 0
+    assert grasps.rejected[reason] > 0
+
+
+@pytest.mark.parametrize("controller", ["task", "joint"])
+def test_the_arm_sets_off_for_a_grasp_once_it_has_one(controller):
+    config = scenario(text=f"{{control: {{controller: {controller}}}}}")
+    q, command, diagram, context = arm_positions(config, 0.6)
+    # Nothing before the latency of perception has passed.
+    before = np.arange(len(q)) * 0.02 < config.perception.latency - 1e-9
+    np.testing.assert_array_equal(command[before], 0.0)
+    assert np.linalg.norm(command[-1]) > 0.02
+    assert np.isfinite(command).all()
+    assert np.all(np.abs(q) < POSITION_LIMITS)
+    logger = diagram.GetSubsystemByName("log(metrics)")
+    samples = dict(zip(SAMPLE_NAMES, logger.FindLog(context).data(), strict=True))
+    error = samples["grasp_position_error"][np.isfinite(samples["grasp_position_error"])]
+    assert error[-1] < error[0]
+    assert samples["self_collision"].max() == 0.0
+
+
+def test_latency_delays_the_grasps(monkeypatch):
+    slow = scenario(text="{perception: {latency: 0.3}}")
+    _, command, _, _ = arm_positions(slow, 0.4)
+    moving = np.flatnonzero(np.any(command, axis=1)) * 0.02
+    assert 0.3 - 1e-9 <= moving[0] <= 0.3 + slow.reachability.period + 0.02
+
+
+def test_controller_inputs_go_through_the_sequencer(diagram):
+    """Only so can it hold the arm on one grasp and lift."""
+    connections = {
+        (sink[0].get_name(), sink[0].get_input_port(sink[1]).get_name()): (
+            source[0].get_name(),
+            source[0].get_output_port(source[1]).get_name(),
+        )
+        for sink, source in diagram.connection_map().items()
+    }
+    for name in ("grasps", "object_pose", "object_velocity"):
+        assert connections["controller", name] == ("sequencer", name)
+    assert connections["station", "object.hold"] == ("sequencer", "object_hold")
+    # Perception and the arm see what the tracker says; only the metrics see the truth.
+    assert connections["perception", "object_pose"] == ("tracker", "object_pose")
+    assert connections["metrics", "object_pose"] == ("station", "object.pose")
