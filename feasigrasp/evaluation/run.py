@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,6 +52,8 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
     origin = _origin(scenario, name)  # now: the revision may change while the simulation runs
     # The pipeline's matrices are small: a second BLAS thread costs more than it brings.
     with threadpool_limits(1):
+        # What is alive by now, compiled code above all, stays: not worth traversing again.
+        gc.freeze()
         meshcat = start_recording() if replay else None
         built = time.perf_counter()
         diagram = make_dynamic_grasp(scenario, meshcat)

@@ -11,6 +11,8 @@ from feasigrasp.models.reachability import Reachability
 
 FloatArray = NDArray[np.float64]
 
+_CHUNK = 16  # hand poses tried at once, best scores first, until enough can be reached
+
 
 def reachable_grasps(
     grasps: GraspSet,
@@ -34,10 +36,24 @@ def reachable_grasps(
         A subset in the object frame; ``rejected`` counts
         "out of reach now", "out of reach soon" and "better grasps in reach".
     """
-    both = grasps.with_twins()
-    now = both.select(reachability.reachable(X_WO @ both.X_OG), "out of reach now")
-    if horizon > 0.0:
-        X_later = se3.extrapolate(X_WO, V_WO, horizon)
-        now = now.select(reachability.reachable(X_later @ now.X_OG), "out of reach soon")
-    best = np.argsort(-now.score, kind="stable")[:n_best]
-    return now.select(best, "better grasps in reach")
+    best_first = grasps.with_twins()
+    best_first = best_first.select(np.argsort(-best_first.score, kind="stable"))
+    X_later = se3.extrapolate(X_WO, V_WO, horizon)
+    kept: list[int] = []
+    rejected = {"out of reach now": 0, "out of reach soon": 0, "better grasps in reach": 0}
+    for start in range(0, len(best_first), _CHUNK):
+        X_OG = best_first.X_OG[start : start + _CHUNK]
+        if len(kept) >= n_best:
+            rejected["better grasps in reach"] += len(X_OG)
+            continue
+        now = reachability.reachable(X_WO @ X_OG)
+        both = now.copy()
+        if horizon > 0.0:
+            both[now] = reachability.reachable(X_later @ X_OG[now])
+        kept.extend((start + np.flatnonzero(both)).tolist())
+        rejected["out of reach now"] += int(np.sum(~now))
+        rejected["out of reach soon"] += int(np.sum(now & ~both))
+    rejected["better grasps in reach"] += max(0, len(kept) - n_best)
+    chosen = best_first.select(np.array(kept[:n_best], dtype=int))
+    counts = {reason: count for reason, count in rejected.items() if count > 0}
+    return GraspSet(chosen.X_OG, chosen.width, chosen.score, {**grasps.rejected, **counts})

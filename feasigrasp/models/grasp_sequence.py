@@ -97,6 +97,8 @@ class GraspState:
     ) -> "GraspState":
         """The state at time t.
 
+        An object whose pose or twist is not finite is neither grasped nor let go.
+
         Args:
             t: Time [s].
             X_WH: Pose of the hand (its grasp frame), shape (4, 4).
@@ -107,6 +109,9 @@ class GraspState:
             config: Tolerances and durations.
         """
         elapsed = t - self.since
+        known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
+        if self.phase <= Phase.CLOSE and not known:
+            return replace(self, near_since=float("nan"))
         X_OH = se3.inverse(X_WO) @ X_WH
         match self.phase:
             case Phase.APPROACH if config.close:
@@ -137,7 +142,7 @@ class GraspState:
         errors = grasp_errors(grasps.X_OG, X_OH)
         relative = np.max(errors / [config.position_tolerance, config.angle_tolerance], axis=1)
         nearest = int(np.argmin(relative))
-        if not relative[nearest] <= 1.0:  # also where the object's pose is not known (NaN)
+        if relative[nearest] > 1.0:
             return replace(self, near_since=float("nan"))
         near_since = t if np.isnan(self.near_since) else self.near_since
         if t - near_since < config.dwell - 1e-9:

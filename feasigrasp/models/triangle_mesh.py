@@ -64,7 +64,8 @@ def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tu
     import open3d as o3d  # a slow import that most objects never need
 
     fine = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
+        o3d.utility.Vector3dVector(np.array(mesh.vertices)),
+        o3d.utility.Vector3iVector(np.array(mesh.faces)),
     )
     coarse = fine.simplify_quadric_decimation(max_faces)
     result = _clean(np.asarray(coarse.vertices), np.asarray(coarse.triangles))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from feasigrasp.models.rigid_object import RigidObject, write_mesh
+from feasigrasp.models.triangle_mesh import decimate
 
 _URDF = """<?xml version="1.0"?>
 <robot name="{model_name}" xmlns:drake="http://drake.mit.edu">
@@ -23,7 +26,7 @@ _URDF = """<?xml version="1.0"?>
       <material name="{model_name}_color"><color rgba="{rgba}"/></material>
     </visual>
     <collision name="surface">
-      <geometry><mesh filename="{mesh}"/></geometry>
+      <geometry><mesh filename="{collision_mesh}"/></geometry>
       <drake:proximity_properties>
         <drake:rigid_hydroelastic/>
         <drake:mu_static value="{friction!r}"/>
@@ -38,6 +41,16 @@ _URDF = """<?xml version="1.0"?>
 BODY_NAME = "object"
 
 
+#: The collision surface has at most this many faces: a held object costs a fifth less than with
+#: two thousand, and the surfaces differ by a fraction of a millimetre.
+MAX_COLLISION_FACES = 1000
+
+
+def _with_fewer_faces(obj: RigidObject) -> RigidObject:
+    coarse, _ = decimate(obj.mesh, MAX_COLLISION_FACES)
+    return replace(obj, vertices=np.array(coarse.vertices), faces=np.array(coarse.faces))
+
+
 def add_object(
     plant: MultibodyPlant,
     obj: RigidObject,
@@ -48,10 +61,10 @@ def add_object(
 ) -> ModelInstanceIndex:
     """Adds the object as a free body named ``object`` in its own model instance.
 
-    The collision geometry is the triangle surface itself, rigid hydroelastic and not declared
-    convex, so a mug or a bowl stays hollow. (A compliant mesh, and any point contact, would be
-    with the convex hull.) Contact therefore needs a compliant partner: the finger pads, a table
-    with compliant hydroelastic properties. Two rigid surfaces fall back to point contact.
+    The collision geometry is the triangle surface itself, with fewer faces, rigid hydroelastic and
+    not declared convex, so a mug or a bowl stays hollow. (A compliant mesh, and any point contact,
+    would be with the convex hull.) Contact therefore needs a compliant partner: the finger pads, a
+    table with compliant hydroelastic properties. Two rigid surfaces fall back to point contact.
 
     Args:
         plant: A plant with a scene graph, before ``Finalize``.
@@ -66,7 +79,9 @@ def add_object(
     """
     directory = Path(directory)
     mesh = f"{model_name}.obj"
+    collision_mesh = f"{model_name}_collision.obj"
     write_mesh(obj, directory / mesh)
+    write_mesh(_with_fewer_faces(obj), directory / collision_mesh)
     urdf = directory / f"{model_name}.urdf"
     urdf.write_text(
         _URDF.format(
@@ -75,6 +90,7 @@ def add_object(
             mass=float(obj.mass),
             I=obj.inertia.tolist(),
             mesh=mesh,
+            collision_mesh=collision_mesh,
             rgba=" ".join(f"{c:g}" for c in obj.color),
             friction=float(friction),
         )

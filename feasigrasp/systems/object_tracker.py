@@ -53,7 +53,8 @@ class ObjectTracker(LeafSystem):
         - object_velocity
 
     ``pose`` and ``object_pose`` are ``RigidTransform`` X_WO; ``object_velocity`` is a
-    ``SpatialVelocity`` V_WO, estimated over ``twist_window`` from what has arrived.
+    ``SpatialVelocity`` V_WO, estimated over ``twist_window`` from what has arrived. Until the first
+    measurement has arrived, the true pose is passed on, as if the object stood still.
     """
 
     def __init__(self, config: TrackerConfig | None = None) -> None:

@@ -68,7 +68,9 @@ def test_of_too_many_the_best_are_kept(grasps):
     every = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000)
     best = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=7)
     np.testing.assert_array_equal(best.score, np.sort(every.score)[::-1][:7])
-    assert best.rejected["better grasps in reach"] == len(every) - 7
+    # Not every one of the others was asked for; every one is counted all the same.
+    assert best.rejected["better grasps in reach"] >= len(every) - 7
+    assert len(best) + sum(best.rejected.values()) == len(every) + sum(every.rejected.values())
 
 
 def test_no_grasps():

@@ -1,7 +1,9 @@
 """The robot cell's files against a closed form, the data sheet and a short simulation."""
 
+import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -165,8 +167,28 @@ def test_home_is_free_of_contact():
     )
     query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context))
     assert not query.ComputePointPairPenetration()
-    inspector = query.inspector()
-    assert len(inspector.GetAllGeometryIds(Role.kPerception)) >= 15
+
+
+def test_every_body_is_seen_as_one_primitive():
+    """Renderers move every visual, and every primitive of it, at every step."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.002), builder)
+    load_cell(plant)
+    inspector = scene_graph.model_inspector()
+    shapes = [inspector.GetShape(g) for g in inspector.GetAllGeometryIds(Role.kPerception)]
+    assert len(shapes) == plant.num_bodies() - 1  # all but the world
+    for shape in shapes:
+        document = json.loads(Path(shape.source().path()).read_text())
+        assert [len(mesh["primitives"]) for mesh in document["meshes"]] == [1]
+
+
+def test_the_palette_colours_the_parts_of_a_mesh():
+    """A black pad, a silver bone and an orange stripe, one behind the other along x."""
+    mesh = trimesh.load(model_path("iiwa", "meshes", "left_finger.gltf"), process=False).to_mesh()
+    x, color = mesh.vertices[:, 0], mesh.visual.to_color().vertex_colors[:, :3]
+    assert (color[x < 0.0059] < 30).all()
+    assert (color[(x > 0.0061) & (x < 0.0143)] > 220).all()
+    assert (np.abs(color[x > 0.0151].astype(int) - (255, 162, 0)) <= 1).all()
 
 
 def test_directives_for_the_arm_of_drake_models(plant):

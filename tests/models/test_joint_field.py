@@ -109,7 +109,7 @@ def test_length_scale_follows_the_spacing():
     assert spacing_length_scale(np.tile(line[:1], (4, 1))) == 0.03
 
 
-def descended(field, q, steps=2000, dt=0.01, gain=5.0, speed=2.0):
+def descended(field, q, steps=1000, dt=0.02, gain=5.0, speed=2.0):
     """qd = -k d grad d, at a limited speed."""
     for _ in range(steps):
         d, gradient, _ = field.evaluate(q)
@@ -118,7 +118,7 @@ def descended(field, q, steps=2000, dt=0.01, gain=5.0, speed=2.0):
     return q
 
 
-def distance_left(field, n_starts=25, seed=5):
+def distance_left(field, n_starts=12, seed=5):
     starts = np.random.default_rng(seed).uniform(-1, 1, (n_starts, 7)) * POSITION_LIMITS
     ends = np.array([descended(field, q) for q in starts])
     return np.linalg.norm(ends[:, None] - field.q[None], axis=2).min(axis=1)

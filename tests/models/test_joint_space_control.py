@@ -95,8 +95,9 @@ def test_without_feed_forward_it_lags_by_speed_over_gain(ring_of_grasps, roll_ou
     """v/k = 20 mm at 0.1 m/s and k = 5/s; the first 1.5 s are the transient."""
     motion = uniform_motion([0.5, -0.1, 0.5], np.array([0, 0, 0, 0, 0.1, 0.0]))
     X_WO = motion(0.0)[0]
-    soonest = np.argmin(REACHABILITY.nearest(X_WO @ ring_of_grasps.X_OG, HOME)[1])
-    one = ring_of_grasps.select(np.array([soonest]))
+    grasps = reachable_grasps(ring_of_grasps, *motion(0.0), REACHABILITY, horizon=2.0)
+    soonest = np.argmin(REACHABILITY.nearest(X_WO @ grasps.X_OG, HOME)[1])
+    one = grasps.select(np.array([soonest]))
     close = X_WO @ one.X_OG[0] @ se3.exp([0, 0.05, 0, 0.01, 0, -0.02])
     q = REACHABILITY.nearest(close, HOME)[0][0]
     rollout = roll_out(Controller(one, NO_FUNNEL, feed_forward), motion, one, q, 2.0)

@@ -64,7 +64,7 @@ def test_the_same_view_again_changes_nothing(cloud):
 
 
 def test_an_object_that_moves_with_its_cloud_gives_the_same_cloud(cloud):
-    """Views are merged in the object frame: where object and camera are in the world is no matter."""
+    """Merging happens in the object frame, wherever object and camera are in the world."""
     rng = np.random.default_rng(2)
     reference = FusedCloud.empty(VOXEL).merged(cloud, [0, 0, 1]).merged(cloud[:500], [1, 0, 0])
     fused = FusedCloud.empty(VOXEL)

@@ -1,4 +1,4 @@
-"""The whole pipeline: what is called how often, what is connected, and when the arm stands still."""
+"""The whole pipeline: what is called how often, what is connected, when the arm stands still."""
 
 import numpy as np
 import pytest

@@ -23,6 +23,7 @@ X_WH = forward_kinematics(Q, GRIPPER.X_FG)
 X_WO = RigidTransform(RollPitchYaw(0.3, 0.2, 1.0), [0.5, 0.1, 0.5])
 #: The object's motion; the hand is carried along with it in this mock.
 V_WO = np.array([0.1, -0.2, 0.3, 0.05, -0.1, 0.02])
+UNKNOWN = RigidTransform(np.full((4, 4), np.nan))
 
 
 def grasps_at(*errors):
@@ -201,13 +202,25 @@ def test_an_open_hand_follows_for_ever():
 @pytest.mark.parametrize(
     "unknown",
     [
-        {"object_pose": RigidTransform(np.full((4, 4), np.nan))},
+        {"object_pose": UNKNOWN},
+        {"object_velocity": SpatialVelocity(np.full(6, np.nan))},
         {"grasps": GraspSet.empty()},
     ],
-    ids=["NaN pose", "no grasps"],
+    ids=["NaN pose", "NaN twist", "no grasps"],
 )
-def test_an_unknown_pose_or_no_grasp_never_closes_the_hand(unknown):
+def test_an_unknown_object_or_no_grasp_never_closes_the_hand(unknown):
     mock = Mock(**unknown)
     assert mock.advance(1.0) == Phase.APPROACH
-    mock.fix(object_pose=X_WO, grasps=grasps_at(0.001))
+    mock.fix(object_pose=X_WO, object_velocity=SpatialVelocity(V_WO), grasps=grasps_at(0.001))
     assert mock.advance(1.3) == Phase.CLOSE
+
+
+def test_an_object_lost_while_the_fingers_close_is_not_let_go():
+    mock = Mock()
+    mock.advance_to_phase(Phase.CLOSE)
+    mock.fix(object_pose=UNKNOWN)
+    assert mock.advance(2.0) == Phase.CLOSE
+    assert mock.output("object_hold") == 1.0
+    assert np.isfinite(mock.output("object_pose").GetAsMatrix4()).all()
+    mock.fix(object_pose=X_WO)
+    assert mock.advance(2.1) == Phase.LIFT

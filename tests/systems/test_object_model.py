@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
@@ -20,7 +21,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.rigid_object import load_object
-from feasigrasp.systems.object_model import add_object
+from feasigrasp.systems.object_model import MAX_COLLISION_FACES, add_object
 
 CONFIG = MultibodyPlantConfig(
     time_step=0.002,
@@ -67,7 +68,14 @@ def test_geometry_is_the_rigid_nonconvex_surface_with_color_and_friction(tmp_pat
     friction = properties.GetProperty("material", "coulomb_friction")
     assert friction.static_friction() == friction.dynamic_friction() == 0.6
     surface = inspector.maybe_get_hydroelastic_mesh(collision)
-    assert surface.num_triangles() == len(obj.faces)  # the hull would have fewer
+    assert surface.num_triangles() <= MAX_COLLISION_FACES
+    vertices = np.array([surface.vertex(i) for i in range(surface.num_vertices())])
+    faces = [
+        [surface.element(i).vertex(k) for k in range(3)] for i in range(surface.num_triangles())
+    ]
+    volume = trimesh.Trimesh(vertices, faces).volume
+    assert volume == pytest.approx(obj.mesh.volume, rel=0.02)  # the hull's is several times that
+    assert obj.mesh.convex_hull.volume > 2 * obj.mesh.volume
     for role in (Role.kIllustration, Role.kPerception):
         (visual,) = inspector.GetGeometries(frame, role)
         rgba = inspector.GetProperties(visual, role).GetProperty("phong", "diffuse")

@@ -53,7 +53,7 @@ def gltf(parts: list[tuple[Material, Mesh]]) -> str:
     attributes = {
         "POSITION": buffer.add(points, _FLOAT, "VEC3", **bounds),
         "NORMAL": buffer.add(normals, _FLOAT, "VEC3"),
-        "TEXCOORD_0": buffer.add(uv, _UINT16, "VEC2", normalized=True),
+        "TEXCOORD_0": buffer.add(uv, _FLOAT, "VEC2"),
     }
     indices = buffer.add(mesh.triangles.ravel().astype("<u2"), _UINT16, "SCALAR")
     data = base64.b64encode(buffer.data).decode()

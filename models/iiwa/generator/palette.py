@@ -51,7 +51,7 @@ def surface_palette(materials: list[Material]) -> str:
     return _png_row(np.round(255 * factors).astype(np.uint8))
 
 
-def texel_centers(number: int) -> NDArray[np.uint16]:
-    """Texture coordinates ``(number, 2)`` of a palette's texels, as normalized integers."""
+def texel_centers(number: int) -> NDArray[np.float32]:
+    """Texture coordinates ``(number, 2)`` of a palette's texels."""
     u = (np.arange(number) + 0.5) / number
-    return np.round(65535 * np.column_stack([u, np.full(number, 0.5)])).astype("<u2")
+    return np.column_stack([u, np.full(number, 0.5)]).astype("<f4")

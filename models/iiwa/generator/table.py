@@ -5,8 +5,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from generator import xml
+from generator.housings import Parts
 from generator.palette import Material
-from generator.solids import Mesh, bevelled_box, join
+from generator.solids import bevelled_box, join
 
 SIZE = np.array([1.6, 1.6, 0.04])
 LEG = np.array([0.06, 0.06, 0.70])
@@ -18,7 +19,7 @@ WOOD = Material((0.26, 0.18, 0.10), 0.0, 0.9)
 STEEL = Material((0.012, 0.013, 0.015), 0.0, 0.9)
 
 
-def table_parts() -> list[tuple[Material, Mesh]]:
+def table_parts() -> Parts:
     """Top and legs, in the frame of ``table_top``."""
     inset = 0.08
     spread = SIZE / 2 - (inset, inset, 0.0)
