@@ -36,7 +36,7 @@ def _rot_zyz(a, b, c, R):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True)
 def _zyz_angles(R, plus, minus):  # type: ignore[no-untyped-def]
     """Writes both sets of angles (3,) of R = Rz Ry Rz; the last is 0 where the middle one is."""
-    s = np.hypot(R[0, 2], R[1, 2])
+    s = np.sqrt(R[0, 2] ** 2 + R[1, 2] ** 2)
     plus[1] = np.arctan2(s, R[2, 2])
     if s > 1e-12:
         ca, sa = R[0, 2] / s, R[1, 2] / s

@@ -22,7 +22,7 @@ from feasigrasp.models.inverse_kinematics import (
     reference_kernel,
     travel_time_kernel,
 )
-from feasigrasp.models.self_collision import capsule_ends_kernel, closest_parameters
+from feasigrasp.models.self_collision import capsule_ends_kernel, ends_collide_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -37,12 +37,7 @@ def admissible_kernel(q, model, limit_margin, clearance, table_height):  # type:
     for c in model.movers:
         if min(ends[c, 0, 2], ends[c, 1, 2]) - model.radius[c] < table_height + clearance:
             return False
-    for k in range(len(model.pairs)):
-        i, j = model.pairs[k]
-        _, _, d = closest_parameters(ends[i], ends[j])
-        if d < model.radius[i] + model.radius[j] + clearance:
-            return False
-    return True
+    return not ends_collide_kernel(ends, model, clearance)
 
 
 @nb.njit(cache=True)

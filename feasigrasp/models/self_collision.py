@@ -150,6 +150,12 @@ def in_collision_kernel(q, model, margin):  # type: ignore[no-untyped-def]
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     ends = np.empty(model.ends.shape)
     capsule_ends_kernel(q, model, R, p, ends)
+    return ends_collide_kernel(ends, model, margin)
+
+
+@njit(cache=True)
+def ends_collide_kernel(ends, model, margin):  # type: ignore[no-untyped-def]
+    """Whether any pair is closer than ``margin`` [m], from the capsules' end points (c, 2, 3)."""
     for k in range(len(model.pairs)):
         i, j = model.pairs[k]
         apart = 0.0  # square of twice the distance of the segments' middles

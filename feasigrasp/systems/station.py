@@ -19,10 +19,11 @@ from pydrake.multibody.parsing import (
     ProcessModelDirectives,
 )
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import PdControllerGains
+from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
 from pydrake.perception import DepthImageToPointCloud
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
 
 from feasigrasp.models.object_motion import HarmonicMotion
@@ -113,10 +114,7 @@ class Station(Diagram):
         builder = DiagramBuilder()
         self.plant, self.scene_graph = AddMultibodyPlant(config.plant, builder)
         plant = self.plant
-        _add_models(plant, config)
-        self.object_instance = add_object(
-            plant, obj, directory=self._files.name, friction=config.friction
-        )
+        self.object_instance = self._add_models(plant, config, obj)
         self.object_body = plant.GetBodyByName("object", self.object_instance)
         plant.SetDefaultFloatingBaseBodyPose(self.object_body, RigidTransform(motion.pose(0.0)))
         plant.Finalize()
@@ -124,11 +122,17 @@ class Station(Diagram):
         self._export_arm(builder, config)
         self._export_gripper(builder)
         self._export_object(builder, motion)
-        for name, camera in config.cameras.items():
-            _export_camera(builder, name, camera, plant, self.scene_graph)
+        if config.cameras:
+            self._export_cameras(builder, config, obj)
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)
+
+    def _add_models(
+        self, plant: MultibodyPlant, config: StationConfig, obj: RigidObject
+    ) -> ModelInstanceIndex:
+        _add_cell(plant, config)
+        return add_object(plant, obj, directory=self._files.name, friction=config.friction)
 
     def _export_arm(self, builder: DiagramBuilder, config: StationConfig) -> None:
         plant, iiwa = self.plant, self.plant.GetModelInstanceByName("iiwa")
@@ -167,8 +171,31 @@ class Station(Diagram):
         )
         builder.ExportInput(servo.GetInputPort("hold"), "object.hold")
 
+    def _export_cameras(
+        self, builder: DiagramBuilder, config: StationConfig, obj: RigidObject
+    ) -> None:
+        """Lets the cameras render from a scene graph of their own.
 
-def _add_models(plant: MultibodyPlant, config: StationConfig) -> None:
+        A scene graph moves what its renderers show at every step of the plant. This one, fed from
+        the state of the simulated plant, moves it only when somebody reads an image.
+        """
+        self._camera_plant = twin = MultibodyPlant(config.plant.time_step)
+        scene_graph = builder.AddNamedSystem("camera_scene_graph", SceneGraph())
+        twin.RegisterAsSourceForSceneGraph(scene_graph)
+        self._add_models(twin, config, obj)
+        twin.Finalize()
+        poses = builder.AddNamedSystem(
+            "camera_geometry_poses", MultibodyPositionToGeometryPose(twin, True)
+        )
+        builder.Connect(self.plant.get_state_output_port(), poses.get_input_port())
+        builder.Connect(
+            poses.get_output_port(), scene_graph.get_source_pose_port(twin.get_source_id())
+        )
+        for name, camera in config.cameras.items():
+            _export_camera(builder, name, camera, twin, scene_graph)
+
+
+def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(model_path("package.xml")))
     ProcessModelDirectives(ModelDirectives(directives=config.directives), plant, parser)

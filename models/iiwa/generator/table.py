@@ -15,6 +15,7 @@ MASS = 40.0
 FRICTION = 0.8
 MODULUS = 1e7
 DISSIPATION = 20.0
+# Dark, for the bright lights of a replay.
 WOOD = Material((0.26, 0.18, 0.10), 0.0, 0.9)
 STEEL = Material((0.012, 0.013, 0.015), 0.0, 0.9)
 
