@@ -8,7 +8,7 @@ from feasigrasp.models.se3 import so3_log_kernel
 
 @nb.njit(cache=True)
 def rotation_kernel(wxyz, R):  # type: ignore[no-untyped-def]
-    """Writes the rotation matrix (3, 3) of a quaternion that need not be normalised."""
+    """Writes the rotation of a quaternion, of any length, into the upper left of a matrix."""
     w, x, y, z = wxyz[0], wxyz[1], wxyz[2], wxyz[3]
     s = 2.0 / (w * w + x * x + y * y + z * z)
     R[0, 0], R[0, 1], R[0, 2] = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
@@ -18,7 +18,7 @@ def rotation_kernel(wxyz, R):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True)
 def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
-    state, X_WR, V_WR, acceleration, gravity, mass, I_BBcm, frequency, R_WB, wrench
+    state, X_WR, V_WR, acceleration, gravity, mass, I_BBcm, frequency, wrench
 ):
     """Writes torque and force [Nm; N] in the world, to be applied at the centre of mass.
 
@@ -34,9 +34,9 @@ def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
         mass: [kg].
         I_BBcm: Rotational inertia about the centre of mass, in B, shape (3, 3) [kg m^2].
         frequency: w [rad/s].
-        R_WB: Receives the body's rotation, shape (3, 3).
         wrench: Receives the result, shape (6,).
     """
+    R_WB = np.empty((3, 3))
     rotation_kernel(state[:4], R_WB)
     w = frequency
     angle_error = so3_log_kernel(np.ascontiguousarray(X_WR[:3, :3]) @ R_WB.T)

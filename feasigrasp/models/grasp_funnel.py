@@ -6,6 +6,7 @@ angular error: the hand lines up first and slides in once it is lined up.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba as nb
 import numpy as np
@@ -36,7 +37,7 @@ class Funnel:
     width_tolerance: float = 0.015
     angular_tolerance: float = 0.2
 
-    @property
+    @cached_property
     def parameters(self) -> FloatArray:
         """The attributes in order, for the kernels."""
         return np.array(

@@ -76,6 +76,9 @@ def fit_grasp_mixture(
     grasps: GraspSet, n_components: int, rng: np.random.Generator
 ) -> GraspMixture:
     """Fits a mixture of at most ``n_components`` to at least one grasp."""
-    mixture = fit_riemannian_mixture(grasps.X_OG, n_components, rng)
+    # The hand steers to members, not to means: a rough fit does, twenty times a second.
+    mixture = fit_riemannian_mixture(
+        grasps.X_OG, n_components, rng, max_iterations=10, tolerance=1e-2
+    )
     component = np.argmax(mixture.responsibilities(grasps.X_OG), axis=1)
     return GraspMixture(mixture, grasps.X_OG, component)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,24 +51,41 @@ class TaskControlOptions:
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
 
-def clipped_twist(u: FloatArray, max_angular: float, max_linear: float) -> FloatArray:
-    """A twist shortened, direction kept, so that neither part is faster than its limit."""
-    angular, linear = np.linalg.norm(u[:3]), np.linalg.norm(u[3:])
-    scale = max(1.0, float(angular) / max_angular, float(linear) / max_linear)
-    return u / scale
+@nb.njit(cache=True)
+def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):  # type: ignore[no-untyped-def]
+    """Twist of the hand in the world [angular; linear] from one relative to the object.
 
-
-def carried_twist(V_WO: FloatArray, p_OG_W: FloatArray) -> FloatArray:
-    """Twist of a frame that is fixed to the object, at its own origin.
-
-    Args:
-        V_WO: The object's twist at its origin, [angular; linear], shape (6,).
-        p_OG_W: From the object's origin to the frame's, in the world, shape (3,) [m].
+    ``u_H`` is the body twist relative to the object. It is shortened, direction kept, so that
+    neither part is faster than its limit; then the twist is added that the hand would have if it
+    were fixed to the object, whose twist at its own origin is ``V_WO``.
     """
-    wx, wy, wz = V_WO[:3]
-    x, y, z = p_OG_W
-    turning = np.array([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x])
-    return np.concatenate([V_WO[:3], V_WO[3:] + turning])
+    angular = np.sqrt(u_H[0] ** 2 + u_H[1] ** 2 + u_H[2] ** 2)
+    linear = np.sqrt(u_H[3] ** 2 + u_H[4] ** 2 + u_H[5] ** 2)
+    scale = 1.0 / max(1.0, angular / max_angular, linear / max_linear)
+    V = np.empty(6)
+    x, y, z = X_WH[0, 3] - X_WO[0, 3], X_WH[1, 3] - X_WO[1, 3], X_WH[2, 3] - X_WO[2, 3]
+    wx, wy, wz = V_WO[0], V_WO[1], V_WO[2]
+    V[0], V[1], V[2] = wx, wy, wz
+    V[3] = V_WO[3] + wy * z - wz * y
+    V[4] = V_WO[4] + wz * x - wx * z
+    V[5] = V_WO[5] + wx * y - wy * x
+    for i in range(3):
+        for j in range(3):
+            V[i] += scale * X_WH[i, j] * u_H[j]
+            V[3 + i] += scale * X_WH[i, j] * u_H[3 + j]
+    return V
+
+
+@nb.njit(cache=True)
+def selection_kernel(log_density, travel_time, travel_time_scale):  # type: ignore[no-untyped-def]
+    """How much each component counts, summing to 1.
+
+    Far from all grasps the plain density is all but zero: tempered by the distance of the nearest
+    component it stays comparable, and the travel times decide.
+    """
+    log_weight = log_density / max(1.0, -np.max(log_density)) - travel_time / travel_time_scale
+    weight = np.exp(log_weight - np.max(log_weight))
+    return weight / np.sum(weight)
 
 
 def task_space_velocity(
@@ -102,33 +120,15 @@ def task_space_velocity(
         return safe_velocity(q, np.zeros(7), options=options.safety)
     X_OG, solutions, travel_time = X_OG[within], solutions[within], travel_time[within]
 
-    # Far from all grasps the plain density is all but zero: tempered by the distance of the nearest
-    # component it stays comparable, and the travel times decide.
     log_density = grasps.mixture.component_log_densities(X_OH)[components[within]]
-    log_density /= max(1.0, float(-log_density.max()))
-    log_weight = log_density - travel_time / options.travel_time_scale
-    weight = np.exp(log_weight - log_weight.max())
-    weight /= weight.sum()
-
+    weight = selection_kernel(log_density, travel_time, options.travel_time_scale)
     u_H = np.empty(6)
     steering_kernel(X_OG, X_OH, options.funnel.parameters, weight, u_H)
-    V_WH = _world_twist(options.gain * u_H, X_WH, X_WO, V_WO, options)
+    V_WH = hand_twist_kernel(
+        options.gain * u_H, X_WH, X_WO, V_WO, options.max_angular, options.max_linear
+    )
     posture = options.posture_gain * weight @ (solutions - q)
     return safe_velocity(q, posture, J_WH, V_WH, options.safety)
-
-
-def _world_twist(
-    u_H: FloatArray,
-    X_WH: FloatArray,
-    X_WO: FloatArray,
-    V_WO: FloatArray,
-    options: TaskControlOptions,
-) -> FloatArray:
-    """A body twist relative to the object, clipped, as the hand's twist in the world."""
-    u_H = clipped_twist(u_H, options.max_angular, options.max_linear)
-    R_WH = X_WH[:3, :3]
-    V_WH = np.concatenate([R_WH @ u_H[:3], R_WH @ u_H[3:]])
-    return np.asarray(V_WH + carried_twist(V_WO, X_WH[:3, 3] - X_WO[:3, 3]))
 
 
 def paper_task_space_velocity(
@@ -147,5 +147,5 @@ def paper_task_space_velocity(
     X_WH, J_WH = pose_and_jacobian(q, X_FG)
     X_OH = se3.inverse(X_WO) @ X_WH
     u_H = options.gain * grasps.mixture.direction(X_OH[None])[0]
-    V_WH = _world_twist(u_H, X_WH, X_WO, V_WO, options)
+    V_WH = hand_twist_kernel(u_H, X_WH, X_WO, V_WO, options.max_angular, options.max_linear)
     return np.linalg.pinv(J_WH) @ V_WH if np.isfinite(V_WH).all() else np.zeros(len(q))

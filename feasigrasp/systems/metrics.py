@@ -73,13 +73,13 @@ class Metrics(LeafSystem):
     def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         q, v = np.split(self._state.Eval(context), 2)
         X_WO = self._pose.Eval(context).GetAsMatrix4()
-        X_OH = se3.inverse(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
+        X_OH = se3.inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
         grasps: GraspSet = self._grasps.Eval(context)
         nearest = np.full(2, np.nan)
         if len(grasps) > 0:
             errors = grasp_errors(grasps.X_OG, X_OH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
-        p_HO = se3.inverse(X_OH)[:3, 3]
+        p_HO = se3.inverse_kernel(X_OH)[:3, 3]
         output.SetFromVector(
             np.concatenate(
                 [

@@ -63,7 +63,7 @@ class ObjectServo(LeafSystem):
             return
         # State and reference of the same instant: one a step later would make the body lead.
         t = context.get_time()
-        R_WB, wrench = np.empty((3, 3)), np.empty(6)
+        wrench = np.empty(6)
         carrying_wrench_kernel(
             self._state.Eval(context),
             *self._motion.state(t),
@@ -71,7 +71,6 @@ class ObjectServo(LeafSystem):
             self._mass,
             self._I_BBcm,
             self._frequency,
-            R_WB,
             wrench,
         )
         applied = ExternallyAppliedSpatialForce()

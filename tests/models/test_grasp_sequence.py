@@ -67,6 +67,21 @@ def test_without_grasps_it_goes_on_approaching():
     assert state.phase == Phase.APPROACH and np.isnan(state.near_since)
 
 
+@pytest.mark.parametrize("part", ["pose", "twist"])
+def test_an_object_that_is_nowhere_is_neither_grasped_nor_let_go(part):
+    X, V = X_WO.copy(), V_WO.copy()
+    (X if part == "pose" else V)[0] = np.nan
+    waiting, start = advanced(GraspState(), 0.0), closing()
+    after = waiting.advanced(10.0, AT_GRASP, X, V, GRASPS, WIDTH, CONFIG)
+    assert after.phase == Phase.APPROACH and np.isnan(after.near_since)
+    after = start.advanced(start.since + 10.0, AT_GRASP, X, V, GRASPS, WIDTH, CONFIG)
+    assert after.phase == Phase.CLOSE and not after.released
+    # Once it is let go, where it is does not matter.
+    lift = lifting()
+    after = lift.advanced(lift.since + CONFIG.lift_time, AT_GRASP, X, V, GRASPS, WIDTH, CONFIG)
+    assert after.phase == Phase.HOLD
+
+
 def test_a_gripper_that_shall_not_close_never_does():
     config = GraspSequenceConfig(close=False)
     state = GraspState()

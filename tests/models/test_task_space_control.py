@@ -15,8 +15,7 @@ from feasigrasp.models.riemannian_mixture import RiemannianMixture
 from feasigrasp.models.self_collision import min_distance
 from feasigrasp.models.task_space_control import (
     TaskControlOptions,
-    carried_twist,
-    clipped_twist,
+    hand_twist_kernel,
     paper_task_space_velocity,
     task_space_velocity,
 )
@@ -27,6 +26,11 @@ X_FG = REACHABILITY.gripper.X_FG
 OPTIONS = TaskControlOptions()
 NO_FUNNEL = TaskControlOptions(funnel=Funnel(max_standoff=0.0))
 STILL = np.zeros(6)
+
+
+def carried_twist(V_WO, p_OG_W):
+    """Twist, at its own origin, of a frame that is fixed to the object."""
+    return np.concatenate([V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], p_OG_W)])
 
 
 def uniform_motion(p_WO, V_WO):
@@ -214,20 +218,25 @@ def test_the_papers_law_follows_the_mixture(ring_of_grasps):
     assert np.linalg.norm(se3.log(se3.inverse(mixture.mixture.means) @ X_OH), axis=1).min() < 0.05
 
 
-def test_clipped_twist_keeps_its_direction():
+def test_a_relative_twist_is_shortened_in_its_direction():
+    def shortened(u, max_angular, max_linear):
+        return hand_twist_kernel(u, np.eye(4), np.eye(4), STILL, max_angular, max_linear)
+
     u = np.array([3.0, 0.0, 0.0, 0.0, 0.1, 0.0])
-    np.testing.assert_allclose(clipped_twist(u, 1.5, 0.4), u / 2)
-    np.testing.assert_allclose(clipped_twist(u, 1.5, 0.04), u / 2.5)
-    np.testing.assert_array_equal(clipped_twist(u, 4.0, 0.2), u)
-    np.testing.assert_array_equal(clipped_twist(STILL, 1.5, 0.4), STILL)
+    np.testing.assert_allclose(shortened(u, 1.5, 0.4), u / 2)
+    np.testing.assert_allclose(shortened(u, 1.5, 0.04), u / 2.5)
+    np.testing.assert_array_equal(shortened(u, 4.0, 0.2), u)
+    np.testing.assert_array_equal(shortened(STILL, 1.5, 0.4), STILL)
 
 
-def test_carried_twist_by_finite_differences():
+@pytest.mark.parametrize("relative", [False, True])
+def test_the_hands_twist_by_finite_differences(relative):
+    """Of a hand that moves in the body frame while the object carries it along."""
     rng = np.random.default_rng(3)
     X_WO, X_OH = se3.random_pose(rng, 2)
-    V_WO, h = rng.normal(size=6), 1e-6
-    ahead, behind = (se3.extrapolate(X_WO, V_WO, dt) @ X_OH for dt in (h, -h))
-    V = carried_twist(V_WO, (X_WO @ X_OH)[:3, 3] - X_WO[:3, 3])
+    V_WO, u_H, h = rng.normal(size=6), relative * rng.normal(size=6), 1e-6
+    ahead, behind = (se3.extrapolate(X_WO, V_WO, dt) @ X_OH @ se3.exp(dt * u_H) for dt in (h, -h))
+    V = hand_twist_kernel(u_H, X_WO @ X_OH, X_WO, V_WO, np.inf, np.inf)
     np.testing.assert_allclose(V[3:], (ahead - behind)[:3, 3] / (2 * h), atol=1e-8)
     angular = se3.so3_log(ahead[:3, :3] @ behind[:3, :3].T) / (2 * h)
     np.testing.assert_allclose(V[:3], angular, atol=1e-8)
