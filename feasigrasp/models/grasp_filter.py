@@ -150,7 +150,10 @@ def _holding(gpdf: Gpdf, pairs: GraspSet) -> NDArray[np.bool_]:
 
 
 def _score(gpdf: Gpdf, grasps: GraspSet, cosine: Array) -> Array:
-    """Opposition, short lever arm and certainty of the contacts as one number in [0, 1]."""
+    """Opposition, short lever arm and certainty of the contacts as one number in [0, 1].
+
+    A product, so that none makes up for another: a firm grip far from the centre still slips.
+    """
     first, second = contacts(grasps)
     to_centre = gpdf.completion.points.mean(axis=0) - grasps.X_OG[:, :3, 3]
     lever = np.linalg.norm(np.cross(to_centre, grasps.X_OG[:, :3, 0]), axis=1)
@@ -158,6 +161,5 @@ def _score(gpdf: Gpdf, grasps: GraspSet, cosine: Array) -> Array:
     # At a distance rho from the nearest observed point the variance is about 2 rho / l.
     rho = 0.5 * gpdf.length_scale * unseen
     opposition = np.clip(-cosine, 0.0, 1.0)
-    return (
-        0.5 * opposition + 0.3 * np.exp(-lever / LEVER_LENGTH) + 0.2 * np.exp(-rho / UNSEEN_LENGTH)
-    )
+    certainty = 0.5 + 0.5 * np.exp(-rho / UNSEEN_LENGTH)
+    return opposition * np.exp(-lever / LEVER_LENGTH) * certainty

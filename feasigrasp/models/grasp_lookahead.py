@@ -21,6 +21,7 @@ def reachable_grasps(
     reachability: Reachability,
     horizon: float = 1.0,
     n_best: int = 24,
+    score_share: float = 0.6,
 ) -> GraspSet:
     """The grasps, flips included, that are reachable now and after ``horizon`` seconds.
 
@@ -30,7 +31,8 @@ def reachable_grasps(
         V_WO: Object twist [angular; linear], shape (6,).
         reachability: Exact inverse kinematics of arm and hand.
         horizon: Look-ahead [s]; 0 for none.
-        n_best: How many are kept, the best scores first.
+        n_best: How many are kept at most, the best scores first.
+        score_share: Grasps that score less than this share of the best one in reach are left out.
 
     Returns:
         A subset in the object frame; ``rejected`` counts
@@ -54,6 +56,12 @@ def reachable_grasps(
         rejected["out of reach now"] += int(np.sum(~now))
         rejected["out of reach soon"] += int(np.sum(now & ~both))
     rejected["better grasps in reach"] += max(0, len(kept) - n_best)
-    chosen = best_first.select(np.array(kept[:n_best], dtype=int))
+    kept = kept[:n_best]
+    if kept:
+        enough = score_share * best_first.score[kept[0]]
+        good = [i for i in kept if best_first.score[i] >= enough]
+        rejected["better grasps in reach"] += len(kept) - len(good)
+        kept = good
+    chosen = best_first.select(np.array(kept, dtype=int))
     counts = {reason: count for reason, count in rejected.items() if count > 0}
     return GraspSet(chosen.X_OG, chosen.width, chosen.score, {**grasps.rejected, **counts})

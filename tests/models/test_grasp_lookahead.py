@@ -30,7 +30,9 @@ def test_without_look_ahead_they_are_those_in_reach(grasps):
     both = grasps.with_twins()
     reach = REACHABILITY.reachable(X_WO @ both.X_OG)
     assert 10 < reach.sum() < len(both) - 10
-    kept = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, horizon=0.0, n_best=1000)
+    kept = reachable_grasps(
+        grasps, X_WO, STILL, REACHABILITY, horizon=0.0, n_best=1000, score_share=0.0
+    )
     np.testing.assert_array_equal(np.sort(kept.score), np.sort(both.score[reach]))
     assert rows(kept.X_OG) == rows(both.X_OG[reach])
     assert kept.rejected["out of reach now"] == (~reach).sum()
@@ -46,8 +48,12 @@ def test_a_still_object_loses_nothing_by_looking_ahead(grasps):
 
 def test_an_object_that_leaves_loses_the_grasps_that_leave_reach(grasps):
     V_WO = np.array([0.0, 0.0, 0.4, 0.15, 0.0, 0.0])
-    kept = reachable_grasps(grasps, X_WO, V_WO, REACHABILITY, horizon=1.0, n_best=1000)
-    now = reachable_grasps(grasps, X_WO, V_WO, REACHABILITY, horizon=0.0, n_best=1000)
+    kept = reachable_grasps(
+        grasps, X_WO, V_WO, REACHABILITY, horizon=1.0, n_best=1000, score_share=0.0
+    )
+    now = reachable_grasps(
+        grasps, X_WO, V_WO, REACHABILITY, horizon=0.0, n_best=1000, score_share=0.0
+    )
     X_later = X_WO.copy()
     X_later[:3, :3] = se3.so3_exp([0, 0, 0.4])
     X_later[0, 3] += 0.15
@@ -65,12 +71,20 @@ def test_an_object_that_flies_away_keeps_none(grasps):
 
 
 def test_of_too_many_the_best_are_kept(grasps):
-    every = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000)
-    best = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=7)
+    every = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0)
+    best = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=7, score_share=0.0)
     np.testing.assert_array_equal(best.score, np.sort(every.score)[::-1][:7])
     # Not every one of the others was asked for; every one is counted all the same.
     assert best.rejected["better grasps in reach"] >= len(every) - 7
     assert len(best) + sum(best.rejected.values()) == len(every) + sum(every.rejected.values())
+
+
+def test_grasps_far_below_the_best_are_left_out(grasps):
+    every = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0)
+    good = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.5)
+    best = every.score.max()
+    assert 0 < len(good) < len(every)
+    np.testing.assert_array_equal(good.score, every.score[every.score >= 0.5 * best])
 
 
 def test_no_grasps():
