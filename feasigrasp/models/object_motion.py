@@ -50,7 +50,7 @@ class HarmonicMotion:
 
     def state(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """``X_WO`` (4, 4), ``V_WO`` (6,) and the acceleration of the origin (3,) at time t [s]."""
-        return _motion_kernel(  # type: ignore[no-any-return]
+        X_WO, V_WO, acceleration = _motion_kernel(
             self.center,
             self.amplitude,
             self.harmonic,
@@ -62,6 +62,7 @@ class HarmonicMotion:
             self.R_WO,
             t,
         )
+        return X_WO, V_WO, acceleration
 
     def pose(self, t: float) -> FloatArray:
         """``X_WO`` at time t [s], shape (4, 4)."""

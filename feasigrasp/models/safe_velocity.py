@@ -47,7 +47,7 @@ class SafetyOptions:
 
     position_margin: float = 0.01
     limit_gain: float = 5.0
-    velocity_scale: float = 0.95
+    velocity_scale: float = 0.85
     clearance: float = 0.01
     active_distance: float = 0.08
     collision_gain: float = 4.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -9,6 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
 from feasigrasp.models.joint_space_control import (
     JointControlOptions,
     Solutions,
@@ -51,6 +53,7 @@ class GPJointController(LeafSystem):
         self._reachability = reachability
         self._options = options or JointControlOptions()
         self._enforce_limits = mode != "paper"
+        _compile(reachability, self._options)
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
@@ -90,3 +93,12 @@ class GPJointController(LeafSystem):
             enforce_limits=self._enforce_limits,
         )
         output.SetFromVector(qd)
+
+
+def _compile(reachability: Reachability, options: JointControlOptions) -> None:
+    """Runs one control step, so that no kernel is compiled inside a control tick."""
+    q, X_WO = np.full(NUM_JOINTS, 0.5), np.eye(4)
+    X_WG = forward_kinematics(q, reachability.gripper.X_FG)
+    grasps = GraspSet(X_WG[None], np.zeros(1), np.ones(1))
+    solutions = find_solutions(grasps, X_WO, q, reachability, options)
+    joint_space_velocity(q, solutions, X_WO, np.zeros(6), reachability, options)

@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.task_space_control import (
     TaskControlOptions,
@@ -55,6 +56,7 @@ class RMMTaskController(LeafSystem):
         self._n_components = n_components
         self._mode = mode
         self._seed = seed
+        _compile(reachability, self._options)
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
@@ -103,3 +105,11 @@ class RMMTaskController(LeafSystem):
         else:
             qd = task_space_velocity(q, mixture, X_WO, V_WO, self._reachability, self._options)
         output.SetFromVector(qd)
+
+
+def _compile(reachability: Reachability, options: TaskControlOptions) -> None:
+    """Runs one control step, so that no kernel is compiled inside a control tick."""
+    q, X_WO = np.full(NUM_JOINTS, 0.5), np.eye(4)
+    X_WG = forward_kinematics(q, reachability.gripper.X_FG)
+    mixture = fit_grasp_mixture(GraspSet(X_WG[None], np.zeros(1), np.ones(1)), 1, np.random.default_rng(0))
+    task_space_velocity(q, mixture, X_WO, np.zeros(6), reachability, options)
