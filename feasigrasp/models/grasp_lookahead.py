@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,5 +65,6 @@ def reachable_grasps(
         rejected["better grasps in reach"] += len(kept) - len(good)
         kept = good
     chosen = best_first.select(np.array(kept, dtype=int))
-    counts = {reason: count for reason, count in rejected.items() if count > 0}
-    return GraspSet(chosen.X_OG, chosen.width, chosen.score, {**grasps.rejected, **counts})
+    counts = Counter(grasps.rejected)
+    counts.update({reason: count for reason, count in rejected.items() if count > 0})
+    return GraspSet(chosen.X_OG, chosen.width, chosen.score, counts)

@@ -67,8 +67,10 @@ class Solutions:
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        self.X_OG.flags.writeable = False
-        self.q.flags.writeable = False
+        for name in ("X_OG", "q"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Solutions:
         """Immutable, so a copy is itself."""

@@ -40,6 +40,7 @@ class SafetyOptions:
         velocity_scale: Share of the velocity limits that may be used.
         clearance: Distance kept between bodies, and to the table [m].
         active_distance: Pairs that are farther apart than this are left out [m].
+        table_height: Height of the table top in the base frame [m].
         collision_gain: Bodies approach at most at gain x remaining distance [1/s].
         rotation_weight: Weight of rad/s against m/s in following a twist.
         damping: rho, the weight of the preferred joint velocity.
@@ -50,6 +51,7 @@ class SafetyOptions:
     velocity_scale: float = 0.85
     clearance: float = 0.01
     active_distance: float = 0.08
+    table_height: float = 0.0
     collision_gain: float = 4.0
     rotation_weight: float = 0.3
     damping: float = 1e-3
@@ -71,7 +73,17 @@ def bounds_kernel(q, margin, limit_gain, velocity_scale, lower, upper):  # type:
 
 @nb.njit(cache=True)
 def constraints_kernel(  # type: ignore[no-untyped-def]
-    q, model, margin, limit_gain, velocity_scale, clearance, active, collision_gain, lower, rows
+    q,
+    model,
+    margin,
+    limit_gain,
+    velocity_scale,
+    clearance,
+    active_distance,
+    table_height,
+    collision_gain,
+    lower,
+    rows,
 ):
     """Writes lower bounds and rows of what is close; returns upper bounds and the rows' number."""
     pairs, movers = len(model.pairs), len(model.movers)
@@ -81,12 +93,12 @@ def constraints_kernel(  # type: ignore[no-untyped-def]
     distance, gradient = np.empty(total), np.empty((total, 7))
     gradients_kernel(q, model, distance[:pairs], gradient[:pairs])
     above_table, slopes = np.empty((movers, 2)), np.empty((movers, 2, 7))
-    table_kernel(q, model, 0.0, above_table, slopes)
+    table_kernel(q, model, table_height, above_table, slopes)
     distance[pairs:] = above_table.ravel()
     gradient[pairs:] = slopes.reshape(2 * movers, 7)
     m = 0
     for k in range(total):
-        if distance[k] < active:
+        if distance[k] < active_distance:
             rows[m] = gradient[k]
             lower[7 + m] = -collision_gain * (distance[k] - clearance)
             m += 1
@@ -142,6 +154,7 @@ def safe_velocity(
         options.velocity_scale,
         options.clearance,
         options.active_distance,
+        options.table_height,
         options.collision_gain,
         lower,
         rows,

@@ -29,8 +29,10 @@ class FusedCloud:
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        self.points.flags.writeable = False
-        self.directions.flags.writeable = False
+        for name in ("points", "directions"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FusedCloud:
         """Immutable, so a copy is itself."""

@@ -111,5 +111,7 @@ def _compile(reachability: Reachability, options: TaskControlOptions) -> None:
     """Runs one control step, so that no kernel is compiled inside a control tick."""
     q, X_WO = np.full(NUM_JOINTS, 0.5), np.eye(4)
     X_WG = forward_kinematics(q, reachability.gripper.X_FG)
-    mixture = fit_grasp_mixture(GraspSet(X_WG[None], np.zeros(1), np.ones(1)), 1, np.random.default_rng(0))
+    mixture = fit_grasp_mixture(
+        GraspSet(X_WG[None], np.zeros(1), np.ones(1)), 1, np.random.default_rng(0)
+    )
     task_space_velocity(q, mixture, X_WO, np.zeros(6), reachability, options)
