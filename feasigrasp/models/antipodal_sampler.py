@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
@@ -116,21 +117,30 @@ def _frames(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:
 
 def _distinct(grasps: GraspSet, count: int) -> NDArray[np.int64]:
     """Indices of at most ``count`` grasps, best first, none a near copy of a better one."""
-    left = np.ones(len(grasps), dtype=bool)
-    chosen: list[int] = []
-    for i in range(len(grasps)):
-        if not left[i]:
-            continue
-        chosen.append(i)
-        if len(chosen) == count:
-            break
-        apart = np.linalg.norm(grasps.X_OG[:, :3, 3] - grasps.X_OG[i, :3, 3], axis=1)
-        left &= (apart / _SAME_POSITION) ** 2 + (_angle_to(grasps, i) / _SAME_ANGLE) ** 2 > 1.0
-    return np.array(chosen, dtype=np.int64)
+    chosen = np.empty(count, dtype=np.int64)
+    return chosen[: _distinct_kernel(grasps.X_OG, chosen)]
 
 
-def _angle_to(grasps: GraspSet, i: int) -> Array:
-    """Rotation angle from grasp i to every grasp or to its 180-degree flip, whichever is less."""
-    R = grasps.X_OG[:, :3, :3]
-    xx, yy, zz = np.einsum("nij,ij->nj", R, R[i]).T
-    return np.arccos(np.clip((np.abs(xx + yy) + zz - 1.0) / 2.0, -1.0, 1.0))
+@njit(cache=True)
+def _distinct_kernel(X_OG, chosen):  # type: ignore[no-untyped-def]
+    """Writes the indices and returns their number; a grasp and its flip about z are the same."""
+    n = 0
+    for i in range(len(X_OG)):
+        copy = False
+        for j in chosen[:n]:
+            square, xx, yy, zz = 0.0, 0.0, 0.0, 0.0
+            for k in range(3):
+                square += (X_OG[i, k, 3] - X_OG[j, k, 3]) ** 2
+                xx += X_OG[i, k, 0] * X_OG[j, k, 0]
+                yy += X_OG[i, k, 1] * X_OG[j, k, 1]
+                zz += X_OG[i, k, 2] * X_OG[j, k, 2]
+            angle = np.arccos(min(1.0, max(-1.0, (abs(xx + yy) + zz - 1.0) / 2.0)))
+            if square / _SAME_POSITION**2 + (angle / _SAME_ANGLE) ** 2 <= 1.0:
+                copy = True
+                break
+        if not copy:
+            chosen[n] = i
+            n += 1
+            if n == len(chosen):
+                break
+    return n

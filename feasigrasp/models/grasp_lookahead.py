@@ -13,7 +13,7 @@ from feasigrasp.models.reachability import Reachability
 
 FloatArray = NDArray[np.float64]
 
-_CHUNK = 16  # hand poses tried at once, best scores first, until enough can be reached
+_CHUNK = 32  # hand poses tried at once, best scores first, until enough can be reached
 
 
 def reachable_grasps(

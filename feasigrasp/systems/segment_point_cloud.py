@@ -46,7 +46,8 @@ class SegmentPointCloud(LeafSystem):
                 f"SegmentPointCloud: {xyz.shape[1]} points but {labels.size} labels; the cloud and "
                 "the label image must come from the same camera, pixel by pixel."
             )
-        keep = (labels == self._label) & np.isfinite(xyz).all(axis=0)
-        cloud = PointCloud(int(keep.sum()))
-        cloud.mutable_xyzs()[:] = xyz[:, keep]
+        of_body = xyz[:, np.flatnonzero(labels == self._label)]
+        seen = of_body[:, np.isfinite(of_body).all(axis=0)]
+        cloud = PointCloud(seen.shape[1])
+        cloud.mutable_xyzs()[:] = seen
         output.set_value(cloud)
