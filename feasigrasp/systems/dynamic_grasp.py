@@ -120,7 +120,6 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
             scenario.control.period, enforce_position_limits=scenario.control.mode == "safe"
         ),
     )
-    fingers = add("fingers", ZeroOrderHold(scenario.control.period, 1))
     metrics = add("metrics", Metrics(gripper))
 
     # Perception: camera -> object's points -> distance field -> grasps, all in the object frame.
@@ -155,8 +154,7 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     connect(
         station.GetOutputPort("gripper.state_measured"), sequencer.GetInputPort("gripper_state")
     )
-    connect(sequencer.GetOutputPort("gripper_position"), fingers.get_input_port())
-    connect(fingers.get_output_port(), station.GetInputPort("gripper.position"))
+    connect(sequencer.GetOutputPort("gripper_position"), station.GetInputPort("gripper.position"))
     connect(sequencer.GetOutputPort("object_hold"), station.GetInputPort("object.hold"))
 
     # Measurement.

@@ -23,7 +23,7 @@ def rotation(wxyz):
 def wrench_at(state, X_WR, V_WR, acceleration, *, gravity=GRAVITY, frequency=FREQUENCY):
     wrench = np.empty(6)
     carrying_wrench_kernel(
-        state, X_WR, V_WR, acceleration, gravity, MASS, INERTIA, frequency, np.empty((3, 3)), wrench
+        state, X_WR, V_WR, acceleration, gravity, MASS, INERTIA, frequency, wrench
     )
     return wrench
 

@@ -58,8 +58,8 @@ def test_everything_kept_is_reached_by_a_configuration_inside_the_limits(filtere
 
 def test_grasps_and_flips_are_either_kept_or_counted(filtered):
     grasps = filtered(ring(), velocity=SpatialVelocity([0, 0, 0], [0.2, 0.1, 0.0]))
-    dropped = {k: n for k, n in grasps.rejected.items() if k.startswith("out of reach")}
-    assert set(dropped) == {"out of reach now", "out of reach soon"}
+    dropped = {k: n for k, n in grasps.rejected.items() if k != "earlier"}
+    assert {"out of reach now", "out of reach soon"} <= set(dropped)
     assert len(grasps) + sum(dropped.values()) == 24
     assert grasps.rejected["earlier"] == 5
     given = ring().with_twins()
@@ -91,7 +91,7 @@ def test_an_object_that_runs_away_leaves_nothing_soon(filtered):
     soon = filtered(ring(), velocity=away)
     assert len(now) > 0
     assert len(soon) == 0
-    assert soon.rejected["out of reach soon"] == len(now)
+    assert soon.rejected["out of reach soon"] == len(now) + now.rejected["better grasps in reach"]
 
 
 def test_no_grasps_in_no_grasps_out(filtered):

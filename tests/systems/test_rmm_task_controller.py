@@ -38,6 +38,7 @@ def test_the_mixture_is_fitted_once_per_grasp_set(fixed_context, monkeypatch):
 
     monkeypatch.setattr(rmm_task_controller, "fit_grasp_mixture", counting)
     dut = RMMTaskController(REACH)
+    fits.clear()  # one step when it is made, to compile its kernels
     first, second = grasps_near(np.eye(4)), grasps_near(np.eye(4), seed=1)
     still = SpatialVelocity.Zero()
     context = fixed_context(
