@@ -17,6 +17,8 @@ from feasigrasp.models.gripper import ParallelGripper
 
 Array = NDArray[np.float64]
 
+#: Rays sent through the object per contact pair that is wanted.
+_RAYS_PER_PAIR = 5
 #: First point looked at on the way through the object; thinner walls are not seen [m].
 _ENTRY = 0.002
 #: Grasps closer than this to a better one are copies of it.
@@ -71,13 +73,15 @@ class AntipodalSampler:
             opposite side within the hand's opening.
         """
         rng = np.random.default_rng(self.seed)
-        surface = gpdf.completion
-        b = -surface.normals
-        widest = self.gripper.max_opening - 2 * MARGIN
-        width = gpdf.ray_exits(surface.points, b, widest, _ENTRY)
-        hit = np.isfinite(width)
-        first, b, width = surface.points[hit], b[hit], width[hit]
         n_pairs = -(-self.n_candidates // self.n_approaches)
+        surface = gpdf.completion
+        # A few times as many rays as pairs leave a choice; more only cost time.
+        stride = max(1, len(surface.points) // (_RAYS_PER_PAIR * n_pairs))
+        first, b = surface.points[::stride], -surface.normals[::stride]
+        widest = self.gripper.max_opening - 2 * MARGIN
+        width = gpdf.ray_exits(first, b, widest, _ENTRY)
+        hit = np.isfinite(width)
+        first, b, width = first[hit], b[hit], width[hit]
         if len(width) > n_pairs:
             cosine = -np.einsum("ni,ni->n", gpdf.normals(first + width[:, None] * b), b)
             chosen = _spread(first, cosine, n_pairs)

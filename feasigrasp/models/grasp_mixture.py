@@ -25,7 +25,7 @@ LENGTH_PER_RADIAN = 0.1
 
 
 @nb.njit(cache=True)
-def _closest_kernel(X_OG, component, X_OH, member):  # type: ignore[no-untyped-def]
+def closest_members_kernel(X_OG, component, X_OH, member):  # type: ignore[no-untyped-def]
     """Writes the index of the grasp of each component that is closest to the hand; -1 for none."""
     closest = np.full(len(member), np.inf)
     member[:] = -1
@@ -67,7 +67,7 @@ class GraspMixture:
             shape (m,).
         """
         member = np.empty(len(self.mixture), dtype=np.int64)
-        _closest_kernel(self.X_OG, self.component, np.ascontiguousarray(X_OH), member)
+        closest_members_kernel(self.X_OG, self.component, np.ascontiguousarray(X_OH), member)
         components = np.flatnonzero(member >= 0)
         return components, member[components]
 

@@ -126,19 +126,16 @@ class Reachability:
         object.__setattr__(self, "_psis", psis)
         object.__setattr__(self, "_X_GF", se3.inverse(self.gripper.X_FG))
 
+    @property
+    def search(self) -> tuple[FloatArray, CapsuleModel, float, float, float]:
+        """What `nearest_kernel` takes: arm angles, capsules, limit margin, clearance, table."""
+        return self._psis, self._model, self.limit_margin, self.clearance, self.table_height
+
     def reachable(self, X_WG: ArrayLike) -> NDArray[np.bool_]:
         """Which hand poses (n, 4, 4) have an admissible configuration, shape (n,)."""
         X_WF = self._flange(X_WG)
         out = np.zeros(len(X_WF), dtype=bool)
-        _reachable_batch(
-            X_WF,
-            self._psis,
-            self._model,
-            self.limit_margin,
-            self.clearance,
-            self.table_height,
-            out,
-        )
+        _reachable_batch(X_WF, *self.search, out)
         return out
 
     def nearest(self, X_WG: ArrayLike, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -154,17 +151,7 @@ class Reachability:
         """
         X_WF = self._flange(X_WG)
         found, times = np.full((len(X_WF), 7), np.nan), np.empty(len(X_WF))
-        _nearest_batch(
-            X_WF,
-            np.asarray(q, dtype=float),
-            self._psis,
-            self._model,
-            self.limit_margin,
-            self.clearance,
-            self.table_height,
-            found,
-            times,
-        )
+        _nearest_batch(X_WF, np.asarray(q, dtype=float), *self.search, found, times)
         return found, times
 
     def _flange(self, X_WG: ArrayLike) -> FloatArray:

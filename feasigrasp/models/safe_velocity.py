@@ -115,6 +115,19 @@ def velocity_bounds(q: FloatArray, options: SafetyOptions) -> tuple[FloatArray, 
     return lower, upper
 
 
+@nb.njit(cache=True)
+def _objective_kernel(J, V, qd_preferred, rotation_weight, damping):  # type: ignore[no-untyped-def]
+    """Matrix (7, 7) and vector (7,) of the quadratic objective."""
+    WJ = J.copy()
+    WJ[:3] *= rotation_weight**2
+    H = WJ.T @ J
+    f = -(WJ.T @ V)
+    for i in range(7):
+        H[i, i] += damping
+        f[i] -= damping * qd_preferred[i]
+    return H, f
+
+
 def safe_velocity(
     q: FloatArray,
     qd_preferred: FloatArray,
@@ -139,9 +152,7 @@ def safe_velocity(
     if J is None or V is None:
         H, f = _IDENTITY, -np.asarray(qd_preferred, dtype=float)
     else:
-        weighted = J.T * np.array([options.rotation_weight**2] * 3 + [1.0] * 3)
-        H = weighted @ J + options.damping * _IDENTITY
-        f = -(weighted @ V + options.damping * qd_preferred)
+        H, f = _objective_kernel(J, V, qd_preferred, options.rotation_weight, options.damping)
     if not np.isfinite(q.sum() + f.sum() + H.sum()):
         return np.zeros(7)
     most = len(IIWA_CAPSULES.pairs) + 2 * len(IIWA_CAPSULES.movers)

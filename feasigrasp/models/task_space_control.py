@@ -20,10 +20,13 @@ from numpy.typing import NDArray
 
 from feasigrasp.models import se3
 from feasigrasp.models.grasp_funnel import Funnel, steering_kernel
-from feasigrasp.models.grasp_mixture import GraspMixture
-from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
-from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.grasp_mixture import GraspMixture, closest_members_kernel
+from feasigrasp.models.iiwa_kinematics import pose_and_jacobian, pose_jacobian_kernel
+from feasigrasp.models.inverse_kinematics import arm_angle_kernel
+from feasigrasp.models.reachability import Reachability, nearest_kernel
+from feasigrasp.models.riemannian_kernels import evaluate_kernel
 from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity
+from feasigrasp.models.se3_kernels import inverse_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -49,6 +52,17 @@ class TaskControlOptions:
     posture_gain: float = 1.0
     funnel: Funnel = field(default_factory=Funnel)
     safety: SafetyOptions = field(default_factory=SafetyOptions)
+
+    @property
+    def gains(self) -> tuple[float, float, float, float, float]:
+        """The numbers that the kernel takes."""
+        return (
+            self.gain,
+            self.max_angular,
+            self.max_linear,
+            self.travel_time_scale,
+            self.posture_gain,
+        )
 
 
 @nb.njit(cache=True)
@@ -88,6 +102,52 @@ def selection_kernel(log_density, travel_time, travel_time_scale):  # type: igno
     return weight / np.sum(weight)
 
 
+@nb.njit(cache=True)
+def _steer_kernel(  # type: ignore[no-untyped-def]
+    q, X_FG, X_WO, V_WO, X_OG, component, parameters, search, funnel, gains, J_WH, posture
+):
+    """Writes the hand's Jacobian (6, 7) and the posture velocity (7,); returns the hand's twist.
+
+    One kernel, since it runs at the control rate between steps of the physics, with cold caches.
+    The twist is empty if no component can be reached.
+    """
+    gain, max_angular, max_linear, travel_time_scale, posture_gain = gains
+    psis, model, limit_margin, clearance, table_height = search
+    X_WH = np.empty((4, 4))
+    pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
+    X_OH = inverse_kernel(X_WO) @ X_WH
+    X_GF = inverse_kernel(X_FG)
+    K = len(parameters[0])
+    member = np.empty(K, dtype=np.int64)
+    closest_members_kernel(X_OG, component, X_OH, member)
+    tangents, densities = np.empty((K, 6)), np.empty(K)
+    evaluate_kernel(X_OH, parameters, tangents, densities)
+
+    # The members that can be reached, how soon, and in which configuration.
+    n = 0
+    X_OM, solutions = np.empty((K, 4, 4)), np.empty((K, 7))
+    log_density, travel_time = np.empty(K), np.empty(K)
+    psi = arm_angle_kernel(q)
+    for k in range(K):
+        if member[k] < 0:
+            continue
+        X_WF = X_WO @ X_OG[member[k]] @ X_GF
+        travel_time[n] = nearest_kernel(
+            X_WF, q, psi, psis, model, limit_margin, clearance, table_height, solutions[n]
+        )
+        if travel_time[n] < np.inf:
+            X_OM[n] = X_OG[member[k]]
+            log_density[n] = densities[k]
+            n += 1
+    if n == 0:
+        return np.empty(0)
+    weight = selection_kernel(log_density[:n], travel_time[:n], travel_time_scale)
+    posture[:] = posture_gain * (weight @ (solutions[:n] - q))
+    u_H = np.empty(6)
+    steering_kernel(X_OM[:n], X_OH, funnel, weight, u_H)
+    return hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, max_angular, max_linear)
+
+
 def task_space_velocity(
     q: FloatArray,
     grasps: GraspMixture,
@@ -107,27 +167,25 @@ def task_space_velocity(
         options: Gains.
 
     Returns:
-        Joint velocity [rad/s], shape (7,); zero if no component can be reached, or if the object's
-        pose or twist is not finite.
+        Joint velocity [rad/s], shape (7,); zero if no component can be reached.
     """
-    X_WH, J_WH = pose_and_jacobian(q, reachability.gripper.X_FG)
-    X_OH = se3.inverse_kernel(X_WO) @ X_WH
-    components, members = grasps.closest_members(X_OH)
-    X_OG = grasps.X_OG[members]
-    solutions, travel_time = reachability.nearest(X_WO @ X_OG, q)
-    within = np.isfinite(travel_time)
-    if not within.any():
-        return safe_velocity(q, np.zeros(7), options=options.safety)
-    X_OG, solutions, travel_time = X_OG[within], solutions[within], travel_time[within]
-
-    log_density = grasps.mixture.component_log_densities(X_OH)[components[within]]
-    weight = selection_kernel(log_density, travel_time, options.travel_time_scale)
-    u_H = np.empty(6)
-    steering_kernel(X_OG, X_OH, options.funnel.parameters, weight, u_H)
-    V_WH = hand_twist_kernel(
-        options.gain * u_H, X_WH, X_WO, V_WO, options.max_angular, options.max_linear
+    J_WH, posture = np.empty((6, 7)), np.zeros(7)
+    V_WH = _steer_kernel(
+        np.ascontiguousarray(q, dtype=float),
+        reachability.gripper.X_FG,
+        np.ascontiguousarray(X_WO, dtype=float),
+        np.ascontiguousarray(V_WO, dtype=float),
+        grasps.X_OG,
+        grasps.component,
+        grasps.mixture.parameters,
+        reachability.search,
+        options.funnel.parameters,
+        options.gains,
+        J_WH,
+        posture,
     )
-    posture = options.posture_gain * weight @ (solutions - q)
+    if len(V_WH) == 0:
+        return safe_velocity(q, posture, options=options.safety)
     return safe_velocity(q, posture, J_WH, V_WH, options.safety)
 
 

@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.gpdf import MIN_POINTS, Gpdf, fit_gpdf
 from feasigrasp.models.point_cloud_checks import MIN_SPREAD, spread_across
+from feasigrasp.models.sphere import sphere_points
 from feasigrasp.models.view_fusion import FusedCloud
 
 
@@ -73,6 +74,7 @@ class PointCloudToGPDF(LeafSystem):
             min_points: A view with fewer finite points is ignored.
         """
         super().__init__()
+        fit_gpdf(sphere_points(64, 0.03))  # compiles its kernels, before the first tick
         self._max_points = max_points
         self._length_scale = length_scale
         self._min_points = min_points

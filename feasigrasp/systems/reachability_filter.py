@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -35,6 +36,7 @@ class ReachabilityFilter(LeafSystem):
     def __init__(self, reachability: Reachability, *, horizon: float = 1.0) -> None:
         """A filter around an exact inverse kinematics."""
         super().__init__()
+        reachability.reachable(np.eye(4))  # compiles its kernels, before the first tick
         self._reachability = reachability
         self._horizon = horizon
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
