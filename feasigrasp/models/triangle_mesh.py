@@ -77,6 +77,41 @@ def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tu
     return result, (f"decimated from {was} to {len(result.faces)}",)
 
 
+def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
+    """The coarsest of a few decimations of a closed mesh whose surface stays within a tolerance.
+
+    Args:
+        mesh: A closed mesh [m].
+        tolerance: Largest distance between the two surfaces, measured at the vertices of either
+            and at points spread over them [m].
+
+    Returns:
+        A closed mesh; the given one if every decimation strays farther or tears the surface.
+    """
+    for faces in (125, 250, 500, 1000, 2000):
+        if faces >= len(mesh.faces):
+            break
+        coarse, _ = decimate(mesh, faces)
+        if len(coarse.faces) > faces:
+            continue
+        if max(_distance(mesh, coarse), _distance(coarse, mesh)) <= tolerance:
+            return coarse
+    return mesh
+
+
+def _distance(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
+    """Largest distance from points on one surface to another surface [m]."""
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(np.asarray(other.vertices, dtype=np.float32)),
+        o3d.core.Tensor(np.asarray(other.faces, dtype=np.uint32)),
+    )
+    points = np.vstack([mesh.vertices, mesh.triangles_center]).astype(np.float32)
+    return float(scene.compute_distance(o3d.core.Tensor(points)).numpy().max())
+
+
 def write_obj(path: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
     """Writes an OBJ with vertex normals, which Drake's RenderEngineVtk needs to draw it.
 
