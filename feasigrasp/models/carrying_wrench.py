@@ -3,6 +3,7 @@
 import numba as nb
 import numpy as np
 
+from feasigrasp.models.object_motion import motion_kernel
 from feasigrasp.models.se3 import so3_log_kernel
 
 
@@ -51,3 +52,23 @@ def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
     for i in range(3):
         p_error, v_error = X_WR[i, 3] - state[4 + i], V_WR[3 + i] - state[10 + i]
         wrench[3 + i] = mass * (w * w * p_error + 2.0 * w * v_error + acceleration[i] - gravity[i])
+
+
+@nb.njit(cache=True)
+def motion_wrench_kernel(  # type: ignore[no-untyped-def]
+    state, parameters, t, gravity, mass, I_BBcm, frequency, wrench
+):
+    """The wrench of `carrying_wrench_kernel` towards a `HarmonicMotion` at time t [s]."""
+    X_WR, V_WR, acceleration = motion_kernel(parameters, t)
+    carrying_wrench_kernel(
+        state, X_WR, V_WR, acceleration, gravity, mass, I_BBcm, frequency, wrench
+    )
+
+
+@nb.njit(cache=True)
+def body_pose_kernel(state):  # type: ignore[no-untyped-def]
+    """Pose (4, 4) out of a floating body's state (quaternion wxyz, position, velocities)."""
+    X_WB = np.eye(4)
+    rotation_kernel(state, X_WB)
+    X_WB[:3, 3] = state[4:7]
+    return X_WB

@@ -78,7 +78,7 @@ def fit_grasp_mixture(
     """Fits a mixture of at most ``n_components`` to at least one grasp."""
     # The hand steers to members, not to means: a rough fit does, twenty times a second.
     mixture = fit_riemannian_mixture(
-        grasps.X_OG, n_components, rng, max_iterations=10, tolerance=1e-2
+        grasps.X_OG, n_components, rng, max_iterations=5, tolerance=1e-2
     )
     component = np.argmax(mixture.responsibilities(grasps.X_OG), axis=1)
     return GraspMixture(mixture, grasps.X_OG, component)

@@ -6,6 +6,7 @@ while the object turns with constant speed about a fixed axis.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numba as nb
 import numpy as np
@@ -50,19 +51,23 @@ class HarmonicMotion:
 
     def state(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """``X_WO`` (4, 4), ``V_WO`` (6,) and the acceleration of the origin (3,) at time t [s]."""
-        X_WO, V_WO, acceleration = _motion_kernel(
-            self.center,
-            self.amplitude,
-            self.harmonic,
-            self.offset_deg,
-            self.rate,
-            self.start_phase + self.rate * t,
-            self.spin_axis,
-            self.spin,
-            self.R_WO,
-            t,
-        )
+        X_WO, V_WO, acceleration = motion_kernel(self.parameters, t)
         return X_WO, V_WO, acceleration
+
+    @cached_property
+    def parameters(self) -> FloatArray:
+        """All numbers in one array, for `motion_kernel`, shape (26,)."""
+        return np.concatenate(
+            [
+                self.center,
+                self.amplitude,
+                self.harmonic,
+                np.deg2rad(self.offset_deg),
+                [self.rate, self.start_phase],
+                self.spin * self.spin_axis / np.linalg.norm(self.spin_axis),
+                self.R_WO.ravel(),
+            ]
+        )
 
     def pose(self, t: float) -> FloatArray:
         """``X_WO`` at time t [s], shape (4, 4)."""
@@ -74,14 +79,16 @@ class HarmonicMotion:
 
 
 @nb.njit(cache=True)
-def _motion_kernel(  # type: ignore[no-untyped-def]
-    center, amplitude, harmonic, offset_deg, rate, phase, spin_axis, spin, R_WO, t
-):
+def motion_kernel(parameters, t):  # type: ignore[no-untyped-def]
+    """Pose, twist and acceleration of `HarmonicMotion.state` from its parameters."""
+    center, amplitude, harmonic = parameters[0:3], parameters[3:6], parameters[6:9]
+    offset, rate, start_phase = parameters[9:12], parameters[12], parameters[13]
+    omega, R_WO = parameters[14:17], parameters[17:26].copy().reshape(3, 3)
     X, V, a = np.eye(4), np.empty(6), np.empty(3)
-    omega = spin / np.sqrt(np.sum(spin_axis**2)) * spin_axis
     X[:3, :3] = so3_exp_kernel(omega * t) @ R_WO
     for i in range(3):
-        angle, speed = harmonic[i] * phase + np.deg2rad(offset_deg[i]), harmonic[i] * rate
+        speed = harmonic[i] * rate
+        angle = harmonic[i] * start_phase + speed * t + offset[i]
         X[i, 3] = center[i] + amplitude[i] * np.sin(angle)
         V[i] = omega[i]
         V[3 + i] = amplitude[i] * speed * np.cos(angle)

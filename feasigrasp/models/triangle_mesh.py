@@ -105,11 +105,11 @@ def _distance(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
 
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(
-        o3d.core.Tensor(np.asarray(other.vertices, dtype=np.float32)),
-        o3d.core.Tensor(np.asarray(other.faces, dtype=np.uint32)),
+        o3d.core.Tensor.from_numpy(np.asarray(other.vertices, dtype=np.float32)),
+        o3d.core.Tensor.from_numpy(np.asarray(other.faces, dtype=np.uint32)),
     )
     points = np.vstack([mesh.vertices, mesh.triangles_center]).astype(np.float32)
-    return float(scene.compute_distance(o3d.core.Tensor(points)).numpy().max())
+    return float(scene.compute_distance(o3d.core.Tensor.from_numpy(points)).numpy().max())
 
 
 def write_obj(path: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:

@@ -8,13 +8,13 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models import se3
+from feasigrasp.models.arm_condition import arm_condition_kernel
 from feasigrasp.models.grasp_funnel import grasp_errors
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import NUM_JOINTS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_capsules import NON_ADJACENT_PAIRS, capsule_model
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, manipulability
-from feasigrasp.models.self_collision import in_collision, min_distance
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
 
 #: The entries of one sample, in order; lengths in metres, angles in radians.
 SAMPLE_NAMES = (
@@ -83,13 +83,7 @@ class Metrics(LeafSystem):
         output.SetFromVector(
             np.concatenate(
                 [
-                    [
-                        float(in_collision(q[None], self._all_capsules)[0]),
-                        min_distance(q, self._capsules),
-                        np.min(POSITION_LIMITS - np.abs(q)),
-                        np.max(np.abs(v) / VELOCITY_LIMITS),
-                        float(manipulability(q)),
-                    ],
+                    arm_condition_kernel(q, v, self._capsules, self._all_capsules),
                     nearest,
                     p_HO,
                     X_WO[:3, 3],

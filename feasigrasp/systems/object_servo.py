@@ -7,7 +7,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.carrying_wrench import carrying_wrench_kernel
+from feasigrasp.models.carrying_wrench import motion_wrench_kernel
 from feasigrasp.models.object_motion import HarmonicMotion
 
 
@@ -61,12 +61,12 @@ class ObjectServo(LeafSystem):
         if self._hold.Eval(context)[0] < 0.5:
             output.set_value([])
             return
-        # State and reference of the same instant: one a step later would make the body lead.
-        t = context.get_time()
         wrench = np.empty(6)
-        carrying_wrench_kernel(
+        # State and reference of the same instant: one a step later would make the body lead.
+        motion_wrench_kernel(
             self._state.Eval(context),
-            *self._motion.state(t),
+            self._motion.parameters,
+            context.get_time(),
             self._gravity,
             self._mass,
             self._I_BBcm,

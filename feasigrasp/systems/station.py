@@ -25,7 +25,7 @@ from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
 
-from feasigrasp.models.carrying_wrench import rotation_kernel
+from feasigrasp.models.carrying_wrench import body_pose_kernel
 from feasigrasp.models.object_motion import HarmonicMotion
 from feasigrasp.models.rigid_object import RigidObject
 from feasigrasp.resources import model_path
@@ -69,10 +69,7 @@ class _BodyState(LeafSystem):
         self.DeclareAbstractOutputPort("velocity", Value[SpatialVelocity], self._calc_velocity)
 
     def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        state, X_WO = self._state.Eval(context), np.eye(4)
-        rotation_kernel(state, X_WO)
-        X_WO[:3, 3] = state[4:7]
-        output.set_value(RigidTransform(X_WO))
+        output.set_value(RigidTransform(body_pose_kernel(self._state.Eval(context))))
 
     def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         output.set_value(SpatialVelocity(self._state.Eval(context)[7:13]))

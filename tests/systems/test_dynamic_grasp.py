@@ -55,7 +55,7 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
         (gp_joint_controller, "find_solutions"),
         (gp_joint_controller, "joint_space_velocity"),
         (velocity_drive.VelocityDrive, "_update"),
-        (object_servo, "carrying_wrench_kernel"),
+        (object_servo, "motion_wrench_kernel"),
     ):
         wrap(monkeypatch, calls, owner, name)
     config = scenario(text=f"{{control: {{controller: {controller}}}, grasp: {{close: false}}}}")
@@ -68,7 +68,7 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     assert calls.pop("_calc") == 2  # read by the latency's hold alone, 0.1 s after each view
     assert calls.pop("reachable_grasps") == 20
     assert calls.pop("_update") == 200
-    assert calls.pop("carrying_wrench_kernel") == 500
+    assert calls.pop("motion_wrench_kernel") == 500
     if controller == "task":
         # Grasps arrive 0.1 s after the first view and pass the filter at its next tick, at 0.15 s.
         assert calls.pop("fit_grasp_mixture") == pytest.approx(17, abs=1)

@@ -1,0 +1,36 @@
+"""How well an arm stands: distances to itself and to its limits, speed, manipulability."""
+
+import numba as nb
+import numpy as np
+
+from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
+from feasigrasp.models.self_collision import distances_kernel, in_collision_kernel
+
+
+@nb.njit(cache=True)
+def arm_condition_kernel(q, v, model, all_pairs_model):  # type: ignore[no-untyped-def]
+    """Five figures of one state of the arm.
+
+    Args:
+        q: Joint positions [rad], shape (7,).
+        v: Joint velocities [rad/s], shape (7,).
+        model: `CapsuleModel` with the pairs that can meet inside the joint limits.
+        all_pairs_model: `CapsuleModel` with all pairs of bodies that are not neighbours.
+
+    Returns:
+        1 if any of all pairs penetrates, else 0; smallest distance of the pairs that can meet [m];
+        smallest distance to a joint limit, negative beyond it [rad]; largest joint speed over its
+        limit; manipulability sqrt(det J J^T) at the flange.
+    """
+    collides = 1.0 if in_collision_kernel(q, all_pairs_model, 0.0) else 0.0
+    distance = np.empty(len(model.pairs))
+    distances_kernel(q, model, distance)
+    margin, ratio = np.inf, 0.0
+    for i in range(7):
+        margin = min(margin, POSITION_LIMITS[i] - abs(q[i]))
+        ratio = max(ratio, abs(v[i]) / VELOCITY_LIMITS[i])
+    X_WF, J_WF = np.empty((4, 4)), np.empty((6, 7))
+    pose_jacobian_kernel(q, np.eye(4), X_WF, J_WF)
+    manipulability = np.sqrt(max(np.linalg.det(J_WF @ J_WF.T), 0.0))
+    return collides, np.min(distance), margin, ratio, manipulability
