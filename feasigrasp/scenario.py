@@ -92,7 +92,7 @@ class PerceptionConfig:
     max_points: int = 320
     length_scale: float = 0.3
     voxel_size: float = 0.003
-    n_candidates: int = 400
+    n_candidates: int = 800
     n_grasps: int = 64
 
 
