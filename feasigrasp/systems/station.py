@@ -25,6 +25,7 @@ from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
 
+from feasigrasp.errors import ScenarioError
 from feasigrasp.models.carrying_wrench import body_pose_kernel
 from feasigrasp.models.object_motion import HarmonicMotion
 from feasigrasp.models.rigid_object import RigidObject
@@ -197,7 +198,14 @@ class Station(Diagram):
 def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(model_path("package.xml")))
-    ProcessModelDirectives(ModelDirectives(directives=config.directives), plant, parser)
+    try:
+        ProcessModelDirectives(ModelDirectives(directives=config.directives), plant, parser)
+    except RuntimeError as error:
+        raise ScenarioError(
+            "the directives of the cell cannot be loaded; if they name package://drake_models, "
+            "Drake must find or download it, else use package://feasigrasp/iiwa/cell.dmd.yaml. "
+            f"Drake says: {error}"
+        ) from error
     iiwa = plant.GetModelInstanceByName("iiwa")
     for i, (kp, q) in enumerate(zip(ARM_KP, config.q_start, strict=True), start=1):
         joint = plant.GetJointByName(f"iiwa_joint_{i}", iiwa)

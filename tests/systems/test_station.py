@@ -8,7 +8,7 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.errors import MeshError
+from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa import POSITION_LIMITS
 from feasigrasp.resources import diagram_path
@@ -285,3 +285,10 @@ def test_an_unknown_object_is_refused_by_name():
 
 def _config(of):
     return StationConfig(plant=of.plant_config, directives=of.directives, q_start=HOME)
+
+
+def test_a_cell_that_cannot_be_loaded_is_a_clear_error():
+    text = "{directives: [{add_directives: {file: package://nowhere/cell.dmd.yaml}}]}"
+    broken = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
+    with pytest.raises(ScenarioError, match=r"(?s)cannot be loaded.*cell\.dmd\.yaml"):
+        make_station(broken)
