@@ -46,7 +46,7 @@ class SafetyOptions:
         damping: rho, the weight of the preferred joint velocity.
     """
 
-    position_margin: float = 0.01
+    position_margin: float = 0.03
     limit_gain: float = 5.0
     velocity_scale: float = 0.85
     clearance: float = 0.01

@@ -30,12 +30,16 @@ class VelocityDrive(LeafSystem):
 
     #: The desired position never runs further than this ahead of the measured one [rad].
     MAX_LEAD = 0.10
+    #: It keeps this distance from the joint limits [rad], since the arm gives way under load.
+    LIMIT_MARGIN = 0.01
 
     def __init__(self, period: float, *, enforce_position_limits: bool = True) -> None:
         """A drive that updates every ``period`` seconds."""
         super().__init__()
         self._period = period
-        self._limits = POSITION_LIMITS if enforce_position_limits else np.full(7, np.inf)
+        self._limits = (
+            POSITION_LIMITS - self.LIMIT_MARGIN if enforce_position_limits else np.full(7, np.inf)
+        )
         self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
         state = self.DeclareDiscreteState(2 * NUM_JOINTS)
