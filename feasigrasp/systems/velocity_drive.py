@@ -37,9 +37,9 @@ class VelocityDrive(LeafSystem):
         """A drive that updates every ``period`` seconds."""
         super().__init__()
         self._period = period
-        self._limits = (
-            POSITION_LIMITS - self.LIMIT_MARGIN if enforce_position_limits else np.full(7, np.inf)
-        )
+        self._limits = np.full(NUM_JOINTS, np.inf)
+        if enforce_position_limits:
+            self._limits = POSITION_LIMITS - self.LIMIT_MARGIN
         self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
         state = self.DeclareDiscreteState(2 * NUM_JOINTS)
