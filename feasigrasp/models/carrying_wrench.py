@@ -56,13 +56,21 @@ def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True)
 def motion_wrench_kernel(  # type: ignore[no-untyped-def]
-    state, parameters, t, gravity, mass, I_BBcm, frequency, wrench
+    state, parameters, t, gravity, mass, I_BBcm, frequency, max_force, max_torque, wrench
 ):
-    """The wrench of `carrying_wrench_kernel` towards a `HarmonicMotion` at time t [s]."""
+    """The wrench of `carrying_wrench_kernel` towards a `HarmonicMotion` at time t [s].
+
+    Torque and force of the spring are shortened to ``max_torque`` [Nm] and ``max_force`` [N]; what
+    carries the body's weight and its reference acceleration comes on top.
+    """
     X_WR, V_WR, acceleration = motion_kernel(parameters, t)
     carrying_wrench_kernel(
         state, X_WR, V_WR, acceleration, gravity, mass, I_BBcm, frequency, wrench
     )
+    carried = mass * (acceleration - gravity)
+    spring = wrench[3:] - carried
+    wrench[:3] *= min(1.0, max_torque / max(np.sqrt(np.sum(wrench[:3] ** 2)), 1e-12))
+    wrench[3:] = carried + spring * min(1.0, max_force / max(np.sqrt(np.sum(spring**2)), 1e-12))
 
 
 @nb.njit(cache=True)

@@ -9,10 +9,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
 from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.rigid_object import RigidObject, load_object
+from feasigrasp.models.sphere import sphere_points
 from feasigrasp.scenario import Scenario, make_motion
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_sampler import GraspSampler
@@ -96,14 +98,11 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
             voxel_size=perception.voxel_size,
         ),
     )
-    sampler = add(
-        "sampler",
-        GraspSampler(
-            AntipodalSampler(
-                gripper, n_candidates=perception.n_candidates, n_grasps=perception.n_grasps
-            )
-        ),
+    antipodal = AntipodalSampler(
+        gripper, n_candidates=perception.n_candidates, n_grasps=perception.n_grasps
     )
+    antipodal(fit_gpdf(sphere_points(64, 0.03)))  # compiles its kernels, before the first tick
+    sampler = add("sampler", GraspSampler(antipodal))
     latency = add("latency", ZeroOrderHold(perception.period, empty, perception.latency))
     reach = add(
         "reachability", ReachabilityFilter(reachability, horizon=scenario.reachability.horizon)

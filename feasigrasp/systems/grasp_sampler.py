@@ -5,9 +5,7 @@ from __future__ import annotations
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.grasps import GraspSamplerFn, GraspSet
-from feasigrasp.models.sphere import sphere_points
 
 
 class GraspSampler(LeafSystem):
@@ -30,7 +28,6 @@ class GraspSampler(LeafSystem):
         """A system around one sampler, e.g. `AntipodalSampler`."""
         super().__init__()
         self._sampler = sampler
-        sampler(fit_gpdf(sphere_points(64, 0.03)))  # compiles its kernels, before the first tick
         self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
         self.DeclareAbstractOutputPort(
             "grasps",

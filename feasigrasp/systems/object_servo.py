@@ -26,7 +26,8 @@ class ObjectServo(LeafSystem):
     ``state`` is the body's V13 state in the plant (quaternion wxyz, position, angular velocity,
     velocity); ``hold`` is 1 while the body is carried and 0 once it is let go, when no force acts
     any more. The body yields to contact as a mass on a spring would: force and torque are those of
-    a harmonic oscillator of ``frequency`` [rad/s], plus the weight and the reference acceleration.
+    a harmonic oscillator of ``frequency`` [rad/s], no larger than a hand would push, plus the
+    weight and the reference acceleration.
     """
 
     def __init__(
@@ -36,8 +37,19 @@ class ObjectServo(LeafSystem):
         motion: HarmonicMotion,
         *,
         frequency: float = 60.0,
+        max_force: float = 30.0,
+        max_torque: float = 3.0,
     ) -> None:
-        """Reads the body's mass and inertia from the finalized plant."""
+        """Reads the body's mass and inertia from the finalized plant.
+
+        Args:
+            plant: The finalized plant.
+            body_index: The body to carry; its origin is its centre of mass.
+            motion: Where it should be.
+            frequency: Stiffness of the spring [rad/s].
+            max_force: What carries the body gives way beyond this force [N].
+            max_torque: The same for the torque [Nm].
+        """
         super().__init__()
         body = plant.get_body(body_index)
         inertia = body.default_spatial_inertia()
@@ -46,6 +58,7 @@ class ObjectServo(LeafSystem):
         self._body_index = body_index
         self._motion = motion
         self._frequency = frequency
+        self._max_force, self._max_torque = max_force, max_torque
         self._mass = inertia.get_mass()
         self._I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
         self._gravity = plant.gravity_field().gravity_vector()
@@ -71,6 +84,8 @@ class ObjectServo(LeafSystem):
             self._mass,
             self._I_BBcm,
             self._frequency,
+            self._max_force,
+            self._max_torque,
             wrench,
         )
         applied = ExternallyAppliedSpatialForce()

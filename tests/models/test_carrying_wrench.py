@@ -5,7 +5,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from feasigrasp.models import se3
-from feasigrasp.models.carrying_wrench import carrying_wrench_kernel, rotation_kernel
+from feasigrasp.models.carrying_wrench import (
+    carrying_wrench_kernel,
+    motion_wrench_kernel,
+    rotation_kernel,
+)
 from feasigrasp.models.object_motion import HarmonicMotion
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -145,3 +149,25 @@ def test_the_torque_carries_a_free_spin():
 def test_stiffness_grows_with_the_square_of_the_frequency(frequency):
     force = wrench_at(at_rest([0.01, 0, 0]), *still(0.0), frequency=frequency)[3]
     assert force == pytest.approx(-MASS * frequency**2 * 0.01)
+
+
+def test_beyond_its_strength_the_spring_gives_way():
+    m = HarmonicMotion(
+        np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3), 1.0, 0.0, np.array([0.0, 0.0, 1.0]), 0.0
+    )
+    far = np.array([np.cos(0.5), np.sin(0.5), 0, 0, 0.4, -0.3, 0.0, *np.zeros(6)])
+    wrench = np.empty(6)
+
+    def pull(max_force, max_torque):
+        motion_wrench_kernel(
+            far, m.parameters, 0.0, GRAVITY, MASS, INERTIA, FREQUENCY, max_force, max_torque, wrench
+        )
+        return wrench[:3].copy(), wrench[3:] + MASS * GRAVITY
+
+    free_torque, free_force = pull(1e9, 1e9)
+    torque, force = pull(20.0, 0.1)
+    assert np.linalg.norm(free_force) > 20.0 and np.linalg.norm(free_torque) > 0.1
+    assert np.linalg.norm(force) == pytest.approx(20.0)
+    assert np.linalg.norm(torque) == pytest.approx(0.1)
+    np.testing.assert_allclose(np.cross(force, free_force), 0, atol=1e-9)
+    np.testing.assert_allclose(np.cross(torque, free_torque), 0, atol=1e-9)
