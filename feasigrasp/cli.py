@@ -15,13 +15,66 @@ from feasigrasp import __version__
 from feasigrasp.errors import FeasigraspError
 
 #: What each group of commands is for.
-GROUPS = {"evaluate": "measure how well it works"}
+GROUPS = {
+    "evaluate": "measure how well it works",
+    "bench": "measure how quick it is",
+    "fit": "fit models to an arm",
+    "train": "train the networks that come with the package",
+}
 
 #: By group and name: the module, and what it does.
 COMMANDS = {
+    ("evaluate", "shape"): (
+        "feasigrasp.evaluation.evaluate_shape",
+        "compare completed shapes with the true ones",
+    ),
+    ("evaluate", "length-scale"): (
+        "feasigrasp.evaluation.study_length_scale",
+        "repeat the paper's search for the best length scale",
+    ),
+    ("evaluate", "shape-figures"): (
+        "feasigrasp.evaluation.shape_figures",
+        "draw what the distance field does, for the documentation",
+    ),
+    ("evaluate", "kinematics"): (
+        "feasigrasp.evaluation.evaluate_kinematics",
+        "compare the arm's kinematics with Drake and with itself",
+    ),
+    ("evaluate", "reachability"): (
+        "feasigrasp.evaluation.evaluate_reachability",
+        "compare the reachable space with exact inverse kinematics",
+    ),
+    ("evaluate", "capability"): (
+        "feasigrasp.evaluation.capability_picture",
+        "draw what the arm can reach",
+    ),
     ("evaluate", "dynamic"): (
         "feasigrasp.evaluation.dynamic",
         "follow, grasp and lift moving objects",
+    ),
+    ("bench", "shape"): (
+        "feasigrasp.evaluation.bench_shape",
+        "time the distance field beside its peers",
+    ),
+    ("bench", "kinematics"): (
+        "feasigrasp.evaluation.bench_kinematics",
+        "time the arm's kinematics beside its peers",
+    ),
+    ("bench", "reachability"): (
+        "feasigrasp.evaluation.bench_reachability",
+        "time the reachability filter and its fit",
+    ),
+    ("bench", "all"): (
+        "feasigrasp.evaluation.bench_all",
+        "run all benchmarks, one after the other",
+    ),
+    ("fit", "reachability"): (
+        "feasigrasp.evaluation.fit_reachability",
+        "fit the reachable space of an arm",
+    ),
+    ("train", "ik-flow"): (
+        "feasigrasp.evaluation.train_ik_flow",
+        "train the flow that proposes inverse kinematics",
     ),
 }
 

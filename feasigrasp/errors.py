@@ -9,6 +9,10 @@ class PointCloudError(FeasigraspError, ValueError):
     """A point cloud that no distance field can be fitted to (too few points, NaN, wrong shape)."""
 
 
+class CameraError(FeasigraspError, ValueError):
+    """A depth image, camera or sensor noise that cannot be worked with (wrong shape or range)."""
+
+
 class MeshError(FeasigraspError, ValueError):
     """A mesh that cannot become a rigid object (missing, not watertight, wrong scale)."""
 
@@ -19,3 +23,7 @@ class ScenarioError(FeasigraspError, ValueError):
 
 class GraspError(FeasigraspError, ValueError):
     """A set of grasps or a gripper description with inconsistent content."""
+
+
+class ReachabilityError(FeasigraspError, ValueError):
+    """An arm or a file that no reachable space can be made from."""

@@ -19,6 +19,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.depth_noise import DepthNoise
 from feasigrasp.models.grasp_sequence import GraspSequenceConfig
 from feasigrasp.models.object_motion import HarmonicMotion
 from feasigrasp.scenario_checks import check_scenario
@@ -97,15 +98,35 @@ class PerceptionConfig:
 
 
 @dc.dataclass
+class SceneConfig:
+    """The surroundings, as the camera sees them, that the open hand keeps clear of.
+
+    Attributes:
+        enabled: Whether they are looked at.
+        period: Time between views [s].
+        resolution: Edge length of the voxels of the scene [m].
+        margin: Least distance between the open hand and the scene [m].
+    """
+
+    enabled: bool = False
+    period: float = 1.0
+    resolution: float = 0.01
+    margin: float = 0.005
+
+
+@dc.dataclass
 class ReachabilityConfig:
     """The reachability filter between perception and control.
 
     Attributes:
         period: Time between updates [s].
+        method: ``ik`` (exact inverse kinematics), ``rmm`` (the paper's density of reachable poses),
+            or ``both`` (exact on what the density lets through).
         horizon: A grasp must stay reachable this long, as the object moves now [s].
     """
 
     period: float = 0.05
+    method: str = "ik"
     horizon: float = 1.0
 
 
@@ -149,11 +170,14 @@ class Scenario:
         plant_config: Drake's plant settings.
         directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``.
         cameras: Cameras by name.
+        camera_noise: By camera, errors of its depth image; ``{wrist_camera: {}}`` gives it those of
+            a RealSense D435, entries as in `DepthNoise` change them. A camera not named has none.
         q_start: Joint positions at the start [deg].
         object: The object.
         motion: How it moves.
         tracker: How its pose is measured.
         perception: Views, distance field, grasps.
+        scene: Surroundings that grasps keep clear of.
         reachability: Reachability filter.
         control: Controller.
         grasp: Closing, letting go, lifting.
@@ -165,11 +189,13 @@ class Scenario:
     plant_config: MultibodyPlantConfig = dc.field(default_factory=_default_plant)
     directives: list[ModelDirective] = dc.field(default_factory=list)
     cameras: dict[str, CameraConfig] = dc.field(default_factory=dict)
+    camera_noise: dict[str, dict[str, float]] = dc.field(default_factory=dict)
     q_start: list[float] = dc.field(default_factory=lambda: [0.0] * 7)
     object: ObjectConfig = dc.field(default_factory=ObjectConfig)
     motion: MotionConfig = dc.field(default_factory=MotionConfig)
     tracker: TrackerConfig = dc.field(default_factory=TrackerConfig)
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
+    scene: SceneConfig = dc.field(default_factory=SceneConfig)
     reachability: ReachabilityConfig = dc.field(default_factory=ReachabilityConfig)
     control: ControlConfig = dc.field(default_factory=ControlConfig)
     grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
@@ -237,6 +263,11 @@ def parse_scenario(text: str) -> Scenario:
         raise ScenarioError(f"not a scenario: {error}") from error
     check_scenario(scenario)
     return scenario
+
+
+def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
+    """The errors of the scenario's depth cameras, by camera; none for a camera that sees truly."""
+    return {name: DepthNoise(**changes) for name, changes in scenario.camera_noise.items()}
 
 
 def make_motion(scenario: Scenario) -> HarmonicMotion:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from feasigrasp.errors import ScenarioError
+from feasigrasp.errors import CameraError, ScenarioError
+from feasigrasp.models.depth_noise import DepthNoise
+from feasigrasp.models.pose_judge import METHODS
 
 if TYPE_CHECKING:
     from feasigrasp.scenario import Scenario
@@ -24,6 +27,11 @@ def check_scenario(scenario: Scenario) -> None:
         choice = getattr(scenario.control, key)
         if choice not in allowed:
             raise ScenarioError(f"control.{key} is {choice!r}; choose one of {', '.join(allowed)}")
+    method = scenario.reachability.method
+    if method not in METHODS:
+        raise ScenarioError(
+            f"reachability.method is {method!r}; choose one of {', '.join(METHODS)}"
+        )
     if scenario.perception.camera not in scenario.cameras:
         raise ScenarioError(
             f"perception.camera is {scenario.perception.camera!r}, but cameras has "
@@ -31,8 +39,28 @@ def check_scenario(scenario: Scenario) -> None:
         )
     if not 0 <= scenario.random_seed < 2**32:
         raise ScenarioError(f"random_seed is {scenario.random_seed}; give one of 0 to 2^32 - 1")
+    _check_camera_noise(scenario)
     _check_vectors(scenario)
     _check_positive(scenario)
+
+
+def _check_camera_noise(scenario: Scenario) -> None:
+    known = [field.name for field in fields(DepthNoise)]
+    for name, changes in scenario.camera_noise.items():
+        if name not in scenario.cameras:
+            raise ScenarioError(
+                f"camera_noise names {name!r}, but cameras has "
+                f"{', '.join(scenario.cameras) or 'none'}"
+            )
+        unknown = [key for key in changes if key not in known]
+        if unknown:
+            raise ScenarioError(
+                f"camera_noise.{name} has {', '.join(unknown)}; it may have {', '.join(known)}"
+            )
+        try:
+            DepthNoise(**changes)
+        except CameraError as error:
+            raise ScenarioError(f"camera_noise.{name}: {error}") from error
 
 
 def _check_vectors(scenario: Scenario) -> None:
@@ -58,6 +86,8 @@ def _check_vectors(scenario: Scenario) -> None:
 def _check_positive(scenario: Scenario) -> None:
     positive = {
         "perception.period": scenario.perception.period,
+        "scene.period": scenario.scene.period,
+        "scene.resolution": scenario.scene.resolution,
         "reachability.period": scenario.reachability.period,
         "control.period": scenario.control.period,
         "tracker.period": scenario.tracker.period,

@@ -5,11 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import (
     Scenario,
     dump_scenario,
     load_scenario,
+    make_camera_noise,
     make_motion,
     parse_scenario,
     scenario_names,
@@ -126,6 +128,29 @@ def test_every_default_is_written():
     text = dump_scenario(Scenario())
     for key in ("simulation_duration: 30.0", "friction: 0.8", "time_step: 0.002", "horizon: 1.0"):
         assert key in text
+
+
+def test_camera_noise_is_off_until_a_camera_is_named():
+    assert make_camera_noise(load_scenario(FILE, "ReachLinear")) == {}
+    text = "{camera_noise: {wrist_camera: {subpixel: 0.1, flying: 0}}}"
+    scenario = load_scenario(FILE, "ReachLinear", text)
+    assert make_camera_noise(scenario) == {"wrist_camera": DepthNoise(subpixel=0.1, flying=0.0)}
+    assert make_camera_noise(parse_scenario(dump_scenario(scenario))) == make_camera_noise(scenario)
+    default = load_scenario(FILE, "ReachLinear", "{camera_noise: {wrist_camera: {}}}")
+    assert make_camera_noise(default) == {"wrist_camera": DepthNoise()}
+
+
+@pytest.mark.parametrize(
+    ("noise", "message"),
+    [
+        ("{head: {}}", "names 'head', but cameras has wrist_camera"),
+        ("{wrist_camera: {sigma: 1}}", "has sigma; it may have baseline, subpixel"),
+        ("{wrist_camera: {subpixel: -1}}", "wrist_camera: DepthNoise.subpixel = -1"),
+    ],
+)
+def test_wrong_camera_noise_is_refused(noise, message):
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(FILE, "ReachLinear", f"{{camera_noise: {noise}}}")
 
 
 def test_later_overrides_win():

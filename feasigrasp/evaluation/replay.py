@@ -11,8 +11,8 @@ from pydrake.geometry import Meshcat, MeshcatParams
 FRAMES_PER_SECOND = 32.0
 
 
-def start_recording() -> Meshcat:
-    """A Meshcat that records; it neither opens a browser nor needs a particular port."""
+def quiet_meshcat() -> Meshcat:
+    """A Meshcat that neither opens a browser, nor needs a particular port, nor announces it."""
     drake_log = logging.getLogger("drake")
     level = drake_log.level
     drake_log.setLevel(logging.WARNING)  # do not announce an address that nobody needs
@@ -20,6 +20,12 @@ def start_recording() -> Meshcat:
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
     finally:
         drake_log.setLevel(level)
+    return meshcat
+
+
+def start_recording() -> Meshcat:
+    """A Meshcat that records."""
+    meshcat = quiet_meshcat()
     meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
     return meshcat
 

@@ -9,8 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.gpdf_kernels import farthest_points
 from feasigrasp.models.grasp_filter import COSINE_STEPS, MARGIN, filter_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper

@@ -3,9 +3,10 @@
 import numba as nb
 import numpy as np
 
+from feasigrasp.models.capsule_kernels import distances_kernel
+from feasigrasp.models.collision_kernels import in_collision_kernel
 from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
-from feasigrasp.models.self_collision import distances_kernel, in_collision_kernel
+from feasigrasp.models.iiwa_kinematics import manipulability_kernel
 
 
 @nb.njit(cache=True)
@@ -21,7 +22,7 @@ def arm_condition_kernel(q, v, model, all_pairs_model):  # type: ignore[no-untyp
     Returns:
         1 if any of all pairs penetrates, else 0; smallest distance of the pairs that can meet [m];
         smallest distance to a joint limit, negative beyond it [rad]; largest joint speed over its
-        limit; manipulability sqrt(det J J^T) at the flange.
+        limit; manipulability sqrt(det J J^T).
     """
     collides = 1.0 if in_collision_kernel(q, all_pairs_model, 0.0) else 0.0
     distance = np.empty(len(model.pairs))
@@ -30,7 +31,4 @@ def arm_condition_kernel(q, v, model, all_pairs_model):  # type: ignore[no-untyp
     for i in range(7):
         margin = min(margin, POSITION_LIMITS[i] - abs(q[i]))
         ratio = max(ratio, abs(v[i]) / VELOCITY_LIMITS[i])
-    X_WF, J_WF = np.empty((4, 4)), np.empty((6, 7))
-    pose_jacobian_kernel(q, np.eye(4), X_WF, J_WF)
-    manipulability = np.sqrt(max(np.linalg.det(J_WF @ J_WF.T), 0.0))
-    return collides, np.min(distance), margin, ratio, manipulability
+    return collides, np.min(distance), margin, ratio, manipulability_kernel(q)

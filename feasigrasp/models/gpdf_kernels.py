@@ -1,112 +1,48 @@
-"""Compiled loops of the Gaussian process distance field (see ``gpdf``).
+"""Compiled loops of the Gaussian process distance field over query points, rays and bodies.
 
-Nodes are centred and stored as ``(3, n)``, coordinate by coordinate, so that the inner loops
-vectorise (``fastmath`` lets sums be reordered and assumes finite numbers: callers check). No
-function builds an ``m x n`` matrix except the two that return one.
+The sums over the nodes are in ``gpdf_pairs``, whose tiles and workspace they pass on. Points are
+relative to the field's centre where a function takes no ``center``. All of them release Python's
+lock, so that a thread can run them beside a simulation.
 """
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.fast_exp import fast_exp
+from feasigrasp.models.gpdf_pairs import make_workspace, value_and_gradient_at, value_at
 
 Array = NDArray[np.float64]
 
-#: Far away or deep inside, occupancy underflows; it is guarded below, never clamped at 1.
-MIN_OCCUPANCY = 1e-30
 #: Floor on |grad d| in the damped Newton step.
 SLOPE_FLOOR = 0.2
-#: Keeps 1/r finite at a node, where the summand of the gradient is 0.
-_TINY = 1e-30
+#: Damped Newton steps end this close to the surface [m]; most do before their number is up.
+CONVERGED = 1e-9
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def gram_lower(nodes: Array, length_scale: float, noise_variance: float) -> Array:
-    """Lower triangle of ``K + s2 I``, transposed, shape ``(n, n)``.
-
-    Filled row by row; its ``.T`` is the lower triangle in the Fortran order that LAPACK wants.
-    """
-    n = nodes.shape[1]
-    transposed = np.zeros((n, n))
-    inverse = -1.0 / length_scale
-    for j in range(n):
-        x, y, z = nodes[0, j], nodes[1, j], nodes[2, j]
-        row = transposed[j]
-        for i in range(j, n):
-            a, b, c = nodes[0, i] - x, nodes[1, i] - y, nodes[2, i] - z
-            row[i] = fast_exp(np.sqrt(a * a + b * b + c * c) * inverse)
-        row[j] = 1.0 + noise_variance
-    return transposed
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def cross_covariance(nodes: Array, length_scale: float, points: Array) -> Array:
-    """``k(x_i, X_j)``, shape ``(m, n)``."""
-    n = nodes.shape[1]
-    out = np.empty((len(points), n))
-    inverse = -1.0 / length_scale
-    for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        row = out[i]
-        for j in range(n):
-            a, b, c = nodes[0, j] - x, nodes[1, j] - y, nodes[2, j] - z
-            row[j] = fast_exp(np.sqrt(a * a + b * b + c * c) * inverse)
-    return out
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def value_at(
-    nodes: Array, alpha: Array, length_scale: float, x: float, y: float, z: float
-) -> float:
-    """Raw distance ``d = -l ln o`` at one point."""
-    inverse = -1.0 / length_scale
-    o = 0.0
-    for j in range(nodes.shape[1]):
-        a, b, c = x - nodes[0, j], y - nodes[1, j], z - nodes[2, j]
-        o += alpha[j] * fast_exp(np.sqrt(a * a + b * b + c * c) * inverse)
-    return -length_scale * np.log(max(o, MIN_OCCUPANCY))
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def value_and_gradient_at(
-    nodes: Array, alpha: Array, length_scale: float, x: float, y: float, z: float
-) -> tuple[float, float, float, float]:
-    """Raw distance and its gradient ``grad d = -(l / o) grad o`` at one point."""
-    inverse = -1.0 / length_scale
-    o = gx = gy = gz = 0.0
-    for j in range(nodes.shape[1]):
-        a, b, c = x - nodes[0, j], y - nodes[1, j], z - nodes[2, j]
-        r = np.sqrt(a * a + b * b + c * c + _TINY)
-        k = alpha[j] * fast_exp(r * inverse)
-        w = k / r
-        o += k
-        gx += w * a
-        gy += w * b
-        gz += w * c
-    o = max(o, MIN_OCCUPANCY)
-    return -length_scale * np.log(o), gx / o, gy / o, gz / o
-
-
-@njit(cache=True)
-def values(nodes: Array, alpha: Array, length_scale: float, points: Array) -> Array:
+@njit(cache=True, nogil=True)
+def values(tiles: Array, length_scale: float, center: Array, points: Array) -> Array:
     """Raw distance at every point, shape ``(m,)``."""
     out = np.empty(len(points))
+    work = make_workspace()
+    u, v, w = center
     for i in range(len(points)):
-        out[i] = value_at(nodes, alpha, length_scale, points[i, 0], points[i, 1], points[i, 2])
+        x, y, z = points[i, 0] - u, points[i, 1] - v, points[i, 2] - w
+        out[i] = value_at(tiles, work, length_scale, x, y, z)
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def values_and_gradients(
-    nodes: Array, alpha: Array, length_scale: float, points: Array
+    tiles: Array, length_scale: float, center: Array, points: Array
 ) -> tuple[Array, Array]:
     """Raw distance ``(m,)`` and gradient ``(m, 3)`` at every point."""
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
+    work = make_workspace()
+    u, v, w = center
     for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        d, gx, gy, gz = value_and_gradient_at(nodes, alpha, length_scale, x, y, z)
+        x, y, z = points[i, 0] - u, points[i, 1] - v, points[i, 2] - w
+        d, gx, gy, gz = value_and_gradient_at(tiles, work, length_scale, x, y, z)
         value[i] = d
         gradient[i, 0], gradient[i, 1], gradient[i, 2] = gx, gy, gz
     return value, gradient
@@ -118,11 +54,13 @@ def newton_step(d: float, slope: float) -> float:
     return min(max(d / max(slope, SLOPE_FLOOR), -2.5 * abs(d)), 2.5 * abs(d))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def refine(
-    nodes: Array, alpha: Array, length_scale: float, points: Array, steps: int
+    tiles: Array, length_scale: float, center: Array, points: Array, steps: int, damped: bool
 ) -> tuple[Array, Array, Array, Array]:
     """Marches every point onto the surface d = 0, against the unit gradient at each step.
+
+    The steps are `newton_step`, or d itself if not ``damped``.
 
     Returns:
         Signed path length (m,), end points (m, 3), unit normals there (m, 3), residual d (m,).
@@ -132,28 +70,29 @@ def refine(
     ends = np.empty((m, 3))
     normals = np.empty((m, 3))
     residual = np.empty(m)
+    work = make_workspace()
+    u, v, w = center
     for i in range(m):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        x, y, z = points[i, 0] - u, points[i, 1] - v, points[i, 2] - w
         for step in range(steps + 1):
-            d, gx, gy, gz = value_and_gradient_at(nodes, alpha, length_scale, x, y, z)
+            d, gx, gy, gz = value_and_gradient_at(tiles, work, length_scale, x, y, z)
             slope = np.sqrt(gx * gx + gy * gy + gz * gz)
             unit = 1.0 / max(slope, 1e-12)
             gx, gy, gz = gx * unit, gy * unit, gz * unit
-            if step == steps:
+            if step == steps or (damped and abs(d) < CONVERGED):
                 break
-            length = newton_step(d, slope)
+            length = newton_step(d, slope) if damped else d
             travelled[i] += length
             x, y, z = x - length * gx, y - length * gy, z - length * gz
-        ends[i, 0], ends[i, 1], ends[i, 2] = x, y, z
+        ends[i, 0], ends[i, 1], ends[i, 2] = x + u, y + v, z + w
         normals[i, 0], normals[i, 1], normals[i, 2] = gx, gy, gz
         residual[i] = d
     return travelled, ends, normals, residual
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def first_hits(
-    nodes: Array,
-    alpha: Array,
+    tiles: Array,
     length_scale: float,
     poses: Array,
     body_points: Array,
@@ -166,6 +105,7 @@ def first_hits(
     every other body point within the rest of that distance; a positive one below the margin is
     refined by two Newton steps. Points outside ``box`` (2, 3) are free.
     """
+    work = make_workspace()
     k = len(body_points)
     apart = np.empty((k, k))
     for i in range(k):
@@ -195,13 +135,13 @@ def first_hits(
                 or z > box[1, 2]
             ):
                 continue
-            travelled = value_at(nodes, alpha, length_scale, x, y, z)
+            travelled = value_at(tiles, work, length_scale, x, y, z)
             for other in range(j + 1, k):
                 cleared[other] |= apart[j, other] < travelled - margin
             if 0.0 <= travelled < margin:
                 travelled = 0.0
                 for _ in range(2):
-                    d, gx, gy, gz = value_and_gradient_at(nodes, alpha, length_scale, x, y, z)
+                    d, gx, gy, gz = value_and_gradient_at(tiles, work, length_scale, x, y, z)
                     slope = np.sqrt(gx * gx + gy * gy + gz * gz)
                     length = newton_step(d, slope)
                     travelled += length
@@ -213,10 +153,9 @@ def first_hits(
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def march_to_exit(
-    nodes: Array,
-    alpha: Array,
+    tiles: Array,
     length_scale: float,
     starts: Array,
     directions: Array,
@@ -230,24 +169,25 @@ def march_to_exit(
     sign change is then bisected. NaN where the start is outside or ``max_length`` is reached.
     """
     out = np.full(len(starts), np.nan)
+    work = make_workspace()
     for i in range(len(starts)):
         px, py, pz = starts[i, 0], starts[i, 1], starts[i, 2]
         ux, uy, uz = directions[i, 0], directions[i, 1], directions[i, 2]
         inside = start_length
         d = value_at(
-            nodes, alpha, length_scale, px + inside * ux, py + inside * uy, pz + inside * uz
+            tiles, work, length_scale, px + inside * ux, py + inside * uy, pz + inside * uz
         )
         if d >= 0.0:
             continue
         while inside <= max_length:
             t = inside + max(min_step, -d)
-            d = value_at(nodes, alpha, length_scale, px + t * ux, py + t * uy, pz + t * uz)
+            d = value_at(tiles, work, length_scale, px + t * ux, py + t * uy, pz + t * uz)
             if d >= 0.0:
                 low, high = inside, t
                 for _ in range(6):
                     middle = 0.5 * (low + high)
                     x, y, z = px + middle * ux, py + middle * uy, pz + middle * uz
-                    if value_at(nodes, alpha, length_scale, x, y, z) < 0.0:
+                    if value_at(tiles, work, length_scale, x, y, z) < 0.0:
                         low = middle
                     else:
                         high = middle
@@ -255,29 +195,3 @@ def march_to_exit(
                 break
             inside = t
     return out
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
-def farthest_points(points: Array, count: int) -> NDArray[np.int64]:
-    """Indices of ``count`` points, each the farthest from those before it.
-
-    Starts with the point farthest from the centroid, so the choice moves with the cloud under
-    rigid motions (ties apart) and needs no random numbers.
-    """
-    n = len(points)
-    xs, ys, zs = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
-    nearest = np.full(n, np.inf)
-    chosen = np.empty(count, dtype=np.int64)
-    x, y, z = xs.mean(), ys.mean(), zs.mean()
-    for i in range(count + 1):
-        for j in range(n):
-            a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
-            nearest[j] = min(nearest[j], a * a + b * b + c * c)
-        if i == count:
-            break
-        best = np.argmax(nearest)
-        chosen[i] = best
-        x, y, z = xs[best], ys[best], zs[best]
-        if i == 0:
-            nearest[:] = np.inf
-    return chosen

@@ -3,17 +3,97 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.models import se3
 from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.pose_judge import REASONS, PoseJudge
 from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.reachability_kernels import REACHABLE
 
 FloatArray = NDArray[np.float64]
 
-_CHUNK = 32  # hand poses tried at once, best scores first, until enough can be reached
+KEPT, SOON, BETTER = "kept", "out of reach soon", "better grasps in reach"
+
+_CHUNK = 32  # hand poses judged at first, best scores first; twice as many each time after
+_INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedGrasps:
+    """The grasps in reach, and what became of every one.
+
+    Attributes:
+        grasps: Those that are kept, in the object frame, best score first.
+        verdicts: For every grasp given, then for the 180-degree flip of every grasp: "kept", or
+            why it is not: one of `feasigrasp.models.pose_judge.REASONS` if it is out of reach now,
+            "out of reach soon", or "better grasps in reach".
+    """
+
+    grasps: GraspSet
+    verdicts: tuple[str, ...] = ()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> JudgedGrasps:
+        """Immutable, so a copy is itself."""
+        return self
+
+
+def judge_grasps(
+    grasps: GraspSet,
+    X_WO: FloatArray,
+    V_WO: FloatArray,
+    judge: PoseJudge,
+    horizon: float = 1.0,
+    n_best: int = 24,
+    score_share: float = 0.6,
+) -> JudgedGrasps:
+    """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
+
+    Args:
+        grasps: Grasps in the object frame.
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        judge: Says which hand poses can be reached.
+        horizon: Look-ahead [s]; 0 for none. The object moves on with its twist; a grasp is judged
+            after each quarter of it.
+        n_best: How many are kept at most, the best scores first.
+        score_share: Grasps that score less than this share of the best one in reach are left out.
+
+    Returns:
+        The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
+        verdicts. Once enough grasps are kept, worse ones are not judged: "better grasps in reach".
+    """
+    both = grasps.with_twins()
+    order = np.argsort(-both.score, kind="stable")
+    times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
+    X_later = np.array([se3.extrapolate(X_WO, V_WO, t) for t in times]).reshape(-1, 4, 4)
+    verdicts = np.full(len(both), BETTER, dtype=object)
+    kept: list[int] = []
+    start, size = 0, _CHUNK
+    while start < len(order) and len(kept) < n_best:
+        chunk = order[start : start + size]
+        start, size = start + size, 2 * size
+        now = judge.verdicts(X_WO @ both.X_OG[chunk])
+        verdicts[chunk] = [REASONS[int(code)] for code in now]
+        reached = chunk[now == REACHABLE]
+        stays = _stays_in_reach(both.X_OG[reached], X_later, judge)
+        verdicts[reached] = np.where(stays, BETTER, SOON)  # until it is known which are kept
+        kept.extend(reached[stays].tolist())
+    kept = kept[:n_best]
+    if kept:
+        enough = score_share * both.score[kept[0]]
+        kept = [i for i in kept if both.score[i] >= enough]
+    verdicts[kept] = KEPT
+    counts = Counter(grasps.rejected)
+    counts.update(Counter(reason for reason in verdicts if reason != KEPT))
+    chosen = both.select(np.array(kept, dtype=int))
+    return JudgedGrasps(
+        GraspSet(chosen.X_OG, chosen.width, chosen.score, counts), tuple(verdicts.tolist())
+    )
 
 
 def reachable_grasps(
@@ -25,46 +105,15 @@ def reachable_grasps(
     n_best: int = 24,
     score_share: float = 0.6,
 ) -> GraspSet:
-    """The grasps, flips included, that are reachable now and after ``horizon`` seconds.
+    """The grasps that `judge_grasps` keeps by exact inverse kinematics."""
+    judge = PoseJudge(reachability)
+    return judge_grasps(grasps, X_WO, V_WO, judge, horizon, n_best, score_share).grasps
 
-    Args:
-        grasps: Grasps in the object frame.
-        X_WO: Object pose, shape (4, 4).
-        V_WO: Object twist [angular; linear], shape (6,).
-        reachability: Exact inverse kinematics of arm and hand.
-        horizon: Look-ahead [s]; 0 for none.
-        n_best: How many are kept at most, the best scores first.
-        score_share: Grasps that score less than this share of the best one in reach are left out.
 
-    Returns:
-        A subset in the object frame; ``rejected`` counts
-        "out of reach now", "out of reach soon" and "better grasps in reach".
-    """
-    best_first = grasps.with_twins()
-    best_first = best_first.select(np.argsort(-best_first.score, kind="stable"))
-    X_later = se3.extrapolate(X_WO, V_WO, horizon)
-    kept: list[int] = []
-    rejected = {"out of reach now": 0, "out of reach soon": 0, "better grasps in reach": 0}
-    for start in range(0, len(best_first), _CHUNK):
-        X_OG = best_first.X_OG[start : start + _CHUNK]
-        if len(kept) >= n_best:
-            rejected["better grasps in reach"] += len(X_OG)
-            continue
-        now = reachability.reachable(X_WO @ X_OG)
-        both = now.copy()
-        if horizon > 0.0:
-            both[now] = reachability.reachable(X_later @ X_OG[now])
-        kept.extend((start + np.flatnonzero(both)).tolist())
-        rejected["out of reach now"] += int(np.sum(~now))
-        rejected["out of reach soon"] += int(np.sum(now & ~both))
-    rejected["better grasps in reach"] += max(0, len(kept) - n_best)
-    kept = kept[:n_best]
-    if kept:
-        enough = score_share * best_first.score[kept[0]]
-        good = [i for i in kept if best_first.score[i] >= enough]
-        rejected["better grasps in reach"] += len(kept) - len(good)
-        kept = good
-    chosen = best_first.select(np.array(kept, dtype=int))
-    counts = Counter(grasps.rejected)
-    counts.update({reason: count for reason, count in rejected.items() if count > 0})
-    return GraspSet(chosen.X_OG, chosen.width, chosen.score, counts)
+def _stays_in_reach(X_OG: FloatArray, X_later: FloatArray, judge: PoseJudge) -> NDArray[np.bool_]:
+    """Which grasps (n, 4, 4) can be reached at all of the object's later poses (t, 4, 4)."""
+    if len(X_OG) == 0 or len(X_later) == 0:
+        return np.ones(len(X_OG), dtype=bool)
+    X_WG = X_later[:, None] @ X_OG
+    reached = judge.verdicts(X_WG.reshape(-1, 4, 4)) == REACHABLE
+    return np.asarray(reached.reshape(len(X_later), len(X_OG)).all(axis=0))

@@ -13,7 +13,7 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
@@ -60,7 +60,11 @@ class CapsuleModel(NamedTuple):
         ends: End points in that link's frame, shape (c, 2, 3) [m].
         radius: Shape (c,) [m].
         reach: Radius of the ball about the segment's middle that holds the capsule, shape (c,) [m].
+        balls: Centre in the link's frame and radius of a ball that holds all capsules of a link,
+            shape (8, 4) [m]; the radius is negative for a link without any.
         pairs: Indices of the capsules of each checked pair, the lower link first, shape (p, 2).
+        groups: Runs of pairs between the same two links: lower link, upper link, first pair, end;
+            shape (g, 4).
         movers: Indices of the capsules whose height can change (links 2 to 7), shape (m,).
     """
 
@@ -68,8 +72,18 @@ class CapsuleModel(NamedTuple):
     ends: NDArray[np.float64]
     radius: NDArray[np.float64]
     reach: NDArray[np.float64]
+    balls: NDArray[np.float64]
     pairs: NDArray[np.int64]
+    groups: NDArray[np.int64]
     movers: NDArray[np.int64]
+
+    def with_pairs(self, pairs: ArrayLike) -> CapsuleModel:
+        """The same capsules with other pairs to check, shape (p, 2), in the same order."""
+        pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        model = self._replace(pairs=pairs, groups=_groups(self.link, pairs))
+        for array in model:
+            array.flags.writeable = False
+        return model
 
 
 def arm_capsules() -> tuple[Capsule, ...]:
@@ -160,9 +174,29 @@ def capsule_model(
         ends=ends,
         radius=radius,
         reach=radius + np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2,
-        pairs=np.array(pairs),
+        balls=np.array([_ball(ends[link == k], radius[link == k]) for k in range(8)]),
+        pairs=np.empty((0, 2), dtype=np.int64),
+        groups=np.empty((0, 4), dtype=np.int64),
         movers=np.flatnonzero(link >= 2),
     )
-    for array in model:
-        array.flags.writeable = False
-    return model
+    return model.with_pairs(pairs)
+
+
+def _ball(ends: NDArray[np.float64], radius: NDArray[np.float64]) -> list[float]:
+    """A ball about the middle of the bounding box, [x, y, z, radius]."""
+    if len(ends) == 0:
+        return [0.0, 0.0, 0.0, -1.0]
+    low = (ends - radius[:, None, None]).min(axis=(0, 1))
+    high = (ends + radius[:, None, None]).max(axis=(0, 1))
+    centre = (low + high) / 2
+    reach = np.linalg.norm(ends - centre, axis=2) + radius[:, None]
+    return [*centre.tolist(), float(reach.max())]
+
+
+def _groups(link: NDArray[np.int64], pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The runs of pairs between the same two links."""
+    links = link[pairs].reshape(-1, 2)
+    starts = [k for k in range(len(pairs)) if k == 0 or (links[k] != links[k - 1]).any()]
+    ends = [*starts[1:], len(pairs)]
+    runs = [(*links[a].tolist(), a, b) for a, b in zip(starts, ends, strict=True)]
+    return np.array(runs, dtype=np.int64).reshape(-1, 4)

@@ -1,108 +1,221 @@
-"""Forward kinematics and Jacobian of the iiwa 7, scalar in numba and batched in Python.
+"""Forward kinematics, Jacobian and manipulability of the iiwa 7, scalar in numba and in batches.
 
 The kernels are for loops that run inside other numba code; the public functions take any number
 of leading axes. ``T`` is a tool frame fixed to the flange F: pass ``X_FT`` (identity: the flange).
+
+The arm is S-R-S: joints 1 to 3 turn about axes through the shoulder S, joint 4 about one through
+the elbow E, joints 5 to 7 about axes through the wrist W. A column of the Jacobian is therefore
+``[a_i; a_i x (p_T - p)]`` with the joint's axis ``a_i`` and one of these three points.
 """
 
 import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
-
-#: Step along the local z-axis from the previous joint to joint i; the last one leads to the flange.
-_STEPS = np.diff(np.concatenate([[0.0], JOINT_HEIGHTS, [FLANGE_HEIGHT]]))
-#: Joints turn about local +y or -y (sign) or about z (0).
-_Y_SIGN = np.array([0.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0])
+from feasigrasp.models.fast_trig import fast_sincos, sincos_kernel
+from feasigrasp.models.iiwa import (
+    D_BASE_SHOULDER,
+    D_ELBOW_WRIST,
+    D_SHOULDER_ELBOW,
+    D_WRIST_FLANGE,
+)
+from feasigrasp.models.vector_kernels import cross, dot, step, turn
 
 FloatArray = NDArray[np.float64]
+
+# Writable, since a kernel is compiled once more for read-only arguments.
+_IDENTITY = np.eye(4)
+
+
+@nb.njit(cache=True, fastmath={"contract"}, forceinline=True)
+def _axes(s, c):  # type: ignore[no-untyped-def]
+    """Axes of joints 2 to 7, and the x- and y-axis of link 7, from the sines and cosines."""
+    x, y = (c[0] * c[1], s[0] * c[1], -s[1]), (-s[0], c[0], 0.0)
+    z = (c[0] * s[1], s[0] * s[1], c[1])
+    a2, a3 = y, z
+    x, y = turn(x, y, s[2], c[2])
+    a4 = (-y[0], -y[1], -y[2])
+    z, x = turn(z, x, -s[3], c[3])
+    a5 = z
+    x, y = turn(x, y, s[4], c[4])
+    a6 = y
+    z, x = turn(z, x, s[5], c[5])
+    x, y = turn(x, y, s[6], c[6])
+    return a2, a3, a4, a5, a6, z, x, y
+
+
+@nb.njit(cache=True, forceinline=True)
+def _write_column(J, i, axis, lever):  # type: ignore[no-untyped-def]
+    """Writes column i: the axis, and what it does to the end of a lever that starts on it."""
+    J[0, i], J[1, i], J[2, i] = axis
+    J[3, i], J[4, i], J[5, i] = cross(axis, lever)
+
+
+@nb.njit(cache=True, fastmath={"contract"}, forceinline=True)
+def _pose_jacobian(s, c, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
+    """As `pose_jacobian_kernel`, from sines and cosines; no Jacobian where ``J_WT`` is None."""
+    a2, a3, a4, a5, a6, a7, x7, y7 = _axes(s, c)
+    for j in range(4):
+        x, y, z = X_FT[0, j], X_FT[1, j], X_FT[2, j]
+        if j == 3:
+            z += D_WRIST_FLANGE
+        X_WT[0, j] = x7[0] * x + y7[0] * y + a7[0] * z
+        X_WT[1, j] = x7[1] * x + y7[1] * y + a7[1] * z
+        X_WT[2, j] = x7[2] * x + y7[2] * y + a7[2] * z
+        X_WT[3, j] = 0.0
+    from_wrist = X_WT[0, 3], X_WT[1, 3], X_WT[2, 3]
+    from_elbow = step(from_wrist, D_ELBOW_WRIST, a5)
+    from_shoulder = step(from_elbow, D_SHOULDER_ELBOW, a3)
+    X_WT[0, 3], X_WT[1, 3] = from_shoulder[0], from_shoulder[1]
+    X_WT[2, 3] = from_shoulder[2] + D_BASE_SHOULDER
+    X_WT[3, 3] = 1.0
+    if J_WT is not None:
+        _write_column(J_WT, 0, (0.0, 0.0, 1.0), from_shoulder)
+        _write_column(J_WT, 1, a2, from_shoulder)
+        _write_column(J_WT, 2, a3, from_shoulder)
+        _write_column(J_WT, 3, a4, from_elbow)
+        _write_column(J_WT, 4, a5, from_wrist)
+        _write_column(J_WT, 5, a6, from_wrist)
+        _write_column(J_WT, 6, a7, from_wrist)
+
+
+@nb.njit(cache=True, fastmath={"contract"}, forceinline=True)
+def _manipulability(s, c):  # type: ignore[no-untyped-def]
+    r"""sqrt(det J J^T) by Cauchy and Binet: the sum of the squares of the seven 6 x 6 minors.
+
+    The determinant is that of any tool point. With the wrist for tool, ``J = [A B; L 0]`` (the
+    wrist's axes B) and ``n`` the minors of L (3 x 4), ``L n = 0``, it is
+    ``det(B)^2 |n|^2 + sum_{k<l} (A n . (b_k x b_l))^2``.
+    """
+    a2, a3, a4, a5, a6, a7, _, _ = _axes(s, c)
+    a1 = (0.0, 0.0, 1.0)
+    from_elbow = step((0.0, 0.0, 0.0), D_ELBOW_WRIST, a5)
+    from_shoulder = step(from_elbow, D_SHOULDER_ELBOW, a3)
+    l1, l2 = cross(a1, from_shoulder), cross(a2, from_shoulder)
+    l3, l4 = cross(a3, from_shoulder), cross(a4, from_elbow)
+    l12, l34 = cross(l1, l2), cross(l3, l4)
+    n1, n2, n3, n4 = dot(l2, l34), -dot(l1, l34), dot(l12, l4), -dot(l12, l3)
+    turn = step(step(step(step((0.0, 0.0, 0.0), n1, a1), n2, a2), n3, a3), n4, a4)
+    b56, b67, b75 = cross(a5, a6), cross(a6, a7), cross(a7, a5)
+    det_b = dot(a5, b67)
+    m56, m67, m75 = dot(turn, b56), dot(turn, b67), dot(turn, b75)
+    n_squared = n1 * n1 + n2 * n2 + n3 * n3 + n4 * n4
+    return np.sqrt(det_b * det_b * n_squared + m56 * m56 + m67 * m67 + m75 * m75)
+
+
+@nb.njit(cache=True, forceinline=True)
+def _sincos(q):  # type: ignore[no-untyped-def]
+    s1, c1 = fast_sincos(q[0])
+    s2, c2 = fast_sincos(q[1])
+    s3, c3 = fast_sincos(q[2])
+    s4, c4 = fast_sincos(q[3])
+    s5, c5 = fast_sincos(q[4])
+    s6, c6 = fast_sincos(q[5])
+    s7, c7 = fast_sincos(q[6])
+    return (s1, s2, s3, s4, s5, s6, s7), (c1, c2, c3, c4, c5, c6, c7)
 
 
 @nb.njit(cache=True)
 def pose_jacobian_kernel(q, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
     """Writes the tool pose and the Jacobian ``V_WT = J_WT v`` at the tool origin, in the world."""
-    r00, r01, r02 = 1.0, 0.0, 0.0
-    r10, r11, r12 = 0.0, 1.0, 0.0
-    r20, r21, r22 = 0.0, 0.0, 1.0
-    px, py, pz = 0.0, 0.0, 0.0
-    for i in range(7):
-        px += r02 * _STEPS[i]
-        py += r12 * _STEPS[i]
-        pz += r22 * _STEPS[i]
-        s, c = np.sin(q[i]), np.cos(q[i])
-        sign = _Y_SIGN[i]
-        # Until the tool position is known, rows 3..5 hold the joint's position.
-        J_WT[3, i], J_WT[4, i], J_WT[5, i] = px, py, pz
-        if sign == 0.0:
-            J_WT[0, i], J_WT[1, i], J_WT[2, i] = r02, r12, r22
-            r00, r01 = c * r00 + s * r01, c * r01 - s * r00
-            r10, r11 = c * r10 + s * r11, c * r11 - s * r10
-            r20, r21 = c * r20 + s * r21, c * r21 - s * r20
-        else:
-            s *= sign
-            J_WT[0, i], J_WT[1, i], J_WT[2, i] = sign * r01, sign * r11, sign * r21
-            r00, r02 = c * r00 - s * r02, s * r00 + c * r02
-            r10, r12 = c * r10 - s * r12, s * r10 + c * r12
-            r20, r22 = c * r20 - s * r22, s * r20 + c * r22
-    px += r02 * _STEPS[7]
-    py += r12 * _STEPS[7]
-    pz += r22 * _STEPS[7]
-    for j in range(4):
-        x, y, z = X_FT[0, j], X_FT[1, j], X_FT[2, j]
-        X_WT[0, j] = r00 * x + r01 * y + r02 * z
-        X_WT[1, j] = r10 * x + r11 * y + r12 * z
-        X_WT[2, j] = r20 * x + r21 * y + r22 * z
-        X_WT[3, j] = 0.0
-    X_WT[0, 3] += px
-    X_WT[1, 3] += py
-    X_WT[2, 3] += pz
-    X_WT[3, 3] = 1.0
-    for i in range(7):
-        dx, dy, dz = X_WT[0, 3] - J_WT[3, i], X_WT[1, 3] - J_WT[4, i], X_WT[2, 3] - J_WT[5, i]
-        ax, ay, az = J_WT[0, i], J_WT[1, i], J_WT[2, i]
-        J_WT[3, i] = ay * dz - az * dy
-        J_WT[4, i] = az * dx - ax * dz
-        J_WT[5, i] = ax * dy - ay * dx
+    s, c = _sincos(q)
+    _pose_jacobian(s, c, X_FT, X_WT, J_WT)
 
 
 @nb.njit(cache=True)
+def pose_kernel(q, X_FT, X_WT):  # type: ignore[no-untyped-def]
+    """Writes the tool pose alone."""
+    s, c = _sincos(q)
+    _pose_jacobian(s, c, X_FT, X_WT, None)
+
+
+@nb.njit(cache=True)
+def manipulability_kernel(q):  # type: ignore[no-untyped-def]
+    """Yoshikawa's measure at any tool point, see `manipulability`."""
+    s, c = _sincos(q)
+    return _manipulability(s, c)
+
+
+@nb.njit(cache=True, forceinline=True)
+def _row(a, k):  # type: ignore[no-untyped-def]
+    return a[k, 0], a[k, 1], a[k, 2], a[k, 3], a[k, 4], a[k, 5], a[k, 6]
+
+
+@nb.njit(cache=True)
+def _all_sincos(q):  # type: ignore[no-untyped-def]
+    # In one loop over all of them, which vectorises; the matrices after it do not need to.
+    sine, cosine = np.empty(q.shape), np.empty(q.shape)
+    sincos_kernel(q.reshape(-1), sine.reshape(-1), cosine.reshape(-1))
+    return sine, cosine
+
+
+@nb.njit(cache=True, nogil=True)
 def _batch_kernel(q, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
+    sine, cosine = _all_sincos(q)
     for k in range(len(q)):
-        pose_jacobian_kernel(q[k], X_FT, X_WT[k], J_WT[k])
+        _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], J_WT[k])
+
+
+@nb.njit(cache=True, nogil=True)
+def _pose_batch_kernel(q, X_FT, X_WT):  # type: ignore[no-untyped-def]
+    sine, cosine = _all_sincos(q)
+    for k in range(len(q)):
+        _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], None)
+
+
+@nb.njit(cache=True, nogil=True)
+def _manipulability_batch_kernel(q, out):  # type: ignore[no-untyped-def]
+    sine, cosine = _all_sincos(q)
+    for k in range(len(q)):
+        out[k] = _manipulability(_row(sine, k), _row(cosine, k))
+
+
+def _positions(q: ArrayLike) -> FloatArray:
+    q = np.ascontiguousarray(q, dtype=float)
+    if q.shape[-1] != 7:
+        raise ValueError(f"joint positions need 7 entries in the last axis, got shape {q.shape}")
+    return q
+
+
+def _tool(X_FT: ArrayLike | None) -> FloatArray:
+    return _IDENTITY if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
 
 
 def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
     """Tool pose and geometric Jacobian.
 
     Args:
-        q: Joint positions [rad], shape (..., 7).
+        q: Joint positions [rad], shape (..., 7), at most 1e6 in size.
         X_FT: Tool frame in the flange frame, shape (4, 4); the flange itself by default.
 
     Returns:
         ``X_WT``, shape (..., 4, 4) [m], and ``J_WT``, shape (..., 6, 7), with rows
-        [angular; linear] at the tool origin, expressed in the world.
+        [angular; linear] at the tool origin, expressed in the world. NaN positions give NaN.
 
     Raises:
         ValueError: The last axis of ``q`` is not 7 long.
     """
-    q = np.asarray(q, dtype=float)
-    if q.shape[-1:] != (7,):
-        raise ValueError(f"joint positions need 7 entries in the last axis, got shape {q.shape}")
-    flat = np.ascontiguousarray(q.reshape(-1, 7))
-    X_FT = np.eye(4) if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
-    X_WT = np.empty((len(flat), 4, 4))
-    J_WT = np.empty((len(flat), 6, 7))
-    _batch_kernel(flat, X_FT, X_WT, J_WT)
-    return X_WT.reshape(*q.shape[:-1], 4, 4), J_WT.reshape(*q.shape[:-1], 6, 7)
+    q = _positions(q)
+    lead = q.shape[:-1]
+    X_WT, J_WT = np.empty((*lead, 4, 4)), np.empty((*lead, 6, 7))
+    _batch_kernel(q.reshape(-1, 7), _tool(X_FT), X_WT.reshape(-1, 4, 4), J_WT.reshape(-1, 6, 7))
+    return X_WT, J_WT
 
 
 def forward_kinematics(q: ArrayLike, X_FT: ArrayLike | None = None) -> FloatArray:
-    """Tool pose ``X_WT``, shape (..., 4, 4), of the configurations ``q``, shape (..., 7)."""
-    return pose_and_jacobian(q, X_FT)[0]
+    """Tool pose ``X_WT``, shape (..., 4, 4). Arguments and errors as `pose_and_jacobian`."""
+    q = _positions(q)
+    X_WT = np.empty((*q.shape[:-1], 4, 4))
+    _pose_batch_kernel(q.reshape(-1, 7), _tool(X_FT), X_WT.reshape(-1, 4, 4))
+    return X_WT
 
 
 def manipulability(q: ArrayLike) -> FloatArray:
-    """Yoshikawa's measure sqrt(det J J^T) at the flange, J in [rad/s; m/s]; shape (...)."""
-    J_WF = pose_and_jacobian(q)[1]
-    det = np.linalg.det(J_WF @ np.swapaxes(J_WF, -1, -2))
-    return np.asarray(np.sqrt(np.maximum(det, 0.0)))
+    """Yoshikawa's measure sqrt(det J J^T), J in [rad/s; m/s].
+
+    It is the same at every tool point. Arguments and errors as `pose_and_jacobian`; shape (...).
+    """
+    q = _positions(q)
+    out = np.empty(q.shape[:-1])
+    _manipulability_batch_kernel(q.reshape(-1, 7), out.reshape(-1))
+    return out

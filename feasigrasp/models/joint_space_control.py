@@ -16,11 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.models import se3
+from feasigrasp.models.damped_least_squares import (
+    damped_least_squares_kernel,
+    damped_velocity_kernel,
+)
 from feasigrasp.models.grasp_funnel import Funnel, funnel_targets
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import VELOCITY_LIMITS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_jacobian_kernel
-from feasigrasp.models.inverse_kinematics import damped_least_squares_kernel
 from feasigrasp.models.joint_field import fit_joint_field
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity
@@ -114,13 +117,11 @@ def _continue_kernel(  # type: ignore[no-untyped-def]
 ):
     """Refines configurations in place and writes the joint velocities of the moving targets."""
     identity, X, J = np.eye(4), np.empty((4, 4)), np.empty((6, 7))
+    A, y = np.empty((6, 6)), np.empty(6)
     for k in range(len(q)):
         position_errors[k], _ = damped_least_squares_kernel(X_WF[k], q[k], steps, damping)
         pose_jacobian_kernel(q[k], identity, X, J)
-        A = J @ J.T
-        for i in range(6):
-            A[i, i] += damping * damping
-        qd[k] = J.T @ np.linalg.solve(A, V_WF[k])
+        damped_velocity_kernel(J, V_WF[k], damping, A, y, qd[k])
 
 
 def joint_space_velocity(

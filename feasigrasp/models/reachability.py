@@ -8,99 +8,46 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models import se3
 from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa_capsules import CapsuleModel, capsule_model
-from feasigrasp.models.inverse_kinematics import (
-    arm_angle_kernel,
-    branches_kernel,
-    inside_limits_kernel,
-    reference_kernel,
-    travel_time_kernel,
+from feasigrasp.models.iiwa import JOINT_HEIGHTS
+from feasigrasp.models.iiwa_capsules import capsule_model
+from feasigrasp.models.inverse_kinematics import flange_poses
+from feasigrasp.models.reachability_kernels import (
+    LIMITS,
+    SELF_COLLISION,
+    TABLE,
+    WRIST,
+    Search,
+    admissible_batch_kernel,
+    diverse_kernel,
+    nearest_batch_kernel,
+    verdict_batch_kernel,
 )
-from feasigrasp.models.self_collision import capsule_ends_kernel, ends_collide_kernel
+from feasigrasp.models.reachability_kernels import REACHABLE as REACHABLE
 
 FloatArray = NDArray[np.float64]
 
-
-@nb.njit(cache=True)
-def admissible_kernel(q, model, limit_margin, clearance, table_height):  # type: ignore[no-untyped-def]
-    """Whether a configuration is inside the limits and clear of itself and of the table."""
-    if not inside_limits_kernel(q, limit_margin):
-        return False
-    R, p, ends = np.empty((8, 3, 3)), np.empty((8, 3)), np.empty(model.ends.shape)
-    capsule_ends_kernel(q, model, R, p, ends)
-    for c in model.movers:
-        if min(ends[c, 0, 2], ends[c, 1, 2]) - model.radius[c] < table_height + clearance:
-            return False
-    return not ends_collide_kernel(ends, model, clearance)
-
-
-@nb.njit(cache=True)
-def nearest_kernel(  # type: ignore[no-untyped-def]
-    X_WF, q_near, psi_near, psis, model, limit_margin, clearance, table_height, best
-):
-    """Writes the admissible configuration that is soonest reached from ``q_near``.
-
-    The arm angle ``psi_near`` of ``q_near`` itself is tried first, so that the answer moves
-    smoothly with the pose. Returns the travel time [s], infinite if there is none.
-    """
-    R0, axis, q4 = np.empty((2, 3, 3)), np.empty(3), np.empty(2)
-    if not reference_kernel(X_WF, R0, axis, q4):
-        return np.inf
-    work, candidates = np.empty((4, 3, 3)), np.empty((8, 7))
-    shortest = np.inf
-    for k in range(len(psis) + 1):
-        psi = psi_near if k == 0 else psis[k - 1]
-        branches_kernel(X_WF, R0, axis, q4, psi, work, candidates)
-        for b in range(8):
-            time = travel_time_kernel(candidates[b], q_near)
-            if time < shortest and admissible_kernel(
-                candidates[b], model, limit_margin, clearance, table_height
-            ):
-                shortest = time
-                best[:] = candidates[b]
-    return shortest
-
-
-@nb.njit(cache=True)
-def _nearest_batch(  # type: ignore[no-untyped-def]
-    X_WF, q_near, psis, model, limit_margin, clearance, table_height, q, times
-):
-    psi_near = arm_angle_kernel(q_near)
-    for k in range(len(X_WF)):
-        times[k] = nearest_kernel(
-            X_WF[k], q_near, psi_near, psis, model, limit_margin, clearance, table_height, q[k]
-        )
-
-
-@nb.njit(cache=True)
-def _is_reachable(X_WF, psis, model, limit_margin, clearance, table_height):  # type: ignore[no-untyped-def]
-    R0, axis, q4 = np.empty((2, 3, 3)), np.empty(3), np.empty(2)
-    if not reference_kernel(X_WF, R0, axis, q4):
-        return False
-    work, candidates = np.empty((4, 3, 3)), np.empty((8, 7))
-    for psi in psis:
-        branches_kernel(X_WF, R0, axis, q4, psi, work, candidates)
-        for b in range(8):
-            if admissible_kernel(candidates[b], model, limit_margin, clearance, table_height):
-                return True
-    return False
-
-
-@nb.njit(cache=True)
-def _reachable_batch(X_WF, psis, model, limit_margin, clearance, table_height, out):  # type: ignore[no-untyped-def]
-    for k in range(len(X_WF)):
-        out[k] = _is_reachable(X_WF[k], psis, model, limit_margin, clearance, table_height)
+#: What `Reachability.verdicts` says, by code.
+VERDICTS = {
+    REACHABLE: "reachable",
+    WRIST: "wrist out of reach",
+    LIMITS: "joint limits",
+    SELF_COLLISION: "self-collision",
+    TABLE: "table",
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Reachability:
     """Exact reachability of hand poses for the iiwa 7 with a gripper.
+
+    Whether some configuration is inside the joint limits is decided exactly, by the intervals of
+    arm angle that are; collisions are looked at inside these intervals, at steps of at most
+    ``2 pi / n_arm_angles``.
 
     Attributes:
         gripper: Tool at the flange.
@@ -115,28 +62,37 @@ class Reachability:
     limit_margin: float = 0.05
     clearance: float = 0.02
     table_height: float = 0.0
-    _model: CapsuleModel = field(init=False, repr=False)
-    _psis: FloatArray = field(init=False, repr=False)
+    search: Search = field(init=False, repr=False)
     _X_GF: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Derives what every query needs."""
-        psis = np.linspace(-np.pi, np.pi, self.n_arm_angles, endpoint=False)
-        object.__setattr__(self, "_model", capsule_model(self.gripper))
-        object.__setattr__(self, "_psis", psis)
+        object.__setattr__(self, "search", _make_search(self))
         object.__setattr__(self, "_X_GF", se3.inverse(self.gripper.X_FG))
-
-    @property
-    def search(self) -> tuple[FloatArray, CapsuleModel, float, float, float]:
-        """What `nearest_kernel` takes: arm angles, capsules, limit margin, clearance, table."""
-        return self._psis, self._model, self.limit_margin, self.clearance, self.table_height
 
     def reachable(self, X_WG: ArrayLike) -> NDArray[np.bool_]:
         """Which hand poses (n, 4, 4) have an admissible configuration, shape (n,)."""
-        X_WF = self._flange(X_WG)
-        out = np.zeros(len(X_WF), dtype=bool)
-        _reachable_batch(X_WF, *self.search, out)
-        return out
+        return self.verdicts(X_WG) == REACHABLE
+
+    def verdicts(self, X_WG: ArrayLike) -> NDArray[np.int8]:
+        """Why hand poses cannot be reached, as keys of `VERDICTS`.
+
+        Args:
+            X_WG: Hand poses in the base frame, shape (n, 4, 4) [m].
+
+        Returns:
+            Shape (n,). "wrist out of reach" also stands for what is no pose (not finite); "joint
+            limits": no arm angle is inside them; "self-collision": every configuration inside the
+            limits collides; "table": those that do not are too close to the table, or the hand is.
+        """
+        return self.flange_verdicts(self.flange(X_WG))
+
+    def flange_verdicts(self, X_WF: ArrayLike) -> NDArray[np.int8]:
+        """`verdicts` of flange poses (n, 4, 4)."""
+        poses = flange_poses(X_WF)
+        verdicts = np.empty(len(poses), dtype=np.int8)
+        verdict_batch_kernel(poses, self.search, verdicts)
+        return verdicts
 
     def nearest(self, X_WG: ArrayLike, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """The admissible configuration for each hand pose that is soonest reached from ``q``.
@@ -149,10 +105,63 @@ class Reachability:
             Configurations (n, 7) [rad], NaN where there is none, and travel times (n,) [s],
             ``max_j |dq_j| / v_j``, infinite where there is none.
         """
-        X_WF = self._flange(X_WG)
+        X_WF = self.flange(X_WG)
         found, times = np.full((len(X_WF), 7), np.nan), np.empty(len(X_WF))
-        _nearest_batch(X_WF, np.asarray(q, dtype=float), *self.search, found, times)
+        near = np.ascontiguousarray(q, dtype=float)
+        nearest_batch_kernel(X_WF, near, self.search, found, times)
         return found, times
 
-    def _flange(self, X_WG: ArrayLike) -> FloatArray:
-        return np.ascontiguousarray(np.asarray(X_WG, dtype=float).reshape(-1, 4, 4) @ self._X_GF)
+    def diverse(self, X_WG: ArrayLike, n: int, q: ArrayLike | None = None) -> FloatArray:
+        """Admissible configurations of one hand pose, far from one another.
+
+        They are spread over branches and arm angles by farthest-point selection: each next one is
+        the candidate whose travel time to those before it is longest.
+
+        Args:
+            X_WG: Hand pose in the base frame, shape (4, 4) [m].
+            n: How many, at most.
+            q: The first one is the nearest to these joint positions (7,) [rad]; the middle of the
+                joint ranges if not given.
+
+        Returns:
+            Shape (m, 7) [rad] with m <= n; fewer only if there are fewer candidates.
+        """
+        (X_WF,) = self.flange(X_WG)
+        near = np.zeros(7) if q is None else np.ascontiguousarray(q, dtype=float)
+        found = np.empty((int(n), 7))
+        return found[: diverse_kernel(X_WF, near, self.search, found)]
+
+    def admissible(self, q: ArrayLike) -> NDArray[np.bool_]:
+        """Which configurations (n, 7) are inside the limits and clear of arm, hand and table."""
+        Q = np.ascontiguousarray(q, dtype=float).reshape(-1, 7)
+        out = np.empty(len(Q), dtype=np.bool_)
+        admissible_batch_kernel(Q, self.search, out)
+        return out
+
+    def flange(self, X_WG: ArrayLike) -> FloatArray:
+        """Flange poses (n, 4, 4) of hand poses (n, 4, 4)."""
+        return np.ascontiguousarray(flange_poses(X_WG) @ self._X_GF)
+
+
+def _make_search(reachability: Reachability) -> Search:
+    """Sorts out which pairs of capsules the flange pose alone decides."""
+    capsules = capsule_model(reachability.gripper)
+    # What is on the axis of joint 1 does not move with it.
+    on_axis = (capsules.link == 1) & (np.abs(capsules.ends[:, :, :2]).max(axis=(1, 2)) == 0.0)
+    ends = capsules.ends.copy()
+    ends[capsules.link == 1, :, 2] += JOINT_HEIGHTS[0]
+    low, high = capsules.pairs.T
+    decided = (on_axis | (capsules.link == 0))[low] & (capsules.link[high] == 7)
+    undecided = capsules._replace(movers=capsules.movers[capsules.link[capsules.movers] < 7])
+    return Search(
+        psis=np.linspace(-np.pi, np.pi, reachability.n_arm_angles, endpoint=False),
+        spacing=2.0 * np.pi / reachability.n_arm_angles,
+        limit_margin=float(reachability.limit_margin),
+        clearance=float(reachability.clearance),
+        table_height=float(reachability.table_height),
+        capsules=capsules,
+        open=undecided.with_pairs(capsules.pairs[~decided]),
+        hand=np.flatnonzero(capsules.link == 7),
+        fixed=ends,
+        fixed_pairs=np.ascontiguousarray(capsules.pairs[decided]),
+    )

@@ -18,7 +18,7 @@ from feasigrasp.models.se3_kernels import exp_kernel, quaternion_kernel, quatern
 Array = NDArray[np.float64]
 
 #: Poses per block: the tangents of a block to 64 components (400 kB) stay in the L2 cache.
-_BLOCK = 128
+BLOCK = 128
 #: Within one M step a mean has settled when it moves less than this [rad, m / length scale]; over
 #: the EM iterations it converges further.
 _MEAN_TOLERANCE = 1e-2
@@ -26,20 +26,20 @@ _MEAN_ITERATIONS = 5
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _block_tangents(block: Array, mean: Array, out: Array) -> None:
-    """Log(mean^-1 x) of a block of poses: block (7 _BLOCK,) of q and p, out (6 _BLOCK,)."""
+def block_tangents(block: Array, mean: Array, out: Array) -> None:
+    """Log(mean^-1 x) of a block of poses: block (7 BLOCK,) of q and p, out (6 BLOCK,)."""
     mw, mx, my, mz = quaternion_kernel(mean)
     r00, r01, r02, t0 = mean[0, 0], mean[0, 1], mean[0, 2], mean[0, 3]
     r10, r11, r12, t1 = mean[1, 0], mean[1, 1], mean[1, 2], mean[1, 3]
     r20, r21, r22, t2 = mean[2, 0], mean[2, 1], mean[2, 2], mean[2, 3]
-    for i in range(_BLOCK):
-        q0, q1 = block[i], block[_BLOCK + i]
-        q2, q3 = block[2 * _BLOCK + i], block[3 * _BLOCK + i]
+    for i in range(BLOCK):
+        q0, q1 = block[i], block[BLOCK + i]
+        q2, q3 = block[2 * BLOCK + i], block[3 * BLOCK + i]
         w = mw * q0 + mx * q1 + my * q2 + mz * q3
         sign = 1.0 if w >= 0.0 else -1.0
-        dx = block[4 * _BLOCK + i] - t0
-        dy = block[5 * _BLOCK + i] - t1
-        dz = block[6 * _BLOCK + i] - t2
+        dx = block[4 * BLOCK + i] - t0
+        dy = block[5 * BLOCK + i] - t1
+        dz = block[6 * BLOCK + i] - t2
         v0, v1, v2, v3, v4, v5 = quaternion_log_kernel(
             sign * w,
             sign * (mw * q1 - mx * q0 - my * q3 + mz * q2),
@@ -49,42 +49,42 @@ def _block_tangents(block: Array, mean: Array, out: Array) -> None:
             r01 * dx + r11 * dy + r21 * dz,
             r02 * dx + r12 * dy + r22 * dz,
         )
-        out[i], out[_BLOCK + i], out[2 * _BLOCK + i] = v0, v1, v2
-        out[3 * _BLOCK + i], out[4 * _BLOCK + i], out[5 * _BLOCK + i] = v3, v4, v5
+        out[i], out[BLOCK + i], out[2 * BLOCK + i] = v0, v1, v2
+        out[3 * BLOCK + i], out[4 * BLOCK + i], out[5 * BLOCK + i] = v3, v4, v5
 
 
 @njit(cache=True, fastmath={"contract"})
-def _block_log_density(v: Array, W: Array, constant: float, out: Array) -> None:
-    """Fills in constant - |W v|^2 / 2 of a block of tangents (6 _BLOCK,); W is lower triangular."""
+def block_log_density(v: Array, W: Array, constant: float, out: Array) -> None:
+    """Fills in constant - |W v|^2 / 2 of a block of tangents (6 BLOCK,); W is lower triangular."""
     out[:] = constant
     for a in range(6):
         w0, w1, w2, w3, w4, w5 = W[a, 0], W[a, 1], W[a, 2], W[a, 3], W[a, 4], W[a, 5]
-        for i in range(_BLOCK):
-            z = w0 * v[i] + w1 * v[_BLOCK + i] + w2 * v[2 * _BLOCK + i]
-            z += w3 * v[3 * _BLOCK + i] + w4 * v[4 * _BLOCK + i] + w5 * v[5 * _BLOCK + i]
+        for i in range(BLOCK):
+            z = w0 * v[i] + w1 * v[BLOCK + i] + w2 * v[2 * BLOCK + i]
+            z += w3 * v[3 * BLOCK + i] + w4 * v[4 * BLOCK + i] + w5 * v[5 * BLOCK + i]
             out[i] -= 0.5 * z * z
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _block_posterior(log_density: Array, weights: Array) -> float:
     """Turns log densities (K, b) into weighted responsibilities; returns the log likelihood."""
-    largest, total = log_density[0].copy(), np.zeros(_BLOCK)
+    largest, total = log_density[0].copy(), np.zeros(BLOCK)
     for i in range(1, len(log_density)):
         row = log_density[i]
-        for j in range(_BLOCK):
+        for j in range(BLOCK):
             largest[j] = max(largest[j], row[j])
     for i in range(len(log_density)):
         row = log_density[i]
-        for j in range(_BLOCK):
+        for j in range(BLOCK):
             row[j] = fast_exp(row[j] - largest[j])
             total[j] += row[j]
     likelihood = 0.0
-    for j in range(_BLOCK):
+    for j in range(BLOCK):
         likelihood += weights[j] * (largest[j] + math.log(total[j]))
         total[j] = weights[j] / total[j]
     for i in range(len(log_density)):
         row = log_density[i]
-        for j in range(_BLOCK):
+        for j in range(BLOCK):
             row[j] *= total[j]
     return likelihood
 
@@ -92,19 +92,19 @@ def _block_posterior(log_density: Array, weights: Array) -> float:
 @njit(cache=True, fastmath={"contract", "reassoc"})
 def _add_moments(r: Array, v: Array, first: Array, second: Array) -> float:
     """Adds sum r v and the lower triangle of sum r v v^T of a block; returns sum r."""
-    total, scaled = 0.0, np.empty(_BLOCK)
-    for j in range(_BLOCK):
+    total, scaled = 0.0, np.empty(BLOCK)
+    for j in range(BLOCK):
         total += r[j]
     for a in range(6):
         s = 0.0
-        for j in range(_BLOCK):
-            scaled[j] = r[j] * v[a * _BLOCK + j]
+        for j in range(BLOCK):
+            scaled[j] = r[j] * v[a * BLOCK + j]
             s += scaled[j]
         first[a] += s
         for b in range(a + 1):
             s = 0.0
-            for j in range(_BLOCK):
-                s += scaled[j] * v[b * _BLOCK + j]
+            for j in range(BLOCK):
+                s += scaled[j] * v[b * BLOCK + j]
             second[a, b] += s
     return total
 
@@ -126,28 +126,28 @@ def _pass(
     """
     quaternions, positions, weights, means, whitening, constants = posterior
     n, k = len(weights), len(means)
-    tangents, log_density = np.empty((k, 6 * _BLOCK)), np.empty((k, _BLOCK))
-    block, w = np.empty(7 * _BLOCK), np.empty(_BLOCK)
+    tangents, log_density = np.empty((k, 6 * BLOCK)), np.empty((k, BLOCK))
+    block, w = np.empty(7 * BLOCK), np.empty(BLOCK)
     likelihood = 0.0
     mass[:] = 0.0
     first[:] = 0.0
     second[:] = 0.0
-    for start in range(0, n, _BLOCK):
-        for j in range(_BLOCK):
+    for start in range(0, n, BLOCK):
+        for j in range(BLOCK):
             # The last block is filled up with copies of the last pose, of weight zero.
             source = min(start + j, n - 1)
             w[j] = weights[source] if start + j < n else 0.0
             for a in range(4):
-                block[a * _BLOCK + j] = quaternions[a, source]
+                block[a * BLOCK + j] = quaternions[a, source]
             for a in range(3):
-                block[(4 + a) * _BLOCK + j] = positions[a, source]
+                block[(4 + a) * BLOCK + j] = positions[a, source]
         for i in range(k):
-            _block_tangents(block, means[i], tangents[i])
-            _block_log_density(tangents[i], whitening[i], constants[i], log_density[i])
+            block_tangents(block, means[i], tangents[i])
+            block_log_density(tangents[i], whitening[i], constants[i], log_density[i])
         likelihood += _block_posterior(log_density, w)
         for i in range(k):
             if moved:
-                _block_tangents(block, targets[i], tangents[i])
+                block_tangents(block, targets[i], tangents[i])
             mass[i] += _add_moments(log_density[i], tangents[i], first[i], second[i])
     return likelihood
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.riemannian_batch import log_densities
 from feasigrasp.models.riemannian_em import expectation_maximization
 from feasigrasp.models.riemannian_kernels import (
     Parameters,
@@ -22,6 +23,9 @@ from feasigrasp.models.riemannian_kernels import (
 from feasigrasp.models.riemannian_seeding import seed_means
 
 Array = NDArray[np.float64]
+
+#: From this number of poses on, log densities are computed in blocks.
+_BATCH = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +115,12 @@ class RiemannianMixture:
 
     def log_density(self, X: ArrayLike) -> Array:
         """Log density of the mixture, shape (...); finite far from every component."""
-        return self._evaluate(X)[3]
+        poses, lead = _flat_poses(X)
+        if len(poses) < _BATCH:
+            return self._evaluate(X)[3]
+        out = np.empty(len(poses))
+        log_densities(poses, self.parameters, out)
+        return out.reshape(lead)
 
     def gradient(self, X: ArrayLike) -> Array:
         """Gradient of the log density for a body perturbation ``x exp(eps)``, shape (..., 6).

@@ -20,8 +20,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from feasigrasp.models.capsule_kernels import gradients_kernel, table_kernel
 from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.self_collision import IIWA_CAPSULES, gradients_kernel, table_kernel
+from feasigrasp.models.self_collision import IIWA_CAPSULES
 
 FloatArray = NDArray[np.float64]
 

@@ -22,8 +22,8 @@ from feasigrasp.models import se3
 from feasigrasp.models.grasp_funnel import Funnel, steering_kernel
 from feasigrasp.models.grasp_mixture import GraspMixture, closest_members_kernel
 from feasigrasp.models.iiwa_kinematics import pose_and_jacobian, pose_jacobian_kernel
-from feasigrasp.models.inverse_kinematics import arm_angle_kernel
-from feasigrasp.models.reachability import Reachability, nearest_kernel
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.reachability_kernels import make_room, nearest_kernel
 from feasigrasp.models.riemannian_kernels import evaluate_kernel
 from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity
 from feasigrasp.models.se3_kernels import inverse_kernel
@@ -112,7 +112,6 @@ def _steer_kernel(  # type: ignore[no-untyped-def]
     The twist is empty if no component can be reached.
     """
     gain, max_angular, max_linear, travel_time_scale, posture_gain = gains
-    psis, model, limit_margin, clearance, table_height = search
     X_WH = np.empty((4, 4))
     pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
     X_OH = inverse_kernel(X_WO) @ X_WH
@@ -127,14 +126,12 @@ def _steer_kernel(  # type: ignore[no-untyped-def]
     n = 0
     X_OM, solutions = np.empty((K, 4, 4)), np.empty((K, 7))
     log_density, travel_time = np.empty(K), np.empty(K)
-    psi = arm_angle_kernel(q)
+    room = make_room(search, q)
     for k in range(K):
         if member[k] < 0:
             continue
         X_WF = X_WO @ X_OG[member[k]] @ X_GF
-        travel_time[n] = nearest_kernel(
-            X_WF, q, psi, psis, model, limit_margin, clearance, table_height, solutions[n]
-        )
+        travel_time[n] = nearest_kernel(X_WF, q, search, room, solutions[n])
         if travel_time[n] < np.inf:
             X_OM[n] = X_OG[member[k]]
             log_density[n] = densities[k]

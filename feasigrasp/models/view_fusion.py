@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.models import se3
+from feasigrasp.models.free_space import free_distance
+from feasigrasp.models.view_image import ViewImage, view_image
+from feasigrasp.models.view_registration import register_view
+from feasigrasp.models.view_smoothing import smooth_view
+
 FloatArray = NDArray[np.float64]
+
+#: Pictures of earlier views that are kept, for the free space in them.
+MAX_IMAGES = 6
+#: A new picture replaces one from nearly the same direction (cosine).
+_SAME_DIRECTION = np.cos(np.deg2rad(15.0))
+#: Points deeper in a view's free space contradict it [m]; the share of points that may.
+_IN_FREE_SPACE, _MAX_IN_FREE_SPACE = 6e-3, 0.03
+#: Below this many points a view shows no surface.
+_MIN_SURFACE = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,16 +36,26 @@ class FusedCloud:
         directions: Unit directions from each point to the camera, in O, shape (n, 3).
         voxel_size: Edge length of a voxel [m].
         views: Number of views merged.
+        smooth: Whether every view is smoothed and registered before it is merged. If so, a voxel
+            keeps one point for each of six directions that its surface may face, so that the two
+            sides of a thin wall stay apart.
+        normals: Outward unit normals, shape (n, 3); empty (0, 3) unless ``smooth``.
+        counts: Number of views that saw each point, shape (n,).
+        images: The latest views' pictures; empty unless ``smooth``.
     """
 
     points: FloatArray
     directions: FloatArray
     voxel_size: float
     views: int = 0
+    smooth: bool = False
+    normals: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    counts: FloatArray = field(default_factory=lambda: np.zeros(0))
+    images: tuple[ViewImage, ...] = ()
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for name in ("points", "directions"):
+        for name in ("points", "directions", "normals", "counts"):
             array = np.array(getattr(self, name), dtype=float)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -39,42 +65,141 @@ class FusedCloud:
         return self
 
     @classmethod
-    def empty(cls, voxel_size: float) -> FusedCloud:
+    def empty(cls, voxel_size: float, smooth: bool = False) -> FusedCloud:
         """Nothing seen yet."""
-        return cls(np.zeros((0, 3)), np.zeros((0, 3)), voxel_size)
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), voxel_size, smooth=smooth)
 
     def merged(self, points: ArrayLike, p_OC: ArrayLike) -> FusedCloud:
         """Adds one view.
+
+        A smoothed view is first registered to what was seen before. Every view has the same
+        tracking error, so the correction is shared: the view moves by all but 1/(views + 1) of it,
+        everything before by the rest, and the cloud settles at the mean of the tracked poses.
 
         Args:
             points: Surface points in O, shape (m, 3) [m].
             p_OC: Position of the camera in O, shape (3,) [m].
 
         Returns:
-            The cloud with the mean of old and new points in every voxel.
+            The cloud with the mean over the views in every voxel.
         """
-        points = np.asarray(points, dtype=float)
-        to_camera = np.asarray(p_OC, dtype=float) - points
-        to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1, keepdims=True), 1e-12)
+        points = np.array(points, dtype=float)
+        camera = np.array(p_OC, dtype=float)
         # One mean point per voxel and view first, so that a view of many pixels weighs no more.
-        new = _voxel_means(np.hstack([points, to_camera]), self.voxel_size)
-        both = _voxel_means(
-            np.vstack([np.hstack([self.points, self.directions]), new]), self.voxel_size
-        )
-        norm = np.maximum(np.linalg.norm(both[:, 3:], axis=1, keepdims=True), 1e-12)
+        at = _grouped(points, _voxel_keys(points, self.voxel_size), np.ones(len(points)))[0]
+        towards = camera - at
+        towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+        if not self.smooth or len(at) < _MIN_SURFACE:
+            return self._with(at, towards, np.zeros((len(at), 3)), self.images)
+
+        image = view_image(points, camera)
+        at, normals = smooth_view(points, at, camera)
+        old = self
+        if self.views:
+            X = register_view(at, normals, self.points, self.normals)
+            back = se3.exp(-se3.log(X) / (self.views + 1))
+            old, X = self._moved(back), back @ X
+            at, towards, normals = _turn(X, at, True), _turn(X, towards), _turn(X, normals)
+            image = image.moved(X)
+        known = np.concatenate([old.points, at])
+        images = _kept([i for i in (*old.images, image) if _agrees(i, known)])
+        return old._with(at, towards, normals, images)
+
+    def _moved(self, X: FloatArray) -> FusedCloud:
+        """Everything after a rigid motion X (4, 4)."""
         return FusedCloud(
-            np.ascontiguousarray(both[:, :3]), both[:, 3:] / norm, self.voxel_size, self.views + 1
+            _turn(X, self.points, True),
+            _turn(X, self.directions),
+            self.voxel_size,
+            self.views,
+            self.smooth,
+            _turn(X, self.normals),
+            self.counts,
+            tuple(image.moved(X) for image in self.images),
+        )
+
+    def _with(
+        self,
+        at: FloatArray,
+        towards: FloatArray,
+        normals: FloatArray,
+        images: tuple[ViewImage, ...],
+    ) -> FusedCloud:
+        """With one point per voxel of one more view."""
+        before = self.normals if self.smooth else np.zeros_like(self.points)
+        rows = np.vstack(
+            [np.hstack([self.points, self.directions, before]), np.hstack([at, towards, normals])]
+        )
+        counts = np.concatenate([self.counts, np.ones(len(at))])
+        keys = _voxel_keys(rows[:, :3], self.voxel_size)
+        if self.smooth:
+            keys = 6 * keys + _facing(rows[:, 6:])
+        rows, counts = _grouped(rows, keys, counts)
+        for block in (slice(3, 6), slice(6, 9)):
+            length = np.linalg.norm(rows[:, block], axis=1, keepdims=True)
+            rows[:, block] /= np.maximum(length, 1e-12)
+        return FusedCloud(
+            np.ascontiguousarray(rows[:, :3]),
+            rows[:, 3:6],
+            self.voxel_size,
+            self.views + 1,
+            self.smooth,
+            rows[:, 6:9] if self.smooth else np.zeros((0, 3)),
+            counts,
+            images,
         )
 
 
-def _voxel_means(rows: FloatArray, voxel_size: float) -> FloatArray:
-    """Mean of the rows that share a voxel (by their first three columns), ordered by voxel."""
-    if len(rows) == 0:
-        return rows
-    voxels = np.floor(rows[:, :3] / voxel_size).astype(np.int64)
+def _kept(images: Sequence[ViewImage]) -> tuple[ViewImage, ...]:
+    """The latest pictures, one per direction."""
+    chosen: list[ViewImage] = []
+    for image in reversed(images):
+        z = image.X_OC[:3, 2]
+        if all(z @ other.X_OC[:3, 2] < _SAME_DIRECTION for other in chosen):
+            chosen.append(image)
+    return tuple(chosen[:MAX_IMAGES][::-1])
+
+
+def _agrees(image: ViewImage, points: FloatArray) -> bool:
+    """Whether a picture leaves room for what was seen.
+
+    Where a hand hides a part of the object, or the picture ends, the silhouette is not the
+    object's; then points that other views have shown lie in what looks like free space.
+    """
+    return float(np.mean(free_distance((image,), points) > _IN_FREE_SPACE)) < _MAX_IN_FREE_SPACE
+
+
+def _turn(X: FloatArray, vectors: FloatArray, positions: bool = False) -> FloatArray:
+    turned = vectors @ X[:3, :3].T
+    return np.asarray(turned + X[:3, 3] if positions else turned)
+
+
+def _facing(normals: FloatArray) -> NDArray[np.int64]:
+    """Which of +-x, +-y, +-z each normal is nearest to, 0 to 5."""
+    axis = np.argmax(np.abs(normals), axis=1)
+    negative = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] < 0.0
+    facing: NDArray[np.int64] = axis + 3 * negative
+    return facing
+
+
+def _voxel_keys(points: FloatArray, voxel_size: float) -> NDArray[np.int64]:
+    """A number per point, equal for points that share a voxel and ordered by voxel, shape (n,)."""
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.int64)
+    voxels = np.floor(points / voxel_size).astype(np.int64)
     voxels -= voxels.min(axis=0)
     extent = voxels.max(axis=0) + 1
-    keys = (voxels[:, 0] * extent[1] + voxels[:, 1]) * extent[2] + voxels[:, 2]
-    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    columns = [np.bincount(inverse, weights=column) for column in rows.T]
-    return np.stack(columns, axis=1) / counts[:, None]
+    keys: NDArray[np.int64] = (voxels[:, 0] * extent[1] + voxels[:, 1]) * extent[2] + voxels[:, 2]
+    return keys
+
+
+def _grouped(
+    rows: FloatArray, keys: NDArray[np.int64], weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Weighted mean of the rows of each key, ordered by key, and the sums of their weights."""
+    if len(rows) == 0:
+        return rows, weights
+    _, inverse = np.unique(keys, return_inverse=True)
+    total = np.asarray(np.bincount(inverse, weights=weights), dtype=float)
+    columns = [np.bincount(inverse, weights=weights * column) for column in rows.T]
+    return np.stack(columns, axis=1) / total[:, None], total

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
 from feasigrasp.models.antipodal_sampler import AntipodalSampler
@@ -15,7 +15,7 @@ from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.rigid_object import RigidObject, load_object
 from feasigrasp.models.sphere import sphere_points
-from feasigrasp.scenario import Scenario, make_motion
+from feasigrasp.scenario import Scenario, make_camera_noise, make_motion
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.grasp_visualizer import GraspVisualizer
@@ -26,6 +26,7 @@ from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.scene_field import PointCloudToScene, SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station import Station, StationConfig
 from feasigrasp.systems.velocity_drive import VelocityDrive
@@ -47,6 +48,8 @@ def make_station(scenario: Scenario) -> Station:
             plant=scenario.plant_config,
             directives=scenario.directives,
             cameras=scenario.cameras,
+            camera_noise=make_camera_noise(scenario),
+            noise_seed=scenario.random_seed,
             q_start=np.deg2rad(scenario.q_start),
             friction=scenario.object.friction,
             enforce_joint_limits=scenario.control.mode == "safe",
@@ -72,7 +75,8 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
     ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
     ``tracker`` and ``metrics``; the samples of ``metrics`` are in the vector log ``log(metrics)``.
-    With a Meshcat there are ``scene`` and ``visualizer`` as well.
+    With a Meshcat there are ``scene`` and ``visualizer`` as well; with a scene field
+    ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``.
 
     Args:
         scenario: What to build.
@@ -105,7 +109,12 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     sampler = add("sampler", GraspSampler(antipodal))
     latency = add("latency", ZeroOrderHold(perception.period, empty, perception.latency))
     reach = add(
-        "reachability", ReachabilityFilter(reachability, horizon=scenario.reachability.horizon)
+        "reachability",
+        ReachabilityFilter(
+            reachability,
+            method=scenario.reachability.method,
+            horizon=scenario.reachability.horizon,
+        ),
     )
     reachable = add("reachable", ZeroOrderHold(scenario.reachability.period, empty))
     sequencer = add(
@@ -136,8 +145,11 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     connect(sampler.GetOutputPort("grasps"), latency.get_input_port())
 
     # Adaptation: what can be reached as the object moves.
-    connect(latency.get_output_port(), reach.GetInputPort("grasps"))
-    connect(reach.GetOutputPort("grasps"), reachable.get_input_port())
+    offered, in_reach = latency.get_output_port(), reach.GetOutputPort("grasps")
+    if scenario.scene.enabled:
+        offered, in_reach = _add_scene(builder, scenario, gripper, offered, in_reach)
+    connect(offered, reach.GetInputPort("grasps"))
+    connect(in_reach, reachable.get_input_port())
     for port in ("object_pose", "object_velocity"):
         connect(tracker.GetOutputPort(port), reach.GetInputPort(port))
         connect(tracker.GetOutputPort(port), sequencer.GetInputPort(port))
@@ -168,6 +180,46 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     diagram = builder.Build()
     diagram.set_name("dynamic_grasp")
     return diagram
+
+
+def _add_scene(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    gripper: ParallelGripper,
+    offered: OutputPort,
+    in_reach: OutputPort,
+) -> tuple[OutputPort, OutputPort]:
+    """Lets the camera see the surroundings, and keeps grasps clear of them.
+
+    Grasps offered are dropped if the hand hits the scene either way round, so that they take no
+    place among those that are judged; hand poses in reach, each by itself.
+    """
+    connect, config, camera = builder.Connect, scenario.scene, scenario.perception.camera
+    station, tracker = (builder.GetSubsystemByName(name) for name in ("station", "tracker"))
+    perceived = builder.AddNamedSystem(
+        "scene_perception",
+        PointCloudToScene(
+            station.robot_and_object_labels(), period=config.period, resolution=config.resolution
+        ),
+    )
+    for output, port in (
+        ("point_cloud", "point_cloud"),
+        ("label_image", "label_image"),
+        ("pose", "camera_pose"),
+    ):
+        connect(station.GetOutputPort(f"{camera}.{output}"), perceived.GetInputPort(port))
+    ports = []
+    for name, grasps, either in (
+        ("clear_grasps", offered, True),
+        ("clear_hand_poses", in_reach, False),
+    ):
+        clear = SceneFilter(gripper, margin=config.margin, either_way_round=either)
+        builder.AddNamedSystem(name, clear)
+        connect(grasps, clear.GetInputPort("grasps"))
+        connect(tracker.GetOutputPort("object_pose"), clear.GetInputPort("object_pose"))
+        connect(perceived.GetOutputPort("scene"), clear.GetInputPort("scene"))
+        ports.append(clear.GetOutputPort("grasps"))
+    return ports[0], ports[1]
 
 
 def _add_visualization(builder: DiagramBuilder, gripper: ParallelGripper, meshcat: Meshcat) -> None:

@@ -11,8 +11,9 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.gpdf import MIN_POINTS, Gpdf, fit_gpdf
-from feasigrasp.models.point_cloud_checks import MIN_SPREAD, spread_across
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.point_cloud_checks import MIN_POINTS, MIN_SPREAD, spread_across
+from feasigrasp.models.shape_completion import complete_shape
 from feasigrasp.models.sphere import sphere_points
 from feasigrasp.models.view_fusion import FusedCloud
 
@@ -53,12 +54,17 @@ class PointCloudToGPDF(LeafSystem):
     before the first usable view; ``perceived`` holds the merged cloud as well. The inputs are read
     every ``period`` seconds. A view with too few finite points (object out of sight, or hidden by
     the hand) changes nothing: the field of the earlier views stays valid in O.
+
+    By default every view is smoothed, registered to the earlier ones and remembered with its
+    silhouette, so that the field stays out of space the camera has looked through; ``preset:
+    paper`` merges plain voxel means and fits the paper's field.
     """
 
     def __init__(
         self,
         period: float = 0.5,
         *,
+        preset: str = "default",
         max_points: int = 320,
         length_scale: float = 0.3,
         voxel_size: float = 0.003,
@@ -68,21 +74,26 @@ class PointCloudToGPDF(LeafSystem):
 
         Args:
             period: Time between views [s].
+            preset: ``default`` or ``paper``, see `complete_shape`.
             max_points: Surface points that the field is fitted to.
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which views are merged [m].
             min_points: A view with fewer finite points is ignored.
         """
         super().__init__()
-        fit_gpdf(sphere_points(64, 0.03))  # compiles its kernels, before the first tick
+        nothing = FusedCloud.empty(voxel_size, smooth=preset == "default")
+        cap = sphere_points(400, 0.03)
+        cap = cap[cap[:, 2] > 0.0]
+        twice = nothing.merged(cap, [0.0, 0.0, 0.5]).merged(cap, [0.0, 0.1, 0.5])
+        _ = complete_shape(twice, preset=preset).completion  # compiles, before the first tick
+        self._preset = preset
         self._max_points = max_points
         self._length_scale = length_scale
         self._min_points = min_points
         self._cloud = self.DeclareAbstractInputPort("point_cloud", AbstractValue.Make(PointCloud()))
         self._object_pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._camera_pose = self.DeclareAbstractInputPort("camera_pose", Value[RigidTransform]())
-        nothing = Perceived(FusedCloud.empty(voxel_size), None)
-        self._state = self.DeclareAbstractState(AbstractValue.Make(nothing))
+        self._state = self.DeclareAbstractState(AbstractValue.Make(Perceived(nothing, None)))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
         seen = {self.abstract_state_ticket(self._state)}
         self.DeclareAbstractOutputPort("gpdf", Value[object], self._calc_gpdf, seen)
@@ -100,9 +111,9 @@ class PointCloudToGPDF(LeafSystem):
         cloud = seen.cloud.merged((X_OW @ points_W.T).T, p_OC)
         if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
             return
-        gpdf = fit_gpdf(
-            cloud.points,
-            viewpoint=cloud.directions,
+        gpdf = complete_shape(
+            cloud,
+            preset=self._preset,
             max_points=self._max_points,
             length_scale=self._length_scale,
         )

@@ -6,11 +6,13 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from feasigrasp.models.grasp_lookahead import reachable_grasps
+from feasigrasp.models.grasp_lookahead import JudgedGrasps, judge_grasps
 from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.pose_judge import PoseJudge
 from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.reachable_space import ReachableSpace
 
 
 class ReachabilityFilter(LeafSystem):
@@ -25,37 +27,75 @@ class ReachabilityFilter(LeafSystem):
         - object_velocity
         output_ports:
         - grasps
+        - verdicts
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
-    direction are one grasp but two hand poses: both are tried, and both may remain. A pose counts
-    as reachable if exact inverse kinematics finds a configuration inside the joint limits, free of
-    self-collision and clear of the table, at the object's pose now and, extrapolated with its
-    velocity, after ``horizon`` seconds. What is dropped is counted in ``rejected``.
+    direction are one grasp but two hand poses: both are tried, and both may remain. A pose is
+    judged by one of three methods:
+
+    - ``ik``: exact inverse kinematics finds a configuration inside the joint limits, free of
+      self-collision and clear of the table;
+    - ``rmm``: the paper's, the density of the flange pose under a mixture of reachable poses
+      exceeds the value that 99 % of reachable poses exceed;
+    - ``both``: exact inverse kinematics, of what the mixture lets through.
+
+    A grasp must be in reach at the object's pose now and, extrapolated with its velocity, all
+    through the next ``horizon`` seconds. What is dropped is counted by reason in ``rejected``;
+    ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in,
+    then of every flip.
     """
 
-    def __init__(self, reachability: Reachability, *, horizon: float = 1.0) -> None:
-        """A filter around an exact inverse kinematics."""
+    def __init__(
+        self,
+        reachability: Reachability,
+        *,
+        method: str = "ik",
+        reachable_space: ReachableSpace | None = None,
+        horizon: float = 1.0,
+    ) -> None:
+        """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
+
+        Raises:
+            ReachabilityError: There is no such method.
+        """
         super().__init__()
-        reachability.reachable(np.eye(4))  # compiles its kernels, before the first tick
-        self._reachability = reachability
+        self._judge = PoseJudge(reachability, method, reachable_space)
+        self._judge.verdicts(np.eye(4))  # compiles its kernels, before the first tick
         self._horizon = horizon
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
-        self.DeclareAbstractOutputPort(
-            "grasps",
-            lambda: AbstractValue.Make(GraspSet.empty()),
-            self._calc,
-            {self._grasps.ticket(), self._pose.ticket(), self._velocity.ticket()},
+        self._judged = self.DeclareCacheEntry(
+            "judged",
+            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_judged),
+            prerequisites_of_calc={
+                self._grasps.ticket(),
+                self._pose.ticket(),
+                self._velocity.ticket(),
+            },
         )
-
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        output.set_value(
-            reachable_grasps(
-                self._grasps.Eval(context),
-                self._pose.Eval(context).GetAsMatrix4(),
-                self._velocity.Eval(context).get_coeffs(),
-                self._reachability,
-                self._horizon,
+        for name, empty, calc in (
+            ("grasps", GraspSet.empty(), self._calc_grasps),
+            ("verdicts", (), self._calc_verdicts),
+        ):
+            self.DeclareAbstractOutputPort(
+                name, lambda empty=empty: AbstractValue.Make(empty), calc, {self._judged.ticket()}
             )
+
+    def _calc_judged(self, context: Context, value: AbstractValue) -> None:
+        judged = judge_grasps(
+            self._grasps.Eval(context),
+            self._pose.Eval(context).GetAsMatrix4(),
+            self._velocity.Eval(context).get_coeffs(),
+            self._judge,
+            self._horizon,
         )
+        value.set_value(judged)
+
+    def _calc_grasps(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        judged: JudgedGrasps = self._judged.Eval(context)
+        output.set_value(judged.grasps)
+
+    def _calc_verdicts(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        judged: JudgedGrasps = self._judged.Eval(context)
+        output.set_value(judged.verdicts)

@@ -1,6 +1,9 @@
 """Keeps the pixels of one body of a pixel-ordered point cloud."""
 
+from __future__ import annotations
+
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
@@ -22,12 +25,22 @@ class SegmentPointCloud(LeafSystem):
     ``point_cloud`` is pixel-ordered as ``DepthImageToPointCloud`` makes it, infinite where the
     camera saw nothing; ``label_image`` holds the label of the body in each pixel. The output keeps
     the frame of the input and contains finite points only; it may be empty.
+
+    Pixels on the edge of a surface are dropped: there a real camera mixes the depths of two
+    surfaces, and the label is a guess. Where the body touches another one, and the depth does not
+    jump, nothing is lost.
     """
 
-    def __init__(self, label: int) -> None:
-        """Keeps the pixels whose label is ``label`` (Drake's cameras label by body index)."""
+    def __init__(self, label: int, *, edge_jump: float | None = 0.02) -> None:
+        """Keeps the pixels whose label is ``label`` (Drake's cameras label by body index).
+
+        Args:
+            label: The body's label.
+            edge_jump: Points of neighbouring pixels that are farther apart than this [m] lie on
+                different surfaces; None keeps the pixels at edges too.
+        """
         super().__init__()
-        self._label = label
+        self._label, self._edge_jump = label, edge_jump
         self._cloud_input = self.DeclareAbstractInputPort(
             "point_cloud", AbstractValue.Make(PointCloud())
         )
@@ -40,14 +53,52 @@ class SegmentPointCloud(LeafSystem):
 
     def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         xyz = self._cloud_input.Eval(context).xyzs()
-        labels = self._label_input.Eval(context).data.reshape(-1)
+        labels = self._label_input.Eval(context).data[:, :, 0]
         if xyz.shape[1] != labels.size:
             raise ValueError(
                 f"SegmentPointCloud: {xyz.shape[1]} points but {labels.size} labels; the cloud and "
                 "the label image must come from the same camera, pixel by pixel."
             )
-        of_body = xyz[:, np.flatnonzero(labels == self._label)]
-        seen = of_body[:, np.isfinite(of_body).all(axis=0)]
-        cloud = PointCloud(seen.shape[1])
-        cloud.mutable_xyzs()[:] = seen
+        of_body = labels == self._label
+        seen = np.isfinite(xyz).all(axis=0).reshape(labels.shape)
+        keep = of_body & seen
+        if self._edge_jump is not None:
+            points = xyz.reshape(3, *labels.shape)
+            keep &= ~edge_pixels(points, seen, of_body, self._edge_jump)
+        chosen = xyz[:, np.flatnonzero(keep)]
+        cloud = PointCloud(chosen.shape[1])
+        cloud.mutable_xyzs()[:] = chosen
         output.set_value(cloud)
+
+
+def edge_pixels(
+    points: NDArray[np.floating],
+    seen: NDArray[np.bool_],
+    of_body: NDArray[np.bool_],
+    jump: float,
+) -> NDArray[np.bool_]:
+    """Pixels with a neighbour, of the four, that shows another surface.
+
+    That is one whose point is farther away than ``jump``, or one without a point that does not
+    belong to the body. (A lost pixel amid the body is a hole in the measurement, not an edge.)
+
+    Args:
+        points: Points by pixel, shape (3, h, w) [m].
+        seen: Which pixels have a point, shape (h, w).
+        of_body: Which pixels show the body, shape (h, w).
+        jump: See above [m].
+
+    Returns:
+        Shape (h, w).
+    """
+    edge = np.zeros(seen.shape, dtype=bool)
+    for one, next_ in (
+        (np.s_[:-1, :], np.s_[1:, :]),
+        (np.s_[:, :-1], np.s_[:, 1:]),
+    ):
+        with np.errstate(invalid="ignore"):  # infinity minus infinity, where nothing was seen
+            square = np.square(points[:, *next_] - points[:, *one]).sum(axis=0)
+        apart = seen[one] & seen[next_] & (square > jump**2)
+        edge[one] |= apart | ~(seen[next_] | of_body[next_])
+        edge[next_] |= apart | ~(seen[one] | of_body[one])
+    return edge

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import SceneGraph
-from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import (
@@ -19,17 +18,18 @@ from pydrake.multibody.parsing import (
 )
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
-from pydrake.perception import DepthImageToPointCloud
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
-from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
+from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.carrying_wrench import body_pose_kernel
+from feasigrasp.models.depth_noise import DepthNoise
 from feasigrasp.models.object_motion import HarmonicMotion
 from feasigrasp.models.rigid_object import RigidObject
 from feasigrasp.resources import model_path
+from feasigrasp.systems.camera import export_camera
 from feasigrasp.systems.object_model import add_object
 from feasigrasp.systems.object_servo import ObjectServo
 
@@ -47,6 +47,8 @@ class StationConfig:
         plant: Drake's plant settings.
         directives: Model directives with model instances ``iiwa`` and ``gripper``.
         cameras: Cameras by name.
+        camera_noise: Errors of their depth images, by name; a camera not named has none.
+        noise_seed: Seed of those errors.
         q_start: Joint positions at the start [rad], shape (7,).
         friction: Coulomb friction of the object.
         enforce_joint_limits: Whether the joints have end stops.
@@ -55,6 +57,8 @@ class StationConfig:
     plant: MultibodyPlantConfig
     directives: list[ModelDirective] = field(default_factory=list)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
+    noise_seed: int = 0
     q_start: np.ndarray = field(default_factory=lambda: np.zeros(7))
     friction: float = 0.8
     enforce_joint_limits: bool = True
@@ -128,6 +132,15 @@ class Station(Diagram):
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)
 
+    def robot_and_object_labels(self) -> list[int]:
+        """Labels that arm, gripper, camera and object have in label images."""
+        plant = self.plant
+        instances = [self.object_instance]
+        for name in ("iiwa", "gripper", "camera"):
+            if plant.HasModelInstanceNamed(name):
+                instances.append(plant.GetModelInstanceByName(name))
+        return [int(body) for instance in instances for body in plant.GetBodyIndices(instance)]
+
     def _add_models(
         self, plant: MultibodyPlant, config: StationConfig, obj: RigidObject
     ) -> ModelInstanceIndex:
@@ -191,8 +204,11 @@ class Station(Diagram):
         builder.Connect(
             poses.get_output_port(), scene_graph.get_source_pose_port(twin.get_source_id())
         )
-        for name, camera in config.cameras.items():
-            _export_camera(builder, name, camera, twin, scene_graph)
+        for index, (name, camera) in enumerate(config.cameras.items()):
+            camera.name = name
+            noise = config.camera_noise.get(name)
+            seed = config.noise_seed + 2**32 * index  # cameras err differently
+            export_camera(builder, camera, twin, scene_graph, noise=noise, seed=seed)
 
 
 def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
@@ -224,40 +240,3 @@ def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
     for instance in ("iiwa", "gripper", "camera"):
         if plant.HasModelInstanceNamed(instance):
             plant.set_gravity_enabled(plant.GetModelInstanceByName(instance), False)
-
-
-def _export_camera(
-    builder: DiagramBuilder,
-    name: str,
-    config: CameraConfig,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-) -> None:
-    config.name = name
-    # An LCM sink that goes nowhere: images are rendered only when somebody reads them.
-    ApplyCameraConfig(
-        config, builder, plant=plant, scene_graph=scene_graph, lcm=DrakeLcm("memq://null")
-    )
-    sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
-    _, depth_camera = config.MakeCameras()
-    info = depth_camera.core().intrinsics()
-    # Pixel (u, v) is rendered at its middle, (u + 1/2, v + 1/2), but turned into a point as if at
-    # (u, v): without this shift the cloud is half a pixel off, 0.5 mm at 0.4 m.
-    centred = CameraInfo(
-        info.width(),
-        info.height(),
-        info.focal_x(),
-        info.focal_y(),
-        info.center_x() - 0.5,
-        info.center_y() - 0.5,
-    )
-    cloud = builder.AddNamedSystem(
-        f"{name}_point_cloud", DepthImageToPointCloud(centred, PixelType.kDepth32F)
-    )
-    builder.Connect(sensor.depth_image_32F_output_port(), cloud.depth_image_input_port())
-    builder.Connect(sensor.body_pose_in_world_output_port(), cloud.camera_pose_input_port())
-    builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
-    builder.ExportOutput(sensor.color_image_output_port(), f"{name}.color_image")
-    builder.ExportOutput(sensor.depth_image_32F_output_port(), f"{name}.depth_image")
-    builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
-    builder.ExportOutput(sensor.body_pose_in_world_output_port(), f"{name}.pose")

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from feasigrasp.models import se3
-from feasigrasp.models.grasp_lookahead import reachable_grasps
+from feasigrasp.models.grasp_lookahead import judge_grasps, reachable_grasps
 from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.pose_judge import PoseJudge
+from feasigrasp.models.reachability import VERDICTS, Reachability
 
 REACHABILITY = Reachability()
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
@@ -35,7 +36,8 @@ def test_without_look_ahead_they_are_those_in_reach(grasps):
     )
     np.testing.assert_array_equal(np.sort(kept.score), np.sort(both.score[reach]))
     assert rows(kept.X_OG) == rows(both.X_OG[reach])
-    assert kept.rejected["out of reach now"] == (~reach).sum()
+    out = {k: n for k, n in kept.rejected.items() if k in VERDICTS.values()}
+    assert sum(out.values()) == (~reach).sum() and len(out) >= 2
     assert kept.rejected["no contact"] == 5
     assert "out of reach soon" not in kept.rejected
 
@@ -58,6 +60,8 @@ def test_an_object_that_leaves_loses_the_grasps_that_leave_reach(grasps):
     X_later[:3, :3] = se3.so3_exp([0, 0, 0.4])
     X_later[0, 3] += 0.15
     later = REACHABILITY.reachable(X_later @ now.X_OG)
+    for t in (0.25, 0.5, 0.75):
+        later &= REACHABILITY.reachable(se3.extrapolate(X_WO, V_WO, t) @ now.X_OG)
     assert 0 < later.sum() < len(now)
     assert rows(kept.X_OG) == rows(now.X_OG[later])
     assert kept.rejected["out of reach soon"] == (~later).sum()
@@ -90,3 +94,28 @@ def test_grasps_far_below_the_best_are_left_out(grasps):
 def test_no_grasps():
     kept = reachable_grasps(GraspSet.empty({"all": 3}), X_WO, STILL, REACHABILITY)
     assert len(kept) == 0 and kept.rejected == {"all": 3}
+
+
+def test_a_grasp_must_stay_in_reach_all_the_way(grasps):
+    """The object turns once about itself within the horizon: it ends where it starts."""
+    V_WO = np.array([0.0, 0.0, 2 * np.pi, 0.0, 0.0, 0.0])
+    full = reachable_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=1000, score_share=0.0)
+    still = reachable_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0)
+    assert len(full) < len(still)
+    for X in full.X_OG:
+        for angle in (0.5 * np.pi, np.pi, 1.5 * np.pi):
+            turned = se3.make_pose(X_WO[:3, :3] @ se3.so3_exp([0, 0, angle]), X_WO[:3, 3])
+            assert REACHABILITY.reachable(turned @ X)[0]
+
+
+def test_every_grasp_and_flip_has_a_verdict(grasps):
+    judged = judge_grasps(grasps, X_WO, STILL, PoseJudge(REACHABILITY), n_best=10)
+    both = grasps.with_twins()
+    exact = [VERDICTS[int(k)] for k in REACHABILITY.verdicts(X_WO @ both.X_OG)]
+    assert len(judged.verdicts) == len(both)
+    kept = rows(judged.grasps.X_OG)
+    for X, verdict, truth in zip(both.X_OG, judged.verdicts, exact, strict=True):
+        assert (verdict == "kept") == (tuple(X.ravel().round(9)) in kept)
+        if verdict not in ("kept", "better grasps in reach"):
+            assert verdict == truth
+    assert judged.verdicts.count("kept") == len(judged.grasps) == 10

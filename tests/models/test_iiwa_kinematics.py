@@ -13,7 +13,10 @@ from feasigrasp.models.iiwa import POSITION_LIMITS
 from feasigrasp.models.iiwa_kinematics import (
     forward_kinematics,
     manipulability,
+    manipulability_kernel,
     pose_and_jacobian,
+    pose_jacobian_kernel,
+    pose_kernel,
 )
 from feasigrasp.resources import model_path
 
@@ -112,6 +115,43 @@ def test_manipulability_is_that_of_any_base_and_flange_angle():
     np.testing.assert_allclose(manipulability(turned), manipulability(Q), atol=1e-12)
 
 
-def test_wrong_number_of_joints():
+def test_kernels_equal_the_batch():
+    Q = random_configurations(50, seed=5)
+    X, J = pose_and_jacobian(Q, X_FT)
+    measured = manipulability(Q)
+    for k, q in enumerate(Q):
+        X_k, J_k, X_alone = np.empty((4, 4)), np.empty((6, 7)), np.empty((4, 4))
+        pose_jacobian_kernel(q, X_FT, X_k, J_k)
+        pose_kernel(q, X_FT, X_alone)
+        np.testing.assert_allclose(X_k, X[k], rtol=0, atol=1e-15)
+        np.testing.assert_allclose(J_k, J[k], rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(X_alone, X_k)
+        assert manipulability_kernel(q) == pytest.approx(measured[k], rel=1e-12)
+
+
+def test_whole_turns_change_nothing():
+    Q = random_configurations(20, seed=6)
+    turns = np.random.default_rng(7).integers(-50, 51, Q.shape)
+    X, J = pose_and_jacobian(Q)
+    X_turned, J_turned = pose_and_jacobian(Q + 2 * np.pi * turns)
+    np.testing.assert_allclose(X_turned, X, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(J_turned, J, rtol=0, atol=1e-12)
+
+
+def test_lists_strides_and_nan():
+    Q = random_configurations(8, seed=8)
+    X, J = pose_and_jacobian(Q)
+    np.testing.assert_array_equal(pose_and_jacobian(Q.tolist())[0], X)
+    np.testing.assert_array_equal(pose_and_jacobian(Q[::2])[1], J[::2])
+    np.testing.assert_array_equal(pose_and_jacobian(np.asfortranarray(Q))[0], X)
+    Q[3, 2] = np.nan
+    broken = np.isnan(forward_kinematics(Q)).any(axis=(1, 2))
+    np.testing.assert_array_equal(broken, np.arange(8) == 3)
+    assert np.isnan(manipulability(Q)[3])
+
+
+@pytest.mark.parametrize("function", [pose_and_jacobian, forward_kinematics, manipulability])
+@pytest.mark.parametrize("q", [np.zeros(6), 0.0, np.zeros((7, 3))])
+def test_wrong_number_of_joints(function, q):
     with pytest.raises(ValueError, match="7 entries"):
-        pose_and_jacobian(np.zeros(6))
+        function(q)

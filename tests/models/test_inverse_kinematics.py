@@ -1,16 +1,17 @@
-"""Closed-form and iterative inverse kinematics against forward kinematics."""
+"""Closed-form inverse kinematics against forward kinematics and plain search."""
 
 import numpy as np
 import pytest
 
 from feasigrasp.models import se3
+from feasigrasp.models.fast_atan2 import fast_atan2
 from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, manipulability
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
 from feasigrasp.models.inverse_kinematics import (
     arm_angle,
     closed_form,
-    damped_least_squares_kernel,
     inside_limits_kernel,
+    nearest_inside_limits,
     travel_time_kernel,
 )
 
@@ -79,10 +80,28 @@ def test_wrist_out_of_reach(distance):
     assert closed_form(X, 0.3).shape == (0, 7)
 
 
-def test_nan_pose_gives_no_finite_solution():
+def test_a_pose_that_is_not_finite_gives_no_solution():
     X = np.eye(4)
     X[0, 3] = np.nan
-    assert not np.isfinite(closed_form(X, 0.0)).all(axis=1).any()
+    assert closed_form(X, 0.0).shape == (0, 7)
+    for i in range(3):
+        for j in range(4):
+            X = forward_kinematics(np.full(7, 0.3)).copy()
+            X[i, j] = [np.nan, np.inf, -np.inf][(i + j) % 3]
+            assert closed_form(X, 0.0).shape == (0, 7)
+    assert closed_form(forward_kinematics(np.full(7, 0.3)), np.nan).shape == (0, 7)
+
+
+def test_what_is_no_rotation_gives_no_solution():
+    X = forward_kinematics(np.full(7, 0.3))
+    mirrored, scaled, flat = X.copy(), X.copy(), X.copy()
+    mirrored[:3, 0] *= -1.0
+    scaled[:3, :3] *= 1.001
+    flat[:3, :3] = 0.0
+    for bad in (mirrored, scaled, flat):
+        assert closed_form(bad, 0.3).shape == (0, 7)
+    rounded = X.astype(np.float32)
+    assert pose_error(closed_form(rounded, 0.3), rounded) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -99,54 +118,107 @@ def test_singular_poses_give_right_solutions_or_none(joints, angle):
         assert np.isfinite(psi)
         solutions = closed_form(X, psi)
         assert np.isfinite(solutions).all()
-        # A straight elbow is the edge of the workspace, on either side of which rounding can fall.
-        assert len(solutions) == 8 or (3 in joints and len(solutions) == 0)
-        assert len(solutions) == 0 or pose_error(solutions, X) < 1e-11
+        # A straight elbow is the edge of the workspace: rounding beyond it is forgiven.
+        assert len(solutions) == 8
+        assert pose_error(solutions, X) < 1e-11
 
 
 def test_the_whole_arm_upright():
     X = forward_kinematics(np.zeros(7))
     solutions = closed_form(X, arm_angle(np.zeros(7)))
-    assert np.isfinite(solutions).all()
-    assert len(solutions) == 0 or pose_error(solutions, X) < 1e-11
+    assert solutions.shape == (8, 7) and np.isfinite(solutions).all()
+    assert pose_error(solutions, X) < 1e-11
 
 
-def test_damped_least_squares_converges():
-    rng = np.random.default_rng(6)
-    Q = random_configurations(300, seed=6)
-    Q = Q[manipulability(Q) > 0.03]
-    assert len(Q) > 100
+@pytest.mark.parametrize("joints", [(1,), (5,), (1, 5)])
+def test_with_parallel_axes_the_later_joint_is_zero(joints):
+    """Of the axes that coincide where joint 2 or 6 is zero, the first one takes all of the turn."""
+    Q = random_configurations(50, seed=8)
+    Q[:, joints] = 0.0
     for q, X in zip(Q, forward_kinematics(Q), strict=True):
-        start = q + rng.uniform(-0.15, 0.15, 7)
-        position, angle = damped_least_squares_kernel(X, start, 100, 0.02)
-        assert position < 1e-6 and angle < 1e-6
-        assert pose_error(start, X) < 1e-5
+        solutions = closed_form(X, arm_angle(q))
+        for joint in joints:
+            # The other elbow branch has its singularity elsewhere.
+            positive = solutions[[0, 4]][np.abs(solutions[[0, 4], joint]) < 1e-7]
+            assert len(positive) == 1 and abs(positive[0, joint + 1]) < 1e-7
 
 
-def test_damped_least_squares_reports_the_error_that_is_left():
-    Q = random_configurations(50, seed=7)
-    for q, X in zip(Q[::2], forward_kinematics(Q[1::2]), strict=True):
-        position, angle = damped_least_squares_kernel(X, q, 1, 0.5)
-        left = forward_kinematics(q)
-        assert position == pytest.approx(np.linalg.norm(left[:3, 3] - X[:3, 3]), abs=1e-12)
-        expected = se3.rotation_angle(X[:3, :3] @ left[:3, :3].T)
-        assert angle == pytest.approx(float(expected), abs=1e-9)
+def test_a_wrist_above_the_base():
+    """S-C is the base axis: the arm angle counts from the x-z plane, and is still found again."""
+    q = np.array([0.4, -0.5, 0.0, 1.0, 0.3, 0.6, -0.8])
+    q[1] = -np.arctan2(-0.4 * np.sin(q[3]), 0.4 + 0.4 * np.cos(q[3]))
+    X = forward_kinematics(q)
+    wrist = X[:3, 3] - 0.126 * X[:3, 2]
+    if np.hypot(*wrist[:2]) > 1e-9:
+        q[1] = -q[1]
+        X = forward_kinematics(q)
+        wrist = X[:3, 3] - 0.126 * X[:3, 2]
+    assert np.hypot(*wrist[:2]) < 1e-9
+    solutions = closed_form(X, arm_angle(q))
+    assert np.abs(solutions - q).max(axis=1).min() < 1e-9
+    assert pose_error(solutions, X) < 1e-12
 
 
-def test_damped_least_squares_with_no_step_stays():
-    q = np.full(7, 0.5)
-    damped_least_squares_kernel(np.eye(4), q, 0, 0.02)
-    np.testing.assert_array_equal(q, 0.5)
+def test_nearest_inside_limits_is_the_best_of_all_branches():
+    rng = np.random.default_rng(9)
+    poses = forward_kinematics(random_configurations(60, seed=9))
+    psis, margin = np.linspace(-np.pi, np.pi, 16, endpoint=False), 0.2
+    for X in poses:
+        near = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS)
+        found, times = nearest_inside_limits(X, near, psis, margin=margin)
+        candidates = np.concatenate([closed_form(X, psi) for psi in psis])
+        inside = (np.abs(candidates) <= POSITION_LIMITS - margin).all(axis=1)
+        if not inside.any():
+            assert np.isinf(times[0]) and np.isnan(found).all()
+            continue
+        travel = np.max(np.abs(candidates[inside] - near) / VELOCITY_LIMITS, axis=1)
+        assert times[0] == pytest.approx(travel.min(), abs=1e-8)
+        # Of those that are equally soon, such as both signs of a wrist that is not the slowest, it
+        # is the one whose shoulder, or wrist, needs the least.
+        ties = candidates[inside][travel < travel.min() + 1e-8]
+        assert np.abs(ties - found[0]).max(axis=1).min() < 1e-12
+        parts = np.abs(ties - near) / VELOCITY_LIMITS
+        least = np.minimum(parts[:, :4].max(axis=1), parts[:, 4:].max(axis=1)).min()
+        mine = np.abs(found[0] - near) / VELOCITY_LIMITS
+        assert min(mine[:4].max(), mine[4:].max()) == pytest.approx(least, abs=1e-6)
 
 
-def test_damped_least_squares_stays_finite_at_singular_and_unreachable_poses():
-    far = np.eye(4)
-    far[:3, 3] = [3.0, 0.0, 0.0]
-    for X in (forward_kinematics(np.zeros(7)), far):
-        q = np.zeros(7)
-        position, _ = damped_least_squares_kernel(X, q, 50, 0.02)
-        assert np.isfinite(q).all() and np.isfinite(position)
-    assert position > 3.0 - (0.8 + 0.126 + 0.34)
+def test_nearest_inside_limits_at_singular_poses():
+    """What is found is inside the limits and exact there too, and no slower than it says."""
+    Q = random_configurations(200, seed=10)
+    Q[:100, 5] = 0.0
+    Q[100:, 1] = 1e-11
+    poses, psis = forward_kinematics(Q), np.linspace(-np.pi, np.pi, 12, endpoint=False)
+    found, times = nearest_inside_limits(poses, np.zeros(7), psis)
+    finite = np.isfinite(times)
+    assert finite.mean() > 0.5
+    assert pose_error(found[finite], poses[finite]) < 1e-11
+    assert (np.abs(found[finite]) <= POSITION_LIMITS).all()
+    np.testing.assert_allclose(
+        times[finite], np.max(np.abs(found[finite]) / VELOCITY_LIMITS, axis=1), atol=1e-12
+    )
+
+
+def test_nearest_inside_limits_of_nothing():
+    X = np.stack([np.full((4, 4), np.nan), se3.make_pose(np.eye(3), [2.0, 0.0, 0.0])])
+    found, times = nearest_inside_limits(X, np.zeros(7), [0.0, 1.0])
+    assert np.isinf(times).all() and np.isnan(found).all()
+    assert nearest_inside_limits(np.zeros((0, 4, 4)), np.zeros(7), [0.0])[0].shape == (0, 7)
+    upright = forward_kinematics(np.full(7, 0.3))
+    assert np.isinf(nearest_inside_limits(upright, np.zeros(7), [])[1]).all()
+    with pytest.raises(ValueError, match=r"\(n, 4, 4\)"):
+        nearest_inside_limits(np.eye(3), np.zeros(7), [0.0])
+    with pytest.raises(ValueError, match=r"\(7,\)"):
+        nearest_inside_limits(upright, np.zeros(6), [0.0])
+
+
+def test_fast_atan2():
+    rng = np.random.default_rng(11)
+    y, x = rng.normal(size=(2, 20_000)) * 10.0 ** rng.uniform(-8, 8, (2, 20_000))
+    angles = np.array([fast_atan2(a, b) for a, b in zip(y, x, strict=True)])
+    np.testing.assert_allclose(angles, np.arctan2(y, x), atol=1e-15)
+    for a, b in [(0.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.0)]:
+        assert fast_atan2(a, b) == pytest.approx(np.arctan2(a, b), abs=1e-15)
 
 
 def test_inside_limits():

@@ -10,12 +10,8 @@ from feasigrasp.models import se3
 from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
 from feasigrasp.models.inverse_kinematics import arm_angle, closed_form
-from feasigrasp.models.reachability import Reachability, admissible_kernel
-from feasigrasp.models.self_collision import (
-    IIWA_CAPSULES,
-    min_distance,
-    table_distances_and_gradients,
-)
+from feasigrasp.models.reachability import VERDICTS, Reachability
+from feasigrasp.models.self_collision import min_distance, table_distances_and_gradients
 from feasigrasp.resources import model_path
 
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
@@ -95,18 +91,7 @@ def test_the_drake_cell_does_find_contacts(cell):
 def test_admissible_is_limits_clearance_and_table(table_height):
     reachability = Reachability(table_height=table_height)
     Q = random_configurations(3000, seed=1) * 1.02
-    verdicts = np.array(
-        [
-            admissible_kernel(
-                q,
-                IIWA_CAPSULES,
-                reachability.limit_margin,
-                reachability.clearance,
-                table_height,
-            )
-            for q in Q
-        ]
-    )
+    verdicts = reachability.admissible(Q)
     assert 300 < verdicts.sum() < 2700
     np.testing.assert_array_equal(verdicts, [plainly_admissible(q, reachability) for q in Q])
 
@@ -170,6 +155,116 @@ def test_more_arm_angles_are_never_worse():
     fine = Reachability(n_arm_angles=32)
     assert (fine.nearest(X_WG, HOME)[1] <= coarse.nearest(X_WG, HOME)[1] + 1e-9).all()
     assert (coarse.reachable(X_WG) <= fine.reachable(X_WG)).all()
+
+
+@pytest.fixture(scope="module")
+def random_poses():
+    """In a box about the arm: a third can be reached."""
+    rng = np.random.default_rng(11)
+    X_WG = se3.random_pose(rng, 400)
+    X_WG[:, :3, 3] = rng.uniform([-0.9, -0.9, 0.0], [0.9, 0.9, 1.25], (400, 3))
+    return X_WG
+
+
+def test_verdicts_are_those_of_a_dense_search(random_poses):
+    """All eight branches at 90 arm angles, the three conditions one by one."""
+    verdicts = REACHABILITY.verdicts(random_poses)
+    psis = np.linspace(-np.pi, np.pi, 90, endpoint=False)
+    X_WF = random_poses @ se3.inverse(REACHABILITY.gripper.X_FG)
+    wrong = 0
+    for X, code in zip(X_WF, verdicts, strict=True):
+        verdict = VERDICTS[int(code)]
+        candidates = np.concatenate([closed_form(X, psi) for psi in psis])
+        if verdict == "wrist out of reach":
+            assert len(candidates) == 0
+            continue
+        inside = (np.abs(candidates) <= POSITION_LIMITS - REACHABILITY.limit_margin).all(axis=1)
+        found = REACHABILITY.admissible(candidates).any()
+        if verdict == "reachable":
+            wrong += not found  # a window that is narrower than the scan's step
+        else:
+            assert not found
+        if verdict == "joint limits":
+            assert not inside.any()
+        if verdict == "table" and inside.any():
+            heights = [table_distances_and_gradients(q)[0].min() for q in candidates[inside]]
+            free = [min_distance(q) >= REACHABILITY.clearance for q in candidates[inside]]
+            low = np.array(heights) < REACHABILITY.clearance
+            assert low.all() or (any(free) and low[free].all())
+        if verdict == "self-collision":
+            free = [min_distance(q) >= REACHABILITY.clearance for q in candidates[inside]]
+            assert not any(free)
+    assert wrong <= 1
+    assert {VERDICTS[int(code)] for code in verdicts} == set(VERDICTS.values())
+
+
+def test_narrow_windows_between_limits_are_not_missed():
+    """Poses whose configuration is a hair inside two limits, so that a grid would miss them."""
+    rng = np.random.default_rng(12)
+    Q = random_configurations(4000, seed=12) * 0.9
+    for q in Q:
+        joints = rng.choice(7, 3, replace=False)
+        q[joints] = np.sign(q[joints]) * (POSITION_LIMITS[joints] - 0.05 - 1e-4)
+    Q = Q[REACHABILITY.admissible(Q)]
+    X_WG = forward_kinematics(Q, REACHABILITY.gripper.X_FG)
+    psis = np.linspace(-np.pi, np.pi, 12, endpoint=False)
+    missed, found, times = 0, *REACHABILITY.nearest(X_WG, HOME)
+    reachable = REACHABILITY.reachable(X_WG)
+    for X, hit in zip(X_WG, reachable, strict=True):
+        X_WF = X @ se3.inverse(REACHABILITY.gripper.X_FG)
+        grid = np.concatenate([closed_form(X_WF, psi) for psi in psis])
+        if not REACHABILITY.admissible(grid).any():
+            missed += hit
+    assert missed > 5 and reachable.mean() > 0.99
+    # HOME's own arm angle is one more: what is nearest is also reachable, and nothing is lost.
+    np.testing.assert_array_equal(np.isfinite(times), reachable)
+    np.testing.assert_allclose(
+        forward_kinematics(found[reachable], REACHABILITY.gripper.X_FG), X_WG[reachable], atol=1e-9
+    )
+
+
+def test_diverse_configurations_all_reach_the_pose_and_differ():
+    X_WG, _ = hand_poses(30, seed=13)
+    many = 0
+    for X in X_WG:
+        Q = REACHABILITY.diverse(X, 8, HOME)
+        if len(Q) < 8:
+            continue
+        many += 1
+        np.testing.assert_allclose(
+            forward_kinematics(Q, REACHABILITY.gripper.X_FG), np.tile(X, (8, 1, 1)), atol=1e-9
+        )
+        assert all(plainly_admissible(q) for q in Q)
+        apart = np.max(np.abs(Q[:, None] - Q) / VELOCITY_LIMITS, axis=2)
+        gaps = [apart[k, :k].min() for k in range(1, 8)]
+        assert (np.diff(gaps) <= 1e-12).all()  # farthest first
+        assert gaps[-1] > 0.05 and gaps[0] > 1.0
+        signs = {tuple(row) for row in np.sign(Q[:, [1, 3, 5]]).astype(int)}
+        assert len(signs) >= 2 or apart.max() > 1.0
+    assert many > 15
+
+
+def test_diverse_configurations_are_spread_further_than_random_ones():
+    X_WG, _ = hand_poses(20, seed=14)
+    rng = np.random.default_rng(14)
+    gains = []
+    for X in X_WG:
+        every = REACHABILITY.diverse(X, 1000)
+        if len(every) < 20:
+            continue
+        some = rng.choice(every, 6, replace=False)
+
+        def spread(Q):
+            apart = np.max(np.abs(Q[:, None] - Q) / VELOCITY_LIMITS, axis=2)
+            return (apart + 1e9 * np.eye(len(Q))).min()
+
+        gains.append(spread(REACHABILITY.diverse(X, 6)) - spread(some))
+    assert len(gains) > 8 and min(gains) >= 0.0
+
+
+def test_diverse_configurations_of_a_pose_out_of_reach():
+    assert REACHABILITY.diverse(np.eye(4), 5).shape == (0, 7)
+    assert REACHABILITY.diverse(np.full((4, 4), np.nan), 5).shape == (0, 7)
 
 
 def test_poses_out_of_reach():

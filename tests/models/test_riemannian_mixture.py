@@ -68,6 +68,24 @@ def test_density_is_the_formula(rng, k):
     np.testing.assert_allclose(mixture.direction(X), expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("n", [63, 64, 127, 128, 129, 300])
+def test_density_of_a_batch_is_that_of_its_poses(rng, n):
+    mixture, X = random_mixture(rng, 5), se3.random_pose(rng, n)
+    X[n // 2, 0, 3] = np.nan
+    one_by_one = [float(mixture.log_density(pose)) for pose in X]
+    np.testing.assert_allclose(mixture.log_density(X), one_by_one, rtol=1e-12)
+    assert np.isnan(mixture.log_density(X)).sum() == 1
+
+
+def test_a_batch_far_from_every_component_has_finite_densities(rng):
+    X = se3.random_pose(rng, 70)
+    X[:, 0, 3] += 1e4
+    mixture = random_mixture(rng, 3)
+    off = RiemannianMixture([0, 1, 1], mixture.means, mixture.covariances)
+    assert (off.log_density(X) < -1e6).all()
+    assert np.isfinite(off.log_density(X)).all()
+
+
 @pytest.mark.parametrize("k", [1, 2, 5])
 def test_gradient_against_finite_differences(rng, k):
     h = 1e-6

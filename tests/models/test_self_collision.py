@@ -11,12 +11,14 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import minimize
 
 from feasigrasp.models import self_collision as sc
+from feasigrasp.models.collision_kernels import LANES, in_collision_kernel, is_clear_kernel
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa import POSITION_LIMITS
 from feasigrasp.models.iiwa_capsules import (
     BODY_LINK,
     BODY_NAMES,
     BODY_PAIRS,
+    NON_ADJACENT_PAIRS,
     arm_capsules,
     capsule_model,
     hand_capsules,
@@ -29,6 +31,16 @@ BODY = np.array([capsule.body for capsule in CAPSULES])
 
 def random_configurations(n, seed=0):
     return np.random.default_rng(seed).uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+
+
+def mixed_configurations(n, seed):
+    """Uniform samples hardly ever collide, so the other half is folded back towards the base."""
+    Q = random_configurations(n, seed)
+    folded = Q[n // 2 :]
+    folded[:, [2, 4]] *= 0.2
+    folded[:, [1, 3, 5]] = np.sign(folded[:, :1]) * np.abs(folded[:, [1, 3, 5]]) * (1, -1, 1)
+    folded[:, [1, 3]] = (folded[:, [1, 3]] + np.sign(folded[:, [1, 3]]) * POSITION_LIMITS[1]) / 2
+    return Q
 
 
 class DrakeArm:
@@ -110,12 +122,7 @@ def test_distances_agree_with_scene_graph(drake_arm):
 def test_verdicts_agree_with_scene_graph(drake_arm):
     model = capsule_model()
     pairs = {frozenset(p) for p in model.pairs.tolist()}
-    # Uniform samples hardly ever collide, so the other half is folded back towards the base.
-    Q = random_configurations(5000, seed=2)
-    folded = Q[2500:]
-    folded[:, [2, 4]] *= 0.2
-    folded[:, [1, 3, 5]] = np.sign(folded[:, :1]) * np.abs(folded[:, [1, 3, 5]]) * (1, -1, 1)
-    folded[:, [1, 3]] = (folded[:, [1, 3]] + np.sign(folded[:, [1, 3]]) * POSITION_LIMITS[1]) / 2
+    Q = mixed_configurations(5000, seed=2)
     ours = sc.in_collision(Q)
     theirs = np.empty(len(Q), dtype=bool)
     for n, q in enumerate(Q):
@@ -133,6 +140,80 @@ def test_margin_and_minimum_are_consistent():
     smallest = np.array([sc.min_distance(q) for q in Q])
     np.testing.assert_array_equal(sc.in_collision(Q), smallest < 0)
     np.testing.assert_array_equal(sc.in_collision(Q, margin=0.05), smallest < 0.05)
+
+
+MODELS = {
+    "default": capsule_model(),
+    "without hand": capsule_model(with_hand=False),
+    "all pairs": capsule_model(body_pairs=NON_ADJACENT_PAIRS),
+    "two pairs": capsule_model().with_pairs(capsule_model().pairs[[12, 3]]),
+}
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+@pytest.mark.parametrize("margin", [-0.02, 0.0, 0.005])
+def test_quick_verdicts_are_the_signs_of_the_distances(model, margin):
+    Q = mixed_configurations(3000, seed=7)
+    expected = sc.signed_distances(Q, model).min(axis=1) < margin
+    assert 0 < expected.sum() < len(Q)
+    np.testing.assert_array_equal(sc.in_collision(Q, model, margin), expected)
+    single = [in_collision_kernel(q, model, margin) for q in Q[-500:]]
+    np.testing.assert_array_equal(single, expected[-500:])
+
+
+@pytest.mark.parametrize("n", [0, 1, LANES - 1, LANES, LANES + 1, 3 * LANES + 5])
+def test_any_number_of_configurations(n):
+    Q = mixed_configurations(2 * n, seed=8)[n:]
+    expected = [sc.min_distance(q) < 0.0 for q in Q]
+    np.testing.assert_array_equal(sc.in_collision(Q), expected)
+
+
+@pytest.mark.parametrize("height", [-0.3, 0.1, 0.2])
+def test_clear_of_itself_and_of_a_table(height):
+    model, clearance = capsule_model(), 0.03
+    without_hand = model._replace(movers=model.movers[model.link[model.movers] < 7])
+    seen = set()
+    for q in mixed_configurations(1500, seed=9):
+        apart = sc.min_distance(q) >= clearance
+        for chosen in (model, without_hand):
+            above = sc.table_distances_and_gradients(q, height, chosen)[0].min() >= clearance
+            assert is_clear_kernel(q, chosen, clearance, height) == (apart and above)
+            seen.add((apart, above))
+    assert {(True, True), (True, False)} <= seen
+
+
+def test_balls_hold_the_capsules_of_their_links():
+    model = capsule_model()
+    for link, ends, radius in zip(model.link, model.ends, model.radius, strict=True):
+        reach = np.linalg.norm(ends - model.balls[link, :3], axis=1) + radius
+        assert (reach <= model.balls[link, 3] + 1e-12).all()
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_groups_are_the_pairs_in_order(model):
+    covered = [k for _, _, first, end in model.groups for k in range(first, end)]
+    assert covered == list(range(len(model.pairs)))
+    for low, high, first, end in model.groups:
+        assert (model.link[model.pairs[first:end]] == (low, high)).all()
+
+
+def test_batches_of_distances():
+    Q = random_configurations(6, seed=10)
+    distance, gradient = sc.distances_and_gradients(Q.reshape(2, 3, 7))
+    for k, q in enumerate(Q):
+        expected = sc.distances_and_gradients(q)
+        np.testing.assert_array_equal(distance[k // 3, k % 3], expected[0])
+        np.testing.assert_array_equal(gradient[k // 3, k % 3], expected[1])
+    np.testing.assert_array_equal(sc.signed_distances(Q), distance.reshape(6, -1))
+
+
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_an_unknown_configuration_is_not_free(joint, bad, model):
+    Q = np.zeros((3, 7))
+    Q[1, joint] = bad
+    np.testing.assert_array_equal(sc.in_collision(Q, model), [False, True, False])
 
 
 @pytest.mark.parametrize(
@@ -166,14 +247,14 @@ def test_left_out_pairs_stay_apart():
     pairs = np.array(
         [(i, j) for i in range(len(BODY)) for j in range(len(BODY)) if searched(BODY[i], BODY[j])]
     )
-    model = capsule_model()._replace(pairs=pairs)
+    model = capsule_model().with_pairs(pairs)
     Q = random_configurations(3000, seed=5)
     at_limit = np.random.default_rng(6).random(Q.shape) < 0.3
     Q = np.where(at_limit, np.sign(Q) * POSITION_LIMITS, Q)
     D = np.array([sc.signed_distances(q, model) for q in Q])
     bounds = list(zip(-POSITION_LIMITS, POSITION_LIMITS, strict=True))
     for k in range(len(pairs)):
-        one = model._replace(pairs=pairs[k : k + 1])
+        one = model.with_pairs(pairs[k : k + 1])
 
         def objective(q, one=one):
             distance, gradient = sc.distances_and_gradients(q, one)
@@ -222,12 +303,11 @@ def test_table_clearance_of_the_upright_arm():
 
 
 def test_bad_input():
-    with pytest.raises(ValueError, match=r"shape \(7,\)"):
+    with pytest.raises(ValueError, match=r"shape \(..., 7\)"):
         sc.signed_distances(np.zeros(6))
+    with pytest.raises(ValueError, match=r"shape \(7,\)"):
+        sc.min_distance(np.zeros((2, 7)))
     with pytest.raises(ValueError, match=r"shape \(n, 7\)"):
         sc.in_collision(np.zeros(7))
     with pytest.raises(ValueError, match="shape"):
-        sc.distances_and_gradients(np.zeros((2, 7)))
-    Q = np.zeros((2, 7))
-    Q[1, 3] = np.nan
-    np.testing.assert_array_equal(sc.in_collision(Q), [False, True])
+        sc.distances_and_gradients(np.zeros((2, 6)))

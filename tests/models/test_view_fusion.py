@@ -7,6 +7,7 @@ import pytest
 
 from feasigrasp.models import se3
 from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.view_registration import register_view
 
 VOXEL = 0.01
 
@@ -105,3 +106,101 @@ def test_it_is_immutable(cloud):
     before = fused.points.copy()
     fused.merged(cloud + 0.1, [0, 0, 1])
     np.testing.assert_array_equal(fused.points, before)
+
+
+def pear_view(camera, noise=0.0, seed=0):
+    """What a camera sees of a smooth body without symmetry, by its exact normals."""
+    rng = np.random.default_rng(seed)
+    u = rng.normal(size=(4000, 3))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    radius = 0.04 * (1 + 0.25 * u[:, :1] + 0.2 * u[:, 1:2] * u[:, 2:] + 0.15 * u[:, 2:] ** 2)
+    points = radius * u
+    to_camera = camera - points
+    facing = np.einsum("ij,ij->i", u, to_camera) / np.linalg.norm(to_camera, axis=1) > 0.3
+    along = to_camera[facing] / np.linalg.norm(to_camera[facing], axis=1, keepdims=True)
+    return points[facing] + rng.normal(scale=noise, size=(facing.sum(), 1)) * along
+
+
+def pear_error(points):
+    """Radial distance to the body above."""
+    length = np.linalg.norm(points, axis=1, keepdims=True)
+    u = points / length
+    radius = 0.04 * (1 + 0.25 * u[:, :1] + 0.2 * u[:, 1:2] * u[:, 2:] + 0.15 * u[:, 2:] ** 2)
+    return (length - radius)[:, 0]
+
+
+def surface(cloud):
+    return cloud.points, cloud.normals
+
+
+FRONT, SIDE = np.array([0.0, 0.0, 0.5]), np.array([0.35, 0.0, 0.36])
+
+
+def test_smoothing_takes_the_noise_and_leaves_the_shape():
+    view = pear_view(FRONT, noise=1.5e-3)
+    plain = FusedCloud.empty(0.003).merged(view, FRONT)
+    smooth = FusedCloud.empty(0.003, smooth=True).merged(view, FRONT)
+    assert np.abs(pear_error(smooth.points)).mean() < 0.5 * np.abs(pear_error(plain.points)).mean()
+    exact = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT), FRONT)
+    assert np.abs(pear_error(exact.points)).mean() < 2e-4
+
+
+def test_normals_are_those_of_the_body():
+    fused = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT, noise=1e-3), FRONT)
+    h = 1e-6
+    gradient = np.stack(
+        [(pear_error(fused.points + h * e) - pear_error(fused.points - h * e)) for e in np.eye(3)],
+        axis=1,
+    )
+    gradient /= np.linalg.norm(gradient, axis=1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", gradient, fused.normals)
+    assert np.rad2deg(np.arccos(np.median(cosine))) < 8.0
+    np.testing.assert_allclose(np.linalg.norm(fused.normals, axis=1), 1.0)
+
+
+def test_a_badly_tracked_view_is_brought_back():
+    error = se3.exp(np.array([0.015, -0.02, 0.01, 0.002, -0.0015, 0.002]))
+    first, second = pear_view(FRONT, 5e-4), pear_view(SIDE, 5e-4, seed=1)
+    moved, camera = second @ error[:3, :3].T + error[:3, 3], error[:3, :3] @ SIDE + error[:3, 3]
+    one = FusedCloud.empty(0.003, smooth=True).merged(first, FRONT)
+    correction = register_view(
+        *surface(FusedCloud.empty(0.003, smooth=True).merged(moved, camera)), *surface(one)
+    )
+    before = np.abs(pear_error(moved)).mean()
+    after = np.abs(pear_error(moved @ correction[:3, :3].T + correction[:3, 3])).mean()
+    assert before > 1.2e-3
+    assert after < 0.5 * before
+    assert one.merged(moved, camera).views == 2
+
+
+def test_a_well_tracked_view_stays_where_it_is():
+    one = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT), FRONT)
+    both = one.merged(pear_view(SIDE, seed=1), SIDE)
+    assert np.abs(pear_error(both.points)).mean() < 3e-4
+
+
+def test_a_view_of_something_else_is_not_dragged_along():
+    one = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT), FRONT)
+    far = pear_view(SIDE, seed=1) + [0.0, 0.2, 0.0]
+    normals = np.tile([0.0, 0.0, 1.0], (len(far), 1))
+    np.testing.assert_array_equal(register_view(far, normals, *surface(one)), np.eye(4))
+
+
+def test_the_sides_of_a_thin_wall_stay_apart():
+    rng = np.random.default_rng(5)
+    sheet = np.column_stack([rng.uniform(-0.03, 0.03, (3000, 2)), np.full(3000, 0.001)])
+    fused = FusedCloud.empty(0.01, smooth=True).merged(sheet, FRONT)
+    fused = fused.merged(sheet * [1, 1, -1], -FRONT)
+    np.testing.assert_allclose(np.abs(fused.points[:, 2]), 0.001, atol=1e-5)
+    np.testing.assert_array_equal(np.sign(fused.points[:, 2]), np.sign(fused.normals[:, 2]))
+
+
+def test_pictures_that_contradict_what_was_seen_are_forgotten():
+    """A hand hides half of the object: what it hides is not free."""
+    whole = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT), FRONT)
+    assert len(whole.images) == 1
+    camera = np.array([0.1, 0.0, 0.49])  # near the first: it would replace its picture
+    half = pear_view(camera, seed=1)
+    after = whole.merged(half[half[:, 1] > 0.0], camera)
+    assert [image is whole.images[0] for image in after.images] == [False]
+    np.testing.assert_allclose(after.images[0].X_OC, whole.images[0].X_OC, atol=5e-3)

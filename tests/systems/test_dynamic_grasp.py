@@ -46,10 +46,10 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     """Perception 2 Hz, adaptation 20 Hz, control 200 Hz, plant 500 Hz, over one second."""
     calls: dict[str, int] = {}
     for owner, name in (
-        (point_cloud_to_gpdf, "fit_gpdf"),
+        (point_cloud_to_gpdf, "complete_shape"),
         (dynamic_grasp.AntipodalSampler, "__call__"),
         (grasp_sampler.GraspSampler, "_calc"),
-        (reachability_filter, "reachable_grasps"),
+        (reachability_filter, "judge_grasps"),
         (rmm_task_controller, "fit_grasp_mixture"),
         (rmm_task_controller, "task_space_velocity"),
         (gp_joint_controller, "find_solutions"),
@@ -63,10 +63,10 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     calls.clear()  # a controller runs one step when it is made, to compile its kernels
     simulator.AdvanceTo(DURATION)
 
-    assert calls.pop("fit_gpdf") == 2
+    assert calls.pop("complete_shape") == 2
     assert calls.pop("__call__") == 2
     assert calls.pop("_calc") == 2  # read by the latency's hold alone, 0.1 s after each view
-    assert calls.pop("reachable_grasps") == 20
+    assert calls.pop("judge_grasps") == 20
     assert calls.pop("_update") == 200
     assert calls.pop("motion_wrench_kernel") == 500
     if controller == "task":
@@ -131,7 +131,7 @@ def arm_positions(config, duration):
 @pytest.mark.parametrize("controller", ["task", "joint"])
 @pytest.mark.parametrize(
     ("center", "reason"),
-    [([-1.5, 0.0, 0.5], "object not seen"), ([1.15, 0.0, 0.75], "out of reach now")],
+    [([-1.5, 0.0, 0.5], "object not seen"), ([1.15, 0.0, 0.75], "wrist out of reach")],
     ids=["not seen", "out of reach"],
 )
 def test_an_object_that_cannot_be_grasped_leaves_the_arm_where_it_is(controller, center, reason):
@@ -139,7 +139,7 @@ def test_an_object_that_cannot_be_grasped_leaves_the_arm_where_it_is(controller,
         text=f"{{motion: {{center: {center}, amplitude: [0, 0, 0]}},"
         f" control: {{controller: {controller}}}}}"
     )
-    if reason == "out of reach now":  # look ahead, to where the object is
+    if reason == "wrist out of reach":  # look ahead, to where the object is
         config.q_start = [0.0, -30.0, 0.0, -90.0, 0.0, 25.0, 0.0]
     q, command, diagram, context = arm_positions(config, 0.3)
     np.testing.assert_array_equal(command, 0.0)

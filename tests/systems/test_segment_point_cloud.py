@@ -1,4 +1,4 @@
-"""Segmentation keeps exactly the finite pixels with the body's label."""
+"""Segmentation keeps exactly the finite pixels with the body's label, edges apart."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_it_keeps_exactly_the_labelled_finite_pixels_in_order(fixed_context):
     xyz[rng.integers(3, size=48)[bad], np.flatnonzero(bad)] = rng.choice(
         [np.nan, np.inf, -np.inf], bad.sum()
     )
-    dut = SegmentPointCloud(LABEL)
+    dut = SegmentPointCloud(LABEL, edge_jump=None)
     context = fixed_context(dut, point_cloud=cloud_of(xyz), label_image=label_image(labels))
     kept = dut.get_output_port().Eval(context).xyzs()
     expected = [
@@ -88,3 +88,51 @@ def test_a_cloud_of_another_size_is_refused(fixed_context):
     )
     with pytest.raises(ValueError, match="5 points but 6 labels.*same camera"):
         dut.get_output_port().Eval(context)
+
+
+def square_on_a_table():
+    """A square 5 cm above a table to its left and right, level with it below, nothing above.
+
+    One pixel is 2 mm; the body's label covers rows 2 to 8, columns 3 to 9.
+    """
+    row, column = np.meshgrid(np.arange(10), np.arange(13), indexing="ij")
+    z = np.full(row.shape, 0.5)
+    body = (row >= 2) & (row <= 8) & (column >= 3) & (column <= 9)
+    z[body] = 0.45
+    z[9] = 0.45
+    points = np.stack([0.002 * column, 0.002 * row, z]).astype(np.float32)
+    points[:, :2] = np.inf
+    return points, body
+
+
+def kept_pixels(dut, fixed_context, points, labels):
+    context = fixed_context(
+        dut, point_cloud=cloud_of(points.reshape(3, -1)), label_image=label_image(labels)
+    )
+    xyz = dut.get_output_port().Eval(context).xyzs()
+    kept = np.zeros(labels.shape, dtype=bool)
+    kept[np.rint(xyz[1] / 0.002).astype(int), np.rint(xyz[0] / 0.002).astype(int)] = True
+    return kept
+
+
+def test_edge_pixels_are_dropped_where_the_depth_jumps(fixed_context):
+    points, body = square_on_a_table()
+    kept = kept_pixels(SegmentPointCloud(LABEL), fixed_context, points, np.where(body, LABEL, 3))
+    expected = body.copy()
+    expected[:, [3, 9]] = False  # a step down to the table
+    expected[2] = False  # nothing behind
+    np.testing.assert_array_equal(kept, expected)  # row 8 touches the table and stays
+
+
+def test_a_hole_in_the_measurement_is_no_edge_but_a_flying_pixel_is_none_of_the_body(
+    fixed_context,
+):
+    points, body = square_on_a_table()
+    labels = np.where(body, LABEL, 3)
+    before = kept_pixels(SegmentPointCloud(LABEL), fixed_context, points, labels)
+    points[:, 5, 5] = np.inf
+    holed = kept_pixels(SegmentPointCloud(LABEL), fixed_context, points, labels)
+    assert (before & ~holed).sum() == 1
+    points[:, 5, 5] = [0.010, 0.010, 0.48]
+    flown = kept_pixels(SegmentPointCloud(LABEL), fixed_context, points, labels)
+    assert not flown[5, 5] and (holed & ~flown).sum() == 4

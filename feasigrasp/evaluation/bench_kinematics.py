@@ -1,0 +1,113 @@
+"""``feasigrasp bench kinematics``: how quick the arm's kinematics are, beside its peers.
+
+Everything is timed in one go on one thread, so that what is compared ran under the same
+conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all timings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.drake_arm import DrakeArm
+from feasigrasp.evaluation.kinematics_peers import eaik_nearest, pinocchio_kinematics
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.timing import cpu_time
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.ik_flow import IkFlow, WeightsError
+from feasigrasp.models.inverse_kinematics import nearest_inside_limits
+from feasigrasp.models.self_collision import in_collision
+
+FloatArray = NDArray[np.float64]
+
+#: Configurations and poses of a batch, arm angles tried for each pose.
+BATCH, ARM_ANGLES = 100, 16
+#: Configurations whose self-collision is tested in one call.
+COLLISION_BATCH = 4096
+#: From where the nearest solution is looked for [rad].
+HOME = np.array([0.0, -0.846, 0.0, -1.582, 0.0, 1.446, 0.0])
+
+_ROW_NAMES = ("bench.fk_jacobian_us.100", "bench.self_collision_us", "bench.ik_100x16_ms")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/bench_kinematics", objects="builtin")
+
+
+def cases(seed: int) -> list[tuple[str, str, str, float, Callable[[], object]]]:
+    """What is timed: row name, preset, unit, factor from seconds per call, function.
+
+    Args:
+        seed: Seed of the random configurations, uniform inside the joint limits.
+    """
+    rng = np.random.default_rng(seed)
+    Q = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (COLLISION_BATCH, 7))
+    batch = Q[:BATCH].copy()
+    X_WF = forward_kinematics(batch)
+    psis = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)
+    drake = DrakeArm()
+    fk, collision, inverse = _ROW_NAMES
+    per_configuration = 1e6 / len(Q)
+    found: list[tuple[str, str, str, float, Callable[[], object]]] = [
+        (fk, "default", "us", 1e6, lambda: pose_and_jacobian(batch)),
+        (fk, "peer:drake", "us", 1e6, lambda: drake.pose_and_jacobian(batch)),
+        (collision, "default", "us", per_configuration, lambda: in_collision(Q)),
+        (collision, "peer:drake", "us", per_configuration, lambda: drake.in_collision(Q)),
+        (inverse, "default", "ms", 1e3, lambda: nearest_inside_limits(X_WF, HOME, psis)),
+    ]
+    if find_spec("pinocchio"):
+        pinocchio = pinocchio_kinematics()
+        found.append((fk, "peer:pinocchio", "us", 1e6, lambda: pinocchio(batch)))
+    else:
+        print("pinocchio is not installed (PyPI: pin): its row is left out")
+    if find_spec("eaik"):
+        eaik = eaik_nearest(np.linspace(-POSITION_LIMITS[2], POSITION_LIMITS[2], ARM_ANGLES))
+        found.append((inverse, "peer:eaik", "ms", 1e3, lambda: eaik(X_WF, HOME)))
+    else:
+        print("EAIK is not installed (PyPI: eaik): its row is left out")
+    try:
+        flow = IkFlow.load_default()
+        found.append(("bench.ik_flow_ms.100", "default", "ms", 1e3, lambda: flow.solve(X_WF)))
+    except WeightsError as error:
+        print(f"bench.ik_flow_ms.100 is left out: {error}")
+    return found
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    rows = []
+    with threadpool_limits(1):
+        for name, preset, unit, factor, function in tqdm(cases(args.seed), desc="kinematics"):
+            timing = cpu_time(function, 0.2 if args.quick else 2.0)
+            low, high = factor * timing.low, factor * timing.high
+            rows.append(Row(name, preset, factor * timing.median, low, high, unit, timing.n))
+    args.out.mkdir(parents=True, exist_ok=True)
+    with (args.out / "timings.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["name", "preset", "median", "low", "high", "unit", "repetitions"])
+        writer.writerows(
+            [row.name, row.preset, row.value, row.low, row.high, row.unit, row.n] for row in rows
+        )
+    write_summary(
+        args.out / "summary.json",
+        command=f"feasigrasp bench kinematics --seed {args.seed}" + " --quick" * args.quick,
+        git=git_revision(),
+        seed=args.seed,
+        rows=rows,
+        quick=args.quick,
+    )
+    print(format_rows(rows))
+    print(args.out / "summary.json")
+    return 0

@@ -1,0 +1,227 @@
+"""``feasigrasp bench reachability``: how quick the reachability filter and its fit are.
+
+Timed on one thread unless a preset says otherwise; nothing is taken over from an earlier run.
+`DIR/timings.csv` has all timings.
+
+- ``bench.reachability_filter_ms.rmm|ik|both``: 1024 random hand poses about an object half a metre
+  in front of the arm are judged (``default``); and the whole filter on 1024 grasps with their flips
+  on an object that moves, 1 s ahead, none left out as worse than others (``whole filter``).
+- ``bench.em_pass_s``: one pass of expectation maximisation.
+- ``bench.reachability_fit_s``, with ``--fit``: the command ``feasigrasp fit reachability``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.timing import Timing, cpu_time
+from feasigrasp.models import se3
+from feasigrasp.models.grasp_lookahead import judge_grasps
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.pose_judge import METHODS, PoseJudge
+from feasigrasp.models.reachability import REACHABLE, Reachability
+from feasigrasp.models.reachability_sampling import IiwaArm, sample_reachable_poses
+from feasigrasp.models.riemannian_blocks import PoseBlocks
+from feasigrasp.models.riemannian_large import LargeFit, em_pass, fit_large_mixture
+
+FloatArray = NDArray[np.float64]
+
+GRASPS, COMPONENTS, POSES = 1024, 64, 3_000_000
+#: The object: pose and twist [angular; linear].
+X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
+V_WO = np.array([0.0, 0.0, 0.2, 0.05, 0.05, 0.0])
+#: Grasps have any orientation and are this far from the object's centre at most, per axis [m].
+OBJECT_SIZE = 0.05
+#: The peer's memory is n x K: it gets this share of the poses, and its time is divided by it.
+_PEER_SHARE = 0.1
+
+_FILTER = "bench.reachability_filter_ms"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/bench_reachability", objects="builtin")
+    parser.add_argument("--fit", action="store_true", help="run the whole fit too (minutes)")
+
+
+def random_grasps(seed: int) -> GraspSet:
+    """The grasps that the filters get; about half of them can be reached."""
+    rng = np.random.default_rng(seed)
+    X_OG = se3.random_pose(rng, GRASPS)
+    X_OG[:, :3, 3] = rng.uniform(-OBJECT_SIZE, OBJECT_SIZE, (GRASPS, 3))
+    return GraspSet(X_OG, np.full(GRASPS, 0.05), rng.random(GRASPS))
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    seconds = 0.2 if args.quick else 2.0
+    grasps = random_grasps(args.seed)
+    reachable = np.mean(Reachability().verdicts(X_WO @ grasps.X_OG) == REACHABLE)
+    with threadpool_limits(1):
+        rows = _filter_rows(grasps, seconds) + _em_rows(args.seed, args.quick)
+    if args.fit:
+        rows.append(_fit_row(args))
+    args.out.mkdir(parents=True, exist_ok=True)
+    with (args.out / "timings.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["name", "preset", "median", "low", "high", "unit", "repetitions"])
+        writer.writerows(
+            [row.name, row.preset, row.value, row.low, row.high, row.unit, row.n] for row in rows
+        )
+    write_summary(
+        args.out / "summary.json",
+        command=f"feasigrasp bench reachability --seed {args.seed}"
+        + " --quick" * args.quick
+        + " --fit" * args.fit,
+        git=git_revision(),
+        seed=args.seed,
+        rows=rows,
+        quick=args.quick,
+        reachable_share=float(reachable),
+    )
+    print(f"{reachable:.0%} of the {GRASPS} hand poses are reachable")
+    print(format_rows(rows))
+    print(args.out / "summary.json")
+    return 0
+
+
+def _row(name: str, preset: str, timing: Timing, unit: str, factor: float) -> Row:
+    low, high = factor * timing.low, factor * timing.high
+    return Row(name, preset, factor * timing.median, low, high, unit, timing.n)
+
+
+def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
+    reachability, X_WG = Reachability(), X_WO @ grasps.X_OG
+    cases: list[tuple[str, str, Callable[[], object]]] = []
+    for method in METHODS:
+        judge = PoseJudge(reachability, method)
+        cases += [
+            (method, "default", partial(judge.verdicts, X_WG)),
+            (
+                method,
+                "whole filter",
+                partial(
+                    judge_grasps, grasps, X_WO, V_WO, judge, n_best=2 * GRASPS, score_share=0.0
+                ),
+            ),
+        ]
+    return [
+        _row(f"{_FILTER}.{method}", preset, cpu_time(function, seconds), "ms", 1e3)
+        for method, preset, function in tqdm(cases, desc="filter")
+    ]
+
+
+def _em_rows(seed: int, quick: bool) -> list[Row]:
+    rng = np.random.default_rng(seed)
+    n = POSES // 10 if quick else POSES
+    quaternions, positions = _reached(n, rng)
+    poses = PoseBlocks.of(quaternions, positions)
+    start = LargeFit(max_iterations=10)
+    mixture, _ = fit_large_mixture(poses.subset(rng, 200_000), COMPONENTS, rng, start)
+    size = f"N = {n:,}" if quick else ""
+    repetitions = 5 if quick else 7
+
+    def wall(threads: int) -> list[float]:
+        times = []
+        for _ in tqdm(range(repetitions + 1), desc=f"EM pass, {threads} threads"):
+            begin = time.perf_counter(), time.process_time()
+            em_pass(poses, mixture, threads)
+            # Of one thread, processor time: it leaves out what other processes take away.
+            times.append(
+                time.process_time() - begin[1] if threads == 1 else time.perf_counter() - begin[0]
+            )
+        return sorted(times[1:])
+
+    rows = []
+    for threads, preset in ((1, "default"), (2, "2 threads")):
+        times = wall(threads)
+        timing = Timing(float(np.median(times)), times[0], times[-1], repetitions)
+        preset = ", ".join(filter(None, (preset, size)))
+        rows.append(_row("bench.em_pass_s", preset, timing, "s", 1.0))
+    if find_spec("sklearn"):
+        seconds = _scikit_learn_iteration(quaternions, positions, n, seed)
+        preset = ", ".join(filter(None, ("peer:scikit-learn", size)))
+        rows.append(Row("bench.em_pass_s", preset, seconds, None, None, "s", 1))
+    else:
+        print("scikit-learn is not installed: its row is left out")
+    return rows
+
+
+def _reached(n: int, rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Quaternions (n, 4) and positions (n, 3) of reached flange poses, single precision."""
+    arm, parts, count = IiwaArm(), [], 0
+    with tqdm(total=n, desc="poses", unit_scale=True) as bar:
+        while count < n:
+            part = sample_reachable_poses(arm, 250_000, rng)
+            parts.append(part)
+            count += len(part.positions)
+            bar.update(len(part.positions))
+    quaternions = np.concatenate([part.quaternions for part in parts])[:n]
+    return quaternions, np.concatenate([part.positions for part in parts])[:n]
+
+
+def _scikit_learn_iteration(
+    quaternions: NDArray[np.float32], positions: NDArray[np.float32], n: int, seed: int
+) -> float:
+    """Seconds of one Euclidean EM iteration in R^6: rotation vector and position, for n poses.
+
+    What three iterations take more than one, halved, so that initialisation does not count.
+    """
+    few = int(_PEER_SHARE * n)
+    w = np.clip(np.abs(quaternions[:few, :1]), 0.0, 1.0)
+    v = quaternions[:few, 1:] * np.sign(quaternions[:few, :1])
+    angle = 2.0 * np.arccos(w)
+    axis = v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-9)
+    X = np.hstack([angle * axis, positions[:few]]).astype(float)
+
+    def fit(iterations: int) -> float:
+        mixture = import_module("sklearn.mixture").GaussianMixture(
+            COMPONENTS,
+            max_iter=iterations,
+            tol=0.0,
+            init_params="random_from_data",
+            random_state=seed,
+        )
+        begin = time.process_time()
+        mixture.fit(X)
+        return time.process_time() - begin
+
+    fit(1)  # loads what it needs
+    with threadpool_limits(1):
+        return (fit(3) - fit(1)) / 2.0 * n / few
+
+
+def _fit_row(args: argparse.Namespace) -> Row:
+    """Runs the whole fit, as its own command, in an empty folder."""
+    folder = args.out / "fit"
+    shutil.rmtree(folder, ignore_errors=True)
+    command = [sys.executable, "-m", "feasigrasp.cli", "fit", "reachability"]
+    command += ["--out", str(folder), "--seed", str(args.seed), "--jobs", str(args.jobs)]
+    command += ["--components", str(COMPONENTS)]
+    command += ["--samples", "300000"] if args.quick else []
+    begin = time.perf_counter()
+    done = subprocess.run(command, check=False)
+    seconds = time.perf_counter() - begin
+    if done.returncode != 0:
+        raise ReachabilityError(f"'{' '.join(command[2:])}' ended with status {done.returncode}")
+    preset = "300,000 samples" if args.quick else "default"
+    return Row("bench.reachability_fit_s", preset, seconds, None, None, "s", 1)

@@ -1,0 +1,175 @@
+"""``feasigrasp bench shape``: how quick the distance field is, beside its peers.
+
+Everything is timed in one go on one thread, so that what is compared ran under the same
+conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all timings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.shape_steps import (
+    PRESETS,
+    ValidationStep,
+    fit_from_points,
+    numpy_query,
+    partial_cloud,
+    potrf_with_copy,
+    torch_query,
+    whole_fit,
+)
+from feasigrasp.evaluation.timing import Timing, cpu_time
+from feasigrasp.models.farthest_points import farthest_points
+from feasigrasp.models.gpdf import PAPER, extend_field
+
+Array = NDArray[np.float64]
+
+#: Nodes of the fields that are timed.
+SIZES = (512, 1024)
+#: Points at which value and gradient are asked for.
+QUERIES = 100_000
+#: Nodes that a further view adds.
+ADDED = 128
+
+Case = tuple[str, str, Callable[[], object]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/bench_shape", objects="mustard_bottle")
+
+
+def cases(cloud: Array, seed: int) -> Iterator[Case]:
+    """What is timed: row name, preset, function.
+
+    Args:
+        cloud: Cloud of one object, shape (n, 3) [m].
+        seed: Seed of the queries.
+    """
+    rng = np.random.default_rng(seed)
+    for n in SIZES:
+        points = cloud[farthest_points(cloud, n)]
+        yield f"bench.gpdf_fit_ms.{n}", "default", partial(fit_from_points, points)
+        factorize, copy = potrf_with_copy(points)
+        yield f"bench.gpdf_fit_ms.{n}", "potrf and copy", factorize
+        yield f"bench.gpdf_fit_ms.{n}", "copy", copy
+        for peer, fit in peer_fits(points):
+            yield f"bench.gpdf_fit_ms.{n}", peer, fit
+        for preset in PRESETS:
+            yield f"bench.gpdf_fit_whole_ms.{n}", preset, partial(whole_fit, cloud, preset, n)
+            yield f"bench.validation_ms.{n}", preset, ValidationStep.of(cloud, preset, n, seed)
+    field = fit_from_points(points)
+    low, high = field.bounds + [[-0.1], [0.1]]
+    x = rng.uniform(low, high, (QUERIES, 3))
+    yield "bench.gpdf_query_ms", "default", lambda: field.distance_and_gradient(x)
+    in_numpy, in_torch = numpy_query(field), torch_query(field)
+    yield "bench.gpdf_query_ms", "peer:numpy", lambda: _in_parts(in_numpy, x)
+    single = torch.as_tensor(x, dtype=torch.float32)
+    yield "bench.gpdf_query_ms", "peer:torch", lambda: _in_parts(in_torch, single)
+    yield from update_cases(cloud)
+
+
+def update_cases(cloud: Array) -> Iterator[Case]:
+    """A further view: the Cholesky factor extended, and the field fitted anew."""
+    for n in SIZES:
+        points = cloud[farthest_points(cloud, n + ADDED)]
+        old, new = fit_from_points(points[:n]), points[n:]
+        name, s2 = f"bench.gpdf_update_ms.{n}", PAPER["noise_variance"]
+        yield (
+            name,
+            "extend",
+            partial(
+                extend_field,
+                old,
+                new,
+                np.ones(ADDED),
+                points=new,
+                bounds=old.bounds,
+                noise_variance=s2,
+            ),
+        )
+        yield name, "refit", partial(fit_from_points, points)
+
+
+def peer_fits(points: Array) -> Iterator[tuple[str, Callable[[], object]]]:
+    """The same fit by other packages, where they are installed."""
+    targets = np.ones(len(points))
+    if find_spec("sklearn"):
+        process = import_module("sklearn.gaussian_process")
+        kernel = process.kernels.Matern(PAPER["length_scale"], "fixed", nu=0.5)
+        regressor = process.GaussianProcessRegressor(
+            kernel, alpha=PAPER["noise_variance"], optimizer=None
+        )
+        yield "peer:scikit-learn", lambda: regressor.fit(points, targets)
+    else:
+        print("scikit-learn is not installed: its rows are left out")
+
+
+def _in_parts(query: Callable, x: NDArray | torch.Tensor) -> list:  # type: ignore[type-arg]
+    """Peers build m x n matrices: a thousand queries at a time keep them in the cache."""
+    return [query(x[i : i + 1000]) for i in range(0, len(x), 1000)]
+
+
+def timed(cloud: Array, seed: int, seconds: float) -> dict[tuple[str, str], Timing]:
+    """Times all cases, by row name and preset; LAPACK's factorization without the copying."""
+    found = {
+        (name, preset): cpu_time(function, seconds)
+        for name, preset, function in tqdm(cases(cloud, seed), desc="shape", unit="case")
+    }
+    for n in SIZES:
+        name = f"bench.gpdf_fit_ms.{n}"
+        both, copy = found.pop((name, "potrf and copy")), found.pop((name, "copy")).median
+        found[name, "peer:potrf"] = Timing(
+            both.median - copy, both.low - copy, both.high - copy, both.n
+        )
+    return found
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    name = next(iter(select_objects(args.objects).values()))
+    torch.set_num_threads(1)
+    with threadpool_limits(1):
+        timings = timed(partial_cloud(name, args.seed), args.seed, 0.2 if args.quick else 2.0)
+    rows = [
+        Row(name, preset, 1e3 * t.median, 1e3 * t.low, 1e3 * t.high, "ms", t.n)
+        for (name, preset), t in sorted(timings.items())
+    ]
+    for n in SIZES:
+        own, peer = (timings[f"bench.gpdf_fit_ms.{n}", of] for of in ("default", "peer:potrf"))
+        ratio = own.median / peer.median
+        rows.append(Row(f"bench.gpdf_fit_over_potrf.{n}", "default", ratio, None, None, "", own.n))
+    args.out.mkdir(parents=True, exist_ok=True)
+    with (args.out / "timings.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["name", "preset", "median", "low", "high", "unit", "repetitions"])
+        writer.writerows(
+            [row.name, row.preset, row.value, row.low, row.high, row.unit, row.n] for row in rows
+        )
+    write_summary(
+        args.out / "summary.json",
+        command=f"feasigrasp bench shape --objects {args.objects} --seed {args.seed}"
+        + " --quick" * args.quick,
+        git=git_revision(),
+        seed=args.seed,
+        rows=rows,
+        quick=args.quick,
+    )
+    print(format_rows(rows))
+    print(args.out / "summary.json")
+    return 0

@@ -1,0 +1,121 @@
+"""``feasigrasp evaluate capability``: what the arm reaches, as slices and as a scene in 3-D.
+
+At every point of a slice, the same set of random orientations of the flange is tried: the share
+that exact inverse kinematics reaches, the share that the reachable-space mixture takes for
+reachable, and the mixture's mean density over them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import shlex
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments, positive
+from feasigrasp.evaluation.capability_plots import Slice, plot_slices
+from feasigrasp.evaluation.evaluate_reachability import exact
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.replay import quiet_meshcat
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.models import se3
+from feasigrasp.models.reachable_space import ReachableSpace
+from feasigrasp.systems.capability_scene import write_scene
+
+#: The arm in the pictures, in the plane of the vertical slice [rad].
+POSTURE = np.deg2rad([0.0, 35.0, 0.0, -75.0, 0.0, 55.0, 0.0])
+#: Height of the horizontal slice [m].
+HEIGHT = 0.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/capability", objects="builtin")
+    parser.add_argument("--file", type=Path, help="reachable space; the shipped one by default")
+    parser.add_argument(
+        "--orientations", type=positive, default=96, help="orientations of the flange per point"
+    )
+    parser.add_argument("--spacing", type=float, default=0.04, help="between points of a slice [m]")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    if args.quick:
+        args.orientations, args.spacing = min(args.orientations, 32), max(args.spacing, 0.08)
+    space = ReachableSpace.load(args.file) if args.file else ReachableSpace.load_default()
+    R = se3.random_pose(np.random.default_rng(args.seed), args.orientations)[:, :3, :3]
+    args.out.mkdir(parents=True, exist_ok=True)
+    across = np.arange(-1.0, 1.0 + 1e-9, args.spacing)
+    up = np.arange(0.0, 1.36 + 1e-9, args.spacing)
+    grids = {
+        "vertical": (across, up, lambda a, b: (a, 0.0, b)),
+        "horizontal": (across, across, lambda a, b: (a, b, HEIGHT)),
+    }
+    slices = {}
+    for name, (a, b, place) in grids.items():
+        points = np.array([[place(x, y) for x in a] for y in b])
+        shares = _shares(points.reshape(-1, 3), R, space, name).reshape(len(b), len(a), 3)
+        slices[name] = Slice(a, b, *np.moveaxis(shares, 2, 0))
+        _write_csv(points, shares, args.out / f"{name}.csv")
+    plot_slices(slices["vertical"], slices["horizontal"], HEIGHT, POSTURE, args.out / "slices.png")
+    coarse = np.arange(-1.0, 1.0 + 1e-9, 2.5 * args.spacing)
+    x, y, z = np.meshgrid(coarse, coarse, np.arange(0.0, 1.36, 2.5 * args.spacing), indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    points = points[np.linalg.norm(points - [0.0, 0.0, 0.34], axis=1) < 1.0]
+    share = _shares(points, R[: len(R) // 2], space, "3-D")[:, 0]
+    write_scene(
+        quiet_meshcat(), points, share, POSTURE, 2.5 * args.spacing, args.out / "capability.html"
+    )
+    everywhere = np.concatenate([s.exact.ravel() for s in slices.values()])
+    accepted = np.concatenate([s.accepted.ravel() for s in slices.values()])
+    rows = [
+        Row(
+            "capability.share_correlation",
+            "default",
+            float(np.corrcoef(everywhere, accepted)[0, 1]),
+            None,
+            None,
+            "1",
+            len(everywhere),
+        )
+    ]
+    command = ["feasigrasp", "evaluate", "capability", "--seed", args.seed]
+    command += ["--orientations", args.orientations, "--spacing", args.spacing]
+    command += ["--file", args.file] if args.file else []
+    write_summary(
+        args.out / "summary.json",
+        shlex.join(map(str, command)),
+        git_revision(),
+        args.seed,
+        rows,
+        quick=args.quick,
+    )
+    print(format_rows(rows))
+    print(f"{args.out / 'slices.png'}, {args.out / 'capability.html'}, {args.out}/*.csv")
+    return 0
+
+
+def _shares(points: np.ndarray, R: np.ndarray, space: ReachableSpace, name: str) -> np.ndarray:
+    """Per point: share reached, share taken for reachable, mean density; shape (n, 3)."""
+    out = np.empty((len(points), 3))
+    batch = 64
+    for start in tqdm(range(0, len(points), batch), desc=name, unit="batch"):
+        chunk = points[start : start + batch]
+        X = se3.make_pose(np.tile(R, (len(chunk), 1, 1)), np.repeat(chunk, len(R), axis=0))
+        log_density = space.log_density(X).reshape(len(chunk), -1)
+        out[start : start + batch, 0] = exact(X).reshape(len(chunk), -1).mean(axis=1)
+        out[start : start + batch, 1] = (log_density >= space.threshold).mean(axis=1)
+        out[start : start + batch, 2] = np.exp(log_density).mean(axis=1)
+    return out
+
+
+def _write_csv(points: np.ndarray, shares: np.ndarray, filename: Path) -> None:
+    with filename.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["x", "y", "z", "exact_share", "accepted_share", "mean_density"])
+        table = np.concatenate([points, shares], axis=2).reshape(-1, 6)
+        writer.writerows([f"{value:.6g}" for value in row] for row in table)

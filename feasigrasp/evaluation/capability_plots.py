@@ -1,0 +1,113 @@
+"""Slices through what the arm reaches, with the arm drawn on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import numpy as np  # noqa: E402 - the backend comes first
+from matplotlib import pyplot as plt  # noqa: E402
+from matplotlib.axes import Axes  # noqa: E402
+from matplotlib.patches import PathPatch  # noqa: E402
+from matplotlib.path import Path as Outline  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
+from scipy.spatial import ConvexHull  # noqa: E402
+
+from feasigrasp.models.capsule_kernels import link_poses_kernel  # noqa: E402
+from feasigrasp.models.iiwa_capsules import capsule_model  # noqa: E402
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """What is known at the points of a slice.
+
+    Attributes:
+        across: Coordinates along the horizontal axis of the picture, shape (a,) [m].
+        up: Coordinates along the vertical axis, shape (b,) [m].
+        exact: Share of orientations that exact inverse kinematics reaches, shape (b, a).
+        accepted: Share that the mixture takes for reachable.
+        density: Mean density of the mixture.
+    """
+
+    across: FloatArray
+    up: FloatArray
+    exact: FloatArray
+    accepted: FloatArray
+    density: FloatArray
+
+
+def plot_slices(
+    vertical: Slice, horizontal: Slice, height: float, posture: FloatArray, filename: Path
+) -> None:
+    """Draws both slices: exact share, accepted share and density beside each other.
+
+    Args:
+        vertical: The plane y = 0, x to the right and z up.
+        horizontal: The plane z = ``height``, x to the right and y up.
+        height: Height of the latter [m].
+        posture: Joint positions of the arm that is drawn, shape (7,) [rad].
+        filename: Where to.
+    """
+    heights = [np.ptp(vertical.up), np.ptp(horizontal.up)]
+    figure, axes = plt.subplots(
+        2, 3, figsize=(10.0, 5.9), height_ratios=heights, layout="compressed"
+    )
+    densest = max(vertical.density.max(), horizontal.density.max())
+    titles = (
+        "orientations reached\n(exact inverse kinematics)",
+        "orientations accepted\n(mixture at its 99 % threshold)",
+        "mean density of the mixture\n(relative to the largest)",
+    )
+    for row, (piece, normal) in enumerate(((vertical, 1), (horizontal, 2))):
+        for column, values in enumerate((piece.exact, piece.accepted, piece.density / densest)):
+            ax = axes[row, column]
+            image = ax.contourf(
+                piece.across,
+                piece.up,
+                np.clip(values, 0.0, 1.0),
+                np.linspace(0.0, 1.0, 26),
+                cmap="magma" if column == 2 else "viridis",
+            )
+            levels = [0.02, 0.25, 0.5, 0.75]
+            ax.contour(
+                piece.across, piece.up, values, levels, colors="white", linewidths=0.6, alpha=0.6
+            )
+            _draw_arm(ax, posture, normal)
+            ax.set_aspect("equal")
+            ax.set_xlim(piece.across[[0, -1]])
+            ax.set_ylim(piece.up[[0, -1]])
+            ax.set_xlabel("x [m]")
+            ax.set_ylabel("z [m]  at y = 0" if row == 0 else f"y [m]  at z = {height} m")
+            if row == 0:
+                ax.set_title(titles[column], fontsize=10)
+    ticks = np.linspace(0.0, 1.0, 6)
+    figure.colorbar(image, ax=axes[:, 2], shrink=0.7, ticks=ticks)
+    first = axes[0, 0].collections[0]
+    percent = "{x:.0%}"
+    figure.colorbar(first, ax=axes[:, 1], shrink=0.7, ticks=ticks, format=percent)
+    figure.savefig(filename, dpi=95, bbox_inches="tight")
+    plt.close(figure)
+
+
+def _draw_arm(ax: Axes, posture: FloatArray, normal: int) -> None:
+    """Draws the arm's capsules, seen along an axis of the world (1: y, 2: z)."""
+    model = capsule_model()
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    link_poses_kernel(posture, R, p)
+    shown = [0, 2] if normal == 1 else [0, 1]
+    around = np.linspace(0.0, 2.0 * np.pi, 40)
+    circle = np.column_stack([np.cos(around), np.sin(around)])
+    order = np.argsort(model.link, kind="stable")
+    for c in order:
+        link = model.link[c]
+        ends = (model.ends[c] @ R[link].T + p[link])[:, shown]
+        rim = (ends[:, None] + model.radius[c] * circle).reshape(-1, 2)
+        corners = rim[ConvexHull(rim).vertices]
+        outline = Outline(np.concatenate([corners, corners[:1]]), closed=True)
+        patch = PathPatch(outline, facecolor="0.93", edgecolor="0.25", linewidth=0.7, alpha=0.75)
+        ax.add_patch(patch)

@@ -1,0 +1,188 @@
+"""``feasigrasp evaluate kinematics``: the arm's kinematics against Drake and against themselves.
+
+Forward kinematics, Jacobian and self-collision are compared with Drake's plant and collision
+checker, inverse kinematics with forward kinematics, and the three sources of inverse kinematics
+with each other. A command that was interrupted goes on after its last finished part.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.drake_arm import DrakeArm
+from feasigrasp.evaluation.finished_parts import finish_part
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.statistics import proportion
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.inverse_kinematics import arm_angle, closed_form
+from feasigrasp.models.self_collision import in_collision, min_distance
+
+FloatArray = NDArray[np.float64]
+
+#: A configuration counts as found again within this [rad].
+SAME_CONFIGURATION = 1e-6
+#: Uniform configurations behind the row of preset ``default`` of the collisions.
+JUDGED = 100_000
+#: Configurations closer to contact are not judged: the two programs round differently [m].
+CONTACT = 1e-9
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/evaluate_kinematics", objects="builtin")
+
+
+def random_configurations(n: int, rng: np.random.Generator) -> FloatArray:
+    """Configurations uniform inside the joint limits, shape (n, 7) [rad]."""
+    return rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+
+
+def folded_configurations(n: int, rng: np.random.Generator) -> FloatArray:
+    """Configurations bent back towards the base, of which a quarter is in collision, (n, 7)."""
+    Q = random_configurations(n, rng)
+    side = np.sign(Q[:, :1])
+    Q[:, [2, 4]] *= 0.2
+    Q[:, [1, 3, 5]] = side * np.abs(Q[:, [1, 3, 5]]) * (1, -1, 1)
+    Q[:, [1, 3]] = (Q[:, [1, 3]] + np.sign(Q[:, [1, 3]]) * POSITION_LIMITS[1]) / 2
+    return Q
+
+
+def forward_rows(n: int, seed: int, folder: Path) -> list[Row]:
+    """Largest differences from Drake's plant over ``n`` random configurations."""
+    Q = random_configurations(n, np.random.default_rng([seed, 0]))
+    X, J = pose_and_jacobian(Q)
+    X_drake, J_drake = DrakeArm().pose_and_jacobian(Q)
+    position = np.linalg.norm((X - X_drake)[:, :3, 3], axis=1)
+    rotation = np.abs(X - X_drake)[:, :3, :3].max(axis=(1, 2))
+    jacobian = np.abs(J - J_drake).max(axis=(1, 2))
+    _write(folder / "forward.csv", "position_m,rotation,jacobian", position, rotation, jacobian)
+    return [
+        Row("kinematics.fk_error_max", "default", position.max(), None, None, "m", n),
+        Row("kinematics.fk_rotation_error_max", "default", rotation.max(), None, None, "1", n),
+        Row("kinematics.jacobian_error_max", "default", jacobian.max(), None, None, "1", n),
+    ]
+
+
+def inverse_rows(n: int, seed: int, folder: Path) -> list[Row]:
+    """Closed form: residual of all its solutions, and configurations found again."""
+    rng = np.random.default_rng([seed, 1])
+    Q = random_configurations(n, rng)
+    X_WF = forward_kinematics(Q)
+    psis = rng.uniform(-np.pi, np.pi, n)
+    position, rotation, away = np.empty(n), np.empty(n), np.empty(n)
+    for k in tqdm(range(n), desc="inverse kinematics", leave=False):
+        solutions = closed_form(X_WF[k], psis[k])
+        # All of them have the same wrist, whose distance decides whether there are any.
+        missed = forward_kinematics(solutions) - X_WF[k] if len(solutions) else np.inf
+        position[k] = np.sqrt((np.square(missed)[..., :3, 3]).sum(axis=-1)).max()
+        # The angle of a small rotation is its Frobenius norm over the root of 2.
+        rotation[k] = np.sqrt((np.square(missed)[..., :3, :3]).sum(axis=(-1, -2)) / 2).max()
+        own = closed_form(X_WF[k], arm_angle(Q[k]))
+        away[k] = np.abs(own - Q[k]).max(axis=1).min() if len(own) else np.inf
+    _write(folder / "inverse.csv", "position_m,rotation_rad,away_rad", position, rotation, away)
+    found = proportion(int((away <= SAME_CONFIGURATION).sum()), n)
+    residual = float(max(position.max(), rotation.max()))
+    return [
+        Row("kinematics.ik_residual_max", "default", residual, None, None, "m|rad", n),
+        Row.of("kinematics.ik_recovered_percent", "default", found, "%", 100.0),
+    ]
+
+
+def collision_rows(n: int, seed: int, folder: Path) -> list[Row]:
+    """Verdicts that differ from Drake's: ``n`` uniform and a tenth as many folded configurations.
+
+    The row of preset ``default`` is that of the first 1e5 uniform ones and the collision checker.
+    The others name the configurations and which of Drake's two queries was asked, the checker's
+    or ``has_collisions``; see `DrakeArm.in_collision` for why these two are not always of one mind.
+    """
+    rng = np.random.default_rng([seed, 2])
+    drake = DrakeArm()
+    rows, disagreements = [], []
+    for kind, Q in (
+        ("uniform", random_configurations(n, rng)),
+        ("folded", folded_configurations(n // 10, rng)),
+    ):
+        ours = in_collision(Q)
+        verdicts = {"checker": drake.in_collision(Q), "has_collisions": drake.has_collisions(Q)}
+        if kind == "uniform":
+            rows += _mismatch_rows("default", Q[:JUDGED], ours[:JUDGED], verdicts["checker"])
+        for query, theirs in verdicts.items():
+            rows += _mismatch_rows(f"{kind}/{query}", Q, ours, theirs)
+        checker, simple = verdicts.values()
+        odd = np.flatnonzero((ours != checker) | (ours != simple))
+        distance = np.array([min_distance(q) for q in Q[odd]])
+        disagreements.append(
+            np.column_stack((Q[odd], distance.reshape(-1, 1), ours[odd], checker[odd], simple[odd]))
+        )
+    header = "q1,q2,q3,q4,q5,q6,q7,distance_m,ours,checker,has_collisions"
+    _write(folder / "collision_disagreements.csv", header, np.concatenate(disagreements))
+    return rows
+
+
+def _mismatch_rows(
+    preset: str, Q: FloatArray, ours: NDArray[np.bool_], theirs: NDArray[np.bool_]
+) -> list[Row]:
+    n = len(ours)
+    differ = Q[ours != theirs[:n]]
+    touching = sum(abs(min_distance(q)) < CONTACT for q in differ)
+    counts = {
+        "collision_mismatches": len(differ) - touching,
+        "collision_at_contact": touching,
+        "collision_hits": int(ours.sum()),
+    }
+    return [
+        Row(f"kinematics.{name}", preset, float(count), None, None, "1", n)
+        for name, count in counts.items()
+    ]
+
+
+def source_rows(seed: int, quick: bool) -> list[Row]:
+    """The three sources of inverse kinematics side by side."""
+    from feasigrasp.evaluation.ik_sources import ik_source_rows
+
+    return list(ik_source_rows(seed, quick))
+
+
+def _write(filename: Path, header: str, *columns: FloatArray) -> None:
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(
+        filename, np.column_stack(columns), fmt="%.9g", delimiter=",", header=header, comments=""
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    n = 10_000 if args.quick else 100_000
+    parts: dict[str, Callable[[], Sequence[Row]]] = {
+        "forward": lambda: forward_rows(10_000, args.seed, args.out),
+        "inverse": lambda: inverse_rows(n, args.seed, args.out),
+        "collision": lambda: collision_rows(10 * n, args.seed, args.out),
+        "sources": lambda: source_rows(args.seed, args.quick),
+    }
+    rows = []
+    with tqdm(parts.items(), desc="kinematics", unit="part") as bar:
+        for name, measure in bar:
+            bar.set_postfix_str(name)
+            settings = {"seed": args.seed, "quick": args.quick}
+            rows += finish_part(args.out / "parts" / f"{name}.json", settings, measure)
+    write_summary(
+        args.out / "summary.json",
+        command=f"feasigrasp evaluate kinematics --seed {args.seed}" + " --quick" * args.quick,
+        git=git_revision(),
+        seed=args.seed,
+        rows=rows,
+        quick=args.quick,
+    )
+    print(format_rows(rows))
+    print(args.out / "summary.json")
+    return 0

@@ -1,0 +1,236 @@
+"""``feasigrasp evaluate reachability``: the mixture as a judge of poses, against exact IK."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.evaluation.arguments import add_common_arguments, positive
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.reachability_peers import FlatMixture, VoxelMap
+from feasigrasp.evaluation.reachability_plots import plot_roc
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.roc import area_under_curve, roc_curve
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.statistics import proportion
+from feasigrasp.models import se3
+from feasigrasp.models.reachability import REACHABLE, Reachability
+from feasigrasp.models.reachability_sampling import (
+    IiwaArm,
+    manipulability_reference,
+    sample_reachable_poses,
+)
+from feasigrasp.models.reachable_space import ReachableSpace
+from feasigrasp.models.riemannian_blocks import PoseBlocks
+from feasigrasp.models.riemannian_float32 import log_densities, pack
+from feasigrasp.models.riemannian_kernels import pose_quaternions
+from feasigrasp.models.riemannian_large import LargeFit, fit_large_mixture, rotations
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+#: Where the random poses lie [m].
+LOWEST, HIGHEST = (-0.9, -0.9, 0.1), (0.9, 0.9, 1.25)
+#: Components of the paper's mixture.
+PAPER_COMPONENTS = 64
+LABELS = {
+    "rmm": "RMM, shipped",
+    "rmm-paper": "RMM, K = 64, uniform draws (paper)",
+    "gmm": "GMM on flattened poses (Kim 2014)",
+    "gmm-paper": "GMM, uniform draws",
+    "voxel": "voxel map",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """A score of poses, and from which value on a pose counts as reachable.
+
+    Attributes:
+        score: Scores of poses (n, 4, 4), shape (n,).
+        threshold: 99 % of reached poses score at least that.
+    """
+
+    score: Callable[[FloatArray], FloatArray]
+    threshold: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/reachability", objects="builtin")
+    parser.add_argument("--poses", type=positive, default=6000, help="random poses to judge")
+    parser.add_argument("--file", type=Path, help="reachable space; the shipped one by default")
+    parser.add_argument(
+        "--peer_poses",
+        type=positive,
+        default=200_000,
+        help="reached poses that peers are fitted to",
+    )
+    parser.add_argument(
+        "--voxel_draws", type=positive, default=4_000_000, help="configurations in the voxel map"
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    if args.quick:
+        args.poses, args.peer_poses = min(args.poses, 2000), min(args.peer_poses, 20_000)
+        args.voxel_draws = min(args.voxel_draws, 1_000_000)
+    space = ReachableSpace.load(args.file) if args.file else ReachableSpace.load_default()
+    if not np.allclose(space.metadata.get("X_FT", np.eye(4)), np.eye(4)):
+        raise ReachabilityError(f"{args.file} is about a tool; only flange poses are compared here")
+    rng = np.random.default_rng(args.seed)
+    X = random_poses(rng, args.poses)
+    reachable = exact(X)
+    out: Path = args.out
+    out.mkdir(parents=True, exist_ok=True)
+    scores: dict[str, FloatArray] = {}
+    thresholds: dict[str, float] = {}
+    for name in tqdm(LABELS, desc="judges"):
+        # A finished judge is kept: the same command goes on where it was interrupted.
+        key = f"{name}-{args.seed}-{args.poses}-{args.peer_poses}-{args.voxel_draws}"
+        file = out / "judges" / f"{key}.npz"
+        if name != "rmm" and file.is_file():
+            with np.load(file) as stored:
+                scores[name], thresholds[name] = stored["score"], float(stored["threshold"])
+            continue
+        judge = _judge(name, space, args)
+        scores[name], thresholds[name] = judge.score(X), judge.threshold
+        if name != "rmm":
+            file.parent.mkdir(exist_ok=True)
+            np.savez(file, score=scores[name], threshold=thresholds[name])
+    rows = [
+        row for name in LABELS for row in _rows(name, scores[name], thresholds[name], reachable)
+    ]
+    _write_poses(X, reachable, scores, out / "poses.csv")
+    _write_curves(scores, thresholds, reachable, out)
+    command = ["feasigrasp", "evaluate", "reachability", "--seed", args.seed, "--poses", args.poses]
+    command += ["--file", args.file] if args.file else []
+    command += ["--quick"] if args.quick else []
+    write_summary(
+        out / "summary.json",
+        shlex.join(map(str, command)),
+        git_revision(),
+        args.seed,
+        rows,
+        quick=args.quick,
+        reachable_share=float(reachable.mean()),
+    )
+    print(f"{reachable.mean():.1%} of {len(X)} random poses are reachable")
+    print(format_rows(rows))
+    print(f"{out / 'summary.json'}, {out / 'poses.csv'}, {out / 'roc.csv'}, {out / 'roc.png'}")
+    return 0
+
+
+def random_poses(rng: np.random.Generator, n: int) -> FloatArray:
+    """Poses with uniform rotations and positions in the evaluation's box, shape (n, 4, 4) [m]."""
+    X = se3.random_pose(rng, n)
+    X[:, :3, 3] = rng.uniform(LOWEST, HIGHEST, (n, 3))
+    return X
+
+
+def exact(X_WF: FloatArray) -> BoolArray:
+    """Whether some configuration inside the limits, free of self-collision, has a flange pose."""
+    judge = Reachability(n_arm_angles=90, limit_margin=0.0, clearance=0.0, table_height=-100.0)
+    return np.asarray(judge.flange_verdicts(X_WF) == REACHABLE)
+
+
+def _judge(name: str, space: ReachableSpace, args: argparse.Namespace) -> Judge:
+    rng = np.random.default_rng([args.seed, list(LABELS).index(name)])
+    if name == "rmm":
+        return Judge(space.log_density, space.threshold)
+    if name == "voxel":
+        voxels = VoxelMap(_reached(rng, args.voxel_draws, thin=False))
+        return _with_threshold(voxels.score, _reached(rng, args.peer_poses, thin=False))
+    X = _reached(rng, 4 * args.peer_poses, thin=not name.endswith("paper"))[: args.peer_poses]
+    held_out, X = X[: len(X) // 5], X[len(X) // 5 :]
+    if name.startswith("gmm"):
+        flat = FlatMixture.fit(X, len(space.mixture), rng)
+        return _with_threshold(flat.log_density, held_out)
+    q = sample_quaternions(X)
+    fit = LargeFit(threads=args.jobs)
+    mixture, _ = fit_large_mixture(PoseBlocks.of(q, X[:, :3, 3]), PAPER_COMPONENTS, rng, fit)
+    packed = pack(mixture)
+    return _with_threshold(lambda poses: log_densities(poses, packed), held_out)
+
+
+def _with_threshold(score: Callable[[FloatArray], FloatArray], held_out: FloatArray) -> Judge:
+    return Judge(score, float(np.quantile(score(held_out), 0.01)))
+
+
+def _reached(rng: np.random.Generator, draws: int, thin: bool) -> FloatArray:
+    """Reached flange poses, shape (n, 4, 4)."""
+    arm, parts = IiwaArm(), []
+    reference = manipulability_reference(arm) if thin else None
+    for start in range(0, draws, 250_000):
+        part = sample_reachable_poses(arm, min(250_000, draws - start), rng, thin=reference)
+        parts.append(se3.make_pose(rotations(part.quaternions.astype(float)), part.positions))
+    return np.concatenate(parts)
+
+
+def sample_quaternions(X: FloatArray) -> FloatArray:
+    """Unit quaternions wxyz, shape (n, 4), of poses (n, 4, 4)."""
+    out = np.empty((len(X), 4))
+    pose_quaternions(np.ascontiguousarray(X), out)
+    return out
+
+
+def _rows(name: str, score: FloatArray, threshold: float, reachable: BoolArray) -> list[Row]:
+    judged = score >= threshold
+    # A count of zero is no evidence of reach, whatever the threshold.
+    judged &= score > 0.0 if name == "voxel" else True
+    auc = area_under_curve(score, reachable)
+    family, _, variant = name.partition("-")
+    rows = [Row.of(f"reachability.auc.{family}", variant or "default", auc, "1")]
+    for figure, hits, n in (
+        ("accuracy", judged == reachable, len(reachable)),
+        ("precision", (judged & reachable)[judged], int(judged.sum())),
+        ("recall", judged[reachable], int(reachable.sum())),
+        ("false_positive_percent", judged[~reachable], int((~reachable).sum())),
+    ):
+        percent = figure.endswith("percent")
+        estimate = proportion(int(np.sum(hits)), max(n, 1))
+        unit, factor = ("%", 100.0) if percent else ("1", 1.0)
+        rows.append(Row.of(f"reachability.{figure}", name, estimate, unit, factor))
+    return rows
+
+
+def _write_poses(
+    X: FloatArray, reachable: BoolArray, scores: dict[str, FloatArray], filename: Path
+) -> None:
+    with filename.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["qw", "qx", "qy", "qz", "x", "y", "z", "reachable", *scores])
+        table = np.column_stack([sample_quaternions(X), X[:, :3, 3], reachable, *scores.values()])
+        writer.writerows([f"{value:.7g}" for value in row] for row in table)
+
+
+def _write_curves(
+    scores: dict[str, FloatArray],
+    thresholds: dict[str, float],
+    reachable: BoolArray,
+    out: Path,
+) -> None:
+    curves, points = {}, {}
+    with (out / "roc.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["judge", "false_positive_share", "true_positive_share"])
+        for name, score in scores.items():
+            false, true = roc_curve(score, reachable)
+            label = f"{LABELS[name]}: {area_under_curve(score, reachable).value:.3f}"
+            curves[label] = false, true
+            judged = (score >= thresholds[name]) & ((score > 0.0) | (name != "voxel"))
+            points[label] = float(judged[~reachable].mean()), float(judged[reachable].mean())
+            writer.writerows(
+                [name, f"{f:.5f}", f"{t:.5f}"] for f, t in zip(false, true, strict=True)
+            )
+    plot_roc(curves, points, out / "roc.png")

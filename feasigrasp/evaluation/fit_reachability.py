@@ -1,0 +1,298 @@
+"""``feasigrasp fit reachability``: the reachable space of an arm as a Riemannian mixture."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import shlex
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from tqdm import tqdm
+
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.evaluation.arguments import positive
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.reachability_plots import plot_bic
+from feasigrasp.evaluation.reachability_samples import SamplingPlan, draw_all, peak_memory_gb
+from feasigrasp.evaluation.result_files import Row, write_json, write_summary
+from feasigrasp.models import se3
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.reachability_sampling import (
+    FLOOR,
+    IiwaArm,
+    ReachedPoses,
+    SerialArm,
+    manipulability_reference,
+)
+from feasigrasp.models.reachable_space import ReachableSpace
+from feasigrasp.models.riemannian_blocks import PoseBlocks
+from feasigrasp.models.riemannian_float32 import log_densities, pack
+from feasigrasp.models.riemannian_large import LargeFit, fit_large_mixture, rotations
+
+SWEEP = (8, 16, 32, 64, 96, 128)
+#: Share of reachable poses whose log density exceeds the threshold.
+COVERED = 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """The poses of a fit.
+
+    Attributes:
+        poses: What EM sees.
+        held_out: What the threshold comes from, shape (h, 4, 4).
+    """
+
+    poses: PoseBlocks
+    held_out: np.ndarray
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument("--out", type=Path, default=Path("out/fit_reachability"))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=positive, default=joblib.cpu_count(), help="processes")
+    parser.add_argument(
+        "--samples", type=positive, default=10_000_000, help="configurations to draw"
+    )
+    parser.add_argument(
+        "--fit_poses", type=positive, default=3_500_000, help="at most so many poses go into EM"
+    )
+    parser.add_argument(
+        "--components",
+        default="128",
+        help=f"numbers separated by commas, or 'sweep' for {','.join(map(str, SWEEP))}; the space "
+        "of the last one is written as reachable_space.npz",
+    )
+    parser.add_argument(
+        "--weighting",
+        choices=("manipulability", "uniform"),
+        default="manipulability",
+        help="uniform: the poses of uniform configurations, as the paper; manipulability: thinned "
+        "where the arm is close to singular, which tells reachable poses from others better",
+    )
+    parser.add_argument(
+        "--tool",
+        default="flange",
+        help="frame to fit: 'flange', 'gripper' (its grasp frame), or x,y,z[,roll,pitch,yaw] in "
+        "the flange frame [m, degrees]; with --plant, in the end frame",
+    )
+    parser.add_argument("--floor", type=float, default=FLOOR, help="lowest z of that frame [m]")
+    parser.add_argument("--arm", choices=("iiwa",), default="iiwa", help="built-in arm")
+    parser.add_argument("--plant", type=Path, help="another arm: .dmd.yaml, .urdf, .sdf or .xml")
+    parser.add_argument("--base_frame", help="with --plant: frame that poses are expressed in")
+    parser.add_argument("--end_frame", help="with --plant: frame at the end of the arm")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    start = time.perf_counter()
+    arm, jobs = _arm(args)
+    components, X_FT = parse_components(args.components), parse_tool(args.tool)
+    thin = manipulability_reference(arm) if args.weighting == "manipulability" else None
+    if thin == 0.0:
+        raise ReachabilityError(
+            "the arm is singular everywhere (fewer than six joints?): --weighting uniform"
+        )
+    settings = _settings(args)
+    fresh = not (args.out / "settings.json").is_file()
+    _keep_folder(args.out, settings)
+    plan = SamplingPlan(args.samples, args.seed, X_FT, args.floor, thin)
+    reached = draw_all(arm, plan, args.out / "samples", jobs)
+    counts = _counts(reached)
+    print(", ".join(f"{value} {name}" for name, value in counts.items()))
+    data = split(reached, args.fit_poses, args.seed)
+    del reached
+    fits = []
+    for k in components:
+        metadata = {
+            **settings,
+            "command": _command(args),
+            "git": git_revision(),
+            "frame": "end frame" if args.plant else "flange",
+            "X_FT": X_FT.tolist(),
+            "counts": {**counts, "fitted": data.poses.n, "held_out": len(data.held_out)},
+        }
+        path = args.out / f"reachable_space_{k}.npz"
+        space = ReachableSpace.load(path) if path.is_file() else _fit(data, k, args, metadata)
+        space.save(path)
+        fits.append(space)
+    fits[-1].save(args.out / "reachable_space.npz")
+    seconds = time.perf_counter() - start
+    rows = [
+        *(
+            Row("reachability.bic", f"K={len(s.mixture)}", _bic(s), None, None, "1", data.poses.n)
+            for s in fits
+        ),
+    ]
+    if fresh:  # a run that goes on where another one stopped says nothing about the whole
+        preset = f"K={args.components}"
+        memory = peak_memory_gb()
+        rows.append(Row("bench.reachability_fit_s", preset, seconds, None, None, "s", 1))
+        rows.append(Row("reachability.fit_memory_gb", preset, memory, None, None, "GB", 1))
+    _write_bic(fits, args.out)
+    write_summary(
+        args.out / "summary.json", _command(args), git_revision(), args.seed, rows, counts=counts
+    )
+    for space in fits:
+        print(
+            f"K = {len(space.mixture):4d}   BIC {_bic(space):.6g}   "
+            f"99 % threshold {space.threshold:.3f}"
+        )
+    print(f"{seconds:.1f} s, at most {peak_memory_gb():.2f} GB; {args.out}/reachable_space.npz")
+    return 0
+
+
+def parse_components(text: str) -> tuple[int, ...]:
+    """Reads ``--components``.
+
+    Raises:
+        ReachabilityError: It is neither ``sweep`` nor a list of positive numbers.
+    """
+    if text == "sweep":
+        return SWEEP
+    try:
+        numbers = tuple(int(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if not numbers or min(numbers) < 1:
+        raise ReachabilityError(f"--components {text}: give e.g. 64,128 or sweep")
+    return numbers
+
+
+def parse_tool(text: str) -> np.ndarray:
+    """Reads ``--tool``: the fitted frame in the end frame, shape (4, 4) [m].
+
+    Raises:
+        ReachabilityError: It is neither a known name nor three or six numbers.
+    """
+    if text == "flange":
+        return np.eye(4)
+    if text == "gripper":
+        return ParallelGripper().X_FG.copy()
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (3, 6) or not np.isfinite(numbers).all():
+        raise ReachabilityError(
+            f"--tool {text}: give flange, gripper, or x,y,z[,roll,pitch,yaw] in metres and degrees"
+        )
+    roll, pitch, yaw = np.deg2rad(numbers[3:] or [0.0, 0.0, 0.0])
+    turns = [[0, 0, yaw], [0, pitch, 0], [roll, 0, 0]]
+    z, y, x = (se3.so3_exp(np.array(turn, dtype=float)) for turn in turns)
+    return se3.make_pose(z @ y @ x, numbers[:3])
+
+
+def split(reached: ReachedPoses, fit_poses: int, seed: int) -> FitData:
+    """Puts aside 2 % of the poses, at most 200 000, and sorts at most ``fit_poses`` of the rest.
+
+    Raises:
+        ReachabilityError: Too few poses were reached.
+    """
+    n = len(reached.positions)
+    if n < 1000:
+        raise ReachabilityError(f"only {n} poses were reached; raise --samples, or lower --floor.")
+    held_out = np.random.default_rng([seed, n]).choice(n, min(n // 50, 200_000), replace=False)
+    rest = np.ones(n, dtype=bool)
+    rest[held_out] = False
+    chosen = np.flatnonzero(rest)[:fit_poses]  # draws are independent: the first are as good
+    X = se3.make_pose(
+        rotations(reached.quaternions[held_out].astype(float)),
+        reached.positions[held_out].astype(float),
+    )
+    return FitData(PoseBlocks.of(reached.quaternions[chosen], reached.positions[chosen]), X)
+
+
+def _fit(
+    data: FitData, k: int, args: argparse.Namespace, metadata: dict[str, Any]
+) -> ReachableSpace:
+    fit = LargeFit(threads=args.jobs)
+    with tqdm(total=fit.max_iterations, unit="pass", desc=f"K = {k}") as bar:
+
+        def progress(stage: str, i: int, likelihood: float) -> None:
+            bar.set_postfix_str(f"{stage} {i}, {likelihood:.4f}", refresh=False)
+            bar.update(stage == "all")
+
+        mixture, likelihood = fit_large_mixture(
+            data.poses, k, np.random.default_rng([args.seed, k]), fit, progress
+        )
+    threshold = float(np.quantile(log_densities(data.held_out, pack(mixture)), 1.0 - COVERED))
+    return ReachableSpace(mixture, threshold, {**metadata, "log_likelihood_per_pose": likelihood})
+
+
+def _bic(space: ReachableSpace) -> float:
+    n = space.metadata["counts"]["fitted"]
+    likelihood = n * space.metadata["log_likelihood_per_pose"]
+    return float((28 * len(space.mixture) - 1) * np.log(n) - 2.0 * likelihood)
+
+
+def _write_bic(fits: list[ReachableSpace], out: Path) -> None:
+    table = sorted((len(s.mixture), _bic(s), s.threshold) for s in fits)
+    with (out / "bic.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["components", "bic", "threshold"])
+        writer.writerows(table)
+    if len(table) > 1:
+        plot_bic([row[0] for row in table], [row[1] for row in table], out / "bic.png")
+
+
+def _arm(args: argparse.Namespace) -> tuple[SerialArm, int]:
+    """The arm, and in how many processes it can be sampled."""
+    if args.plant is None:
+        return IiwaArm(), args.jobs
+    if not (args.base_frame and args.end_frame):
+        raise ReachabilityError("--plant needs --base_frame and --end_frame")
+    from feasigrasp.systems.serial_arm import PlantArm  # Drake takes a second to load
+
+    return PlantArm(args.plant, args.base_frame, args.end_frame), 1
+
+
+def _settings(args: argparse.Namespace) -> dict[str, Any]:
+    """What decides the samples and the fits: a folder holds results of one such choice."""
+    return {
+        "arm": str(args.plant) if args.plant else args.arm,
+        "frames": [args.base_frame, args.end_frame],
+        "samples": args.samples,
+        "fit_poses": args.fit_poses,
+        "seed": args.seed,
+        "weighting": args.weighting,
+        "tool": args.tool,
+        "floor": args.floor,
+    }
+
+
+def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
+    """Notes the settings of a folder; results of other settings are not mixed in.
+
+    Raises:
+        ReachabilityError: The folder was made with other settings.
+    """
+    file = out / "settings.json"
+    if not file.is_file():
+        write_json(settings, file)
+    elif json.loads(file.read_text()) != settings:
+        raise ReachabilityError(f"{out} holds results of other settings; give another --out")
+
+
+def _counts(reached: ReachedPoses) -> dict[str, int]:
+    return {
+        "drawn": reached.drawn,
+        "colliding": reached.colliding,
+        "low": reached.low,
+        "thinned": reached.thinned,
+        "reached": len(reached.positions),
+    }
+
+
+def _command(args: argparse.Namespace) -> str:
+    names = ["samples", "fit_poses", "components", "weighting", "tool", "floor", "seed"]
+    names += ["plant", "base_frame", "end_frame"] if args.plant else []
+    words = [word for name in names for word in (f"--{name}", str(getattr(args, name)))]
+    return shlex.join(["feasigrasp", "fit", "reachability", *words])

@@ -1,0 +1,78 @@
+"""The iiwa in other libraries for its kinematics, where they are installed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.iiwa import (
+    FLANGE_HEIGHT,
+    JOINT_AXES,
+    JOINT_HEIGHTS,
+    POSITION_LIMITS,
+    VELOCITY_LIMITS,
+)
+
+FloatArray = NDArray[np.float64]
+
+
+def pinocchio_kinematics() -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+    """Flange poses and Jacobians (rows [linear; angular]) of configurations (n, 7), one by one.
+
+    Raises:
+        ImportError: pinocchio (PyPI: pin) is not installed.
+    """
+    pin = import_module("pinocchio")
+    model, joint, below = pin.Model(), 0, 0.0
+    for height, axis in zip(JOINT_HEIGHTS, JOINT_AXES, strict=True):
+        kind = pin.JointModelRZ() if axis[2] else pin.JointModelRevoluteUnaligned(axis)
+        placement = pin.SE3(np.eye(3), np.array([0.0, 0.0, height - below]))
+        joint, below = model.addJoint(joint, kind, placement, f"joint_{height}"), height
+    offset = pin.SE3(np.eye(3), np.array([0.0, 0.0, FLANGE_HEIGHT - below]))
+    flange = model.addFrame(pin.Frame("flange", joint, 0, offset, pin.FrameType.OP_FRAME))
+    data = model.createData()
+
+    def run(Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        X_WF, J_WF = np.empty((len(Q), 4, 4)), np.empty((len(Q), 6, 7))
+        for k, q in enumerate(Q):
+            J_WF[k] = pin.computeFrameJacobian(model, data, q, flange, pin.LOCAL_WORLD_ALIGNED)
+            X_WF[k] = pin.updateFramePlacement(model, data, flange).homogeneous
+        return X_WF, J_WF
+
+    return run
+
+
+def eaik_nearest(values: FloatArray) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Nearest configurations inside the limits, by closed-form inverse kinematics of EAIK.
+
+    EAIK solves arms of six joints: joint 3 is fixed at each of ``values``, where ours fixes the arm
+    angle. From flange poses (n, 4, 4) and the present configuration (7,) to configurations (n, 7),
+    NaN where there is none.
+
+    Raises:
+        ImportError: EAIK (PyPI: eaik) is not installed.
+    """
+    homogeneous = import_module("eaik.IK_Homogeneous")
+    frames = np.tile(np.eye(4), (8, 1, 1))
+    frames[:7, 2, 3], frames[7, 2, 3] = JOINT_HEIGHTS, FLANGE_HEIGHT
+    for frame, axis in zip(frames, JOINT_AXES, strict=False):
+        if axis[1]:  # z-axis along +-y
+            frame[:3, :3] = np.array([[1, 0, 0], [0, 0, axis[1]], [0, -axis[1], 0]])
+    robots = [homogeneous.HomogeneousRobot(frames, fixed_axes=[(2, float(v))]) for v in values]
+
+    def run(X_WF: FloatArray, q: FloatArray) -> FloatArray:
+        best = np.full((len(X_WF), 7), np.nan)
+        for k, X in enumerate(X_WF):
+            solutions = [robot.IK(X) for robot in robots]
+            exact = [np.asarray(s.Q)[~np.asarray(s.is_LS)] for s in solutions if len(s.Q)]
+            found = np.concatenate([e.reshape(-1, 7) for e in exact] or [np.empty((0, 7))])
+            found = found[(np.abs(found) <= POSITION_LIMITS).all(axis=1)]
+            if len(found):
+                times = (np.abs(found - q) / VELOCITY_LIMITS).max(axis=1)
+                best[k] = found[np.argmin(times)]
+        return best
+
+    return run

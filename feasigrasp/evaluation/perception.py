@@ -1,0 +1,175 @@
+"""From one cloud to grasps, without a robot: what was measured, completed, found, and why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.evaluation.dense_surface import dense_surface
+from feasigrasp.evaluation.splats import Viewer, draw_lines, draw_points, frame, scale_bar
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.glyphs import spread_order
+from feasigrasp.models.gpdf import Gpdf, fit_gpdf
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.shape_completion import complete_shape
+from feasigrasp.models.surface_points import SurfacePoints
+from feasigrasp.models.view_fusion import FusedCloud
+
+Array = NDArray[np.float64]
+
+#: From surface that was seen to surface that was made up.
+UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(
+    "uncertainty", ["#1f6fe0", "#7d5fd3", "#d6409f", "#ff8a3c", "#ffd23f"]
+)
+#: Distance from what was seen at which the colours end [m].
+MOST_UNCERTAIN = 0.03
+#: Diameter of the dots of a surface [points], wide enough to close it.
+DOT = 5.5
+#: Grasps shown.
+MAX_SHOWN = 12
+GRASP_COLOR = "#10a040"
+
+
+@dataclass(frozen=True, eq=False)
+class Perception:
+    """What one cloud tells about an object.
+
+    Attributes:
+        cloud: The cloud, one point per voxel, with directions to the camera.
+        gpdf: The distance field fitted to it.
+        grasps: The grasps that the filter kept, and why it dropped the others.
+        gripper: The hand they are for.
+        viewpoint: Where the camera was, shape (3,) [m]; None for a cloud of several views.
+    """
+
+    cloud: FusedCloud
+    gpdf: Gpdf
+    grasps: GraspSet
+    gripper: ParallelGripper
+    viewpoint: Array | None
+
+    @property
+    def up(self) -> Array:
+        """What is up: against y in a camera's own frame (origin in the camera), else along z."""
+        in_camera = self.viewpoint is not None and not self.viewpoint.any()
+        return np.array([0.0, -1.0, 0.0] if in_camera else [0.0, 0.0, 1.0])
+
+    @property
+    def towards_viewer(self) -> Array:
+        """Direction from the object to where the pictures are taken from."""
+        if self.viewpoint is None:
+            return np.array([1.0, -1.0, 0.7])
+        return self.viewpoint - self.cloud.points.mean(axis=0)
+
+
+def perceive(
+    points: ArrayLike,
+    viewpoint: ArrayLike | None = (0.0, 0.0, 0.0),
+    *,
+    voxel_size: float = 0.003,
+    gripper: ParallelGripper | None = None,
+    seed: int = 0,
+) -> Perception:
+    """Fits the distance field to one cloud of an object and samples grasps, as the pipeline does.
+
+    Args:
+        points: Shape (n, 3) [m].
+        viewpoint: Where the camera was, shape (3,) [m]; None for a cloud of several views.
+        voxel_size: Resolution at which points are averaged [m].
+        gripper: The hand; the default one unless given.
+        seed: Seed of the approach directions.
+
+    Raises:
+        PointCloudError: A cloud that no field can be fitted to.
+    """
+    gripper = gripper or ParallelGripper()
+    view = None if viewpoint is None else np.asarray(viewpoint, dtype=float)
+    if view is None:
+        # No camera, so no free space; the normals point away from the middle.
+        cloud = FusedCloud.empty(voxel_size).merged(points, np.zeros(3))
+        gpdf = fit_gpdf(cloud.points)
+    else:
+        cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
+        gpdf = complete_shape(cloud)
+    grasps = AntipodalSampler(gripper, seed=seed)(gpdf)
+    return Perception(cloud, gpdf, grasps, gripper, view)
+
+
+def distance_from_seen(gpdf: Gpdf, variance: Array) -> Array:
+    """How far from the data a point is, told by its variance, shape (n,) [m].
+
+    At a distance r from a single observation the variance is ``1 - exp(-2 r / l)``, solved for r.
+    """
+    return -gpdf.length_scale / 2.0 * np.log1p(-np.clip(variance, 0.0, 0.999))
+
+
+def uncertainty_colors(gpdf: Gpdf, surface: SurfacePoints) -> Array:
+    """Colours of completed points, from seen to made up, shape (n, 3)."""
+    share = distance_from_seen(gpdf, surface.variance) / MOST_UNCERTAIN
+    return np.asarray(UNCERTAINTY_COLORS(np.clip(share, 0.0, 1.0)))[:, :3]
+
+
+def shown_grasps(perception: Perception) -> Array:
+    """The best grasp and others unlike it, shape (k, 4, 4)."""
+    grasps = perception.grasps
+    return grasps.X_OG[spread_order(grasps.X_OG, grasps.score)[:MAX_SHOWN]]
+
+
+def gripper_outline(gripper: ParallelGripper) -> Array:
+    """The open hand as one line in frame G, from the wrist over both fingers, shape (7, 3) [m]."""
+    x, tip, heel = gripper.max_opening / 2, gripper.tip, gripper.heel
+    wrist = heel - 0.5 * (tip - heel)
+    line = [(0, wrist), (0, heel), (-x, heel), (-x, tip), (-x, heel), (x, heel), (x, tip)]
+    return np.array([(a, 0.0, b) for a, b in line])
+
+
+def draw_perception(perception: Perception, filename: Path, title: str = "") -> None:
+    """Draws the cloud, the completed surface from both sides, and the grasps, as a PNG."""
+    figure = Figure(figsize=(14.0, 4.6))
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 4)
+    figure.subplots_adjust(left=0.005, right=0.995, top=0.87, bottom=0.13, wspace=0.02)
+    front = Viewer.at(perception.towards_viewer, perception.up, turn=0.4, raised=0.2)
+    behind = Viewer.at(perception.towards_viewer, perception.up, turn=np.pi + 0.4, raised=0.2)
+    gpdf, surface = perception.gpdf, dense_surface(perception.gpdf)
+    colors = uncertainty_colors(gpdf, surface)
+    everything = np.concatenate([surface.points, perception.cloud.points])
+
+    count = len(perception.cloud.points)
+    draw_points(axes[0], front, perception.cloud.points, (0.25, 0.3, 0.38), size=1.8)
+    axes[0].set_title(f"measured: {count} points")
+    for ax, viewer, side in ((axes[1], front, "camera's side"), (axes[2], behind, "from behind")):
+        draw_points(ax, viewer, surface.points, colors, size=DOT, normals=surface.normals)
+        ax.set_title(f"completed, {side}")
+    for ax, viewer in zip(axes[:3], (front, front, behind), strict=True):
+        frame(ax, viewer, everything)
+        scale_bar(ax)
+
+    draw_points(
+        axes[3], front, surface.points, (0.72, 0.74, 0.78), size=DOT, normals=surface.normals
+    )
+    X_OG, hand = shown_grasps(perception), gripper_outline(perception.gripper)
+    lines = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
+    draw_lines(axes[3], front, lines, GRASP_COLOR, alpha=0.8)
+    axes[3].set_title(f"{len(perception.grasps)} grasps, {len(X_OG)} shown")
+    frame(axes[3], front, np.concatenate([everything, lines.reshape(-1, 3)]))
+    scale_bar(axes[3])
+
+    place = figure.add_axes((0.375, 0.075, 0.25, 0.022))
+    norm = Normalize(0.0, 1e3 * MOST_UNCERTAIN)
+    bar = figure.colorbar(
+        ScalarMappable(norm, UNCERTAINTY_COLORS), cax=place, orientation="horizontal"
+    )
+    bar.set_label("uncertainty: distance from what was seen [mm]", fontsize=8, labelpad=1)
+    bar.ax.tick_params(labelsize=7, pad=1)
+    figure.suptitle(title, y=0.985, fontsize=12)
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(filename, dpi=100)

@@ -1,0 +1,207 @@
+"""``feasigrasp evaluate shape-figures``: what the distance field does, drawn from our own data.
+
+Two pictures as in Choi & Figueroa (arXiv 2311.02576): the distance along a line through an object,
+before and after refinement, beside the true one; and the completed surface coloured by its
+uncertainty, from the camera's side and from behind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import open3d as o3d
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
+from feasigrasp.evaluation.dense_surface import dense_surface
+from feasigrasp.evaluation.perception import (
+    DOT,
+    MOST_UNCERTAIN,
+    UNCERTAINTY_COLORS,
+    uncertainty_colors,
+)
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, look_at
+from feasigrasp.evaluation.splats import Viewer, draw_points, frame
+from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.rigid_object import load_object
+from feasigrasp.models.shape_completion import complete_shape
+from feasigrasp.models.view_fusion import FusedCloud
+
+Array = NDArray[np.float64]
+
+#: Objects of the pictures unless others are asked for; the first one is cut by the line.
+OBJECTS = "spray_can,mug,drill"
+#: Directions from the object to the cameras, the first one is that of the single view.
+_DIRECTIONS = ((1.0, -0.5, 0.6), (-0.9, -0.6, 0.5), (0.0, 1.0, 0.4))
+#: Panels of the cut: the preset of the field, and how many views it is fitted to.
+SLICES = {
+    "paper, 1 view": ("paper", 1),
+    "default, 1 view": ("default", 1),
+    "default, 3 views": ("default", 3),
+}
+_DISTANCE, _VOXEL = 0.5, 0.003
+#: The line reaches this far beyond the object [m].
+_BEYOND = 0.06
+_STEPS = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    add_common_arguments(parser, out="out/shape_figures", objects=OBJECTS)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    objects = [
+        (name, ViewedObject(load_object(model)))
+        for name, model in list(select_objects(args.objects).items())[: 1 if args.quick else 3]
+    ]
+    args.out.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(args.seed)
+    views = {name: look_round(viewed, rng) for name, viewed in objects}
+    name, viewed = objects[0]
+    slices = {
+        title: slice_through(viewed, fit_views(views[name][:count], preset), views[name][0])
+        for title, (preset, count) in SLICES.items()
+    }
+    write_slices(slices, args.out / "slice.csv")
+    draw_slices(slices, name, args.out / "slice.png")
+    fields = {name: fit_views(views[name][:1]) for name, _ in objects}
+    draw_uncertainty(fields, args.out / "uncertainty.png")
+    rows = slice_rows(slices)
+    write_summary(
+        args.out / "summary.json",
+        command=f"feasigrasp evaluate shape-figures --objects {args.objects} --seed {args.seed}",
+        git=git_revision(),
+        seed=args.seed,
+        rows=rows,
+        quick=args.quick,
+    )
+    for row in rows:
+        print(f"{row.name:44s} {row.preset:10s} {row.value:8.2f} {row.unit}")
+    print(f"{args.out}/slice.png, slice.csv, uncertainty.png, summary.json")
+    return 0
+
+
+def look_round(viewed: ViewedObject, rng: np.random.Generator) -> list[PartialView]:
+    """Noisy views from the cameras of the pictures."""
+    directions = np.array(_DIRECTIONS)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return [viewed.view(look_at(_DISTANCE * d), rng) for d in directions]
+
+
+def fit_views(views: Sequence[PartialView], preset: str = "default") -> Gpdf:
+    """The field of some views, merged."""
+    cloud = FusedCloud.empty(_VOXEL, smooth=preset == "default")
+    for view in views:
+        cloud = cloud.merged(view.points, view.p_OC)
+    return complete_shape(cloud, preset=preset)
+
+
+def slice_through(viewed: ViewedObject, field: Gpdf, view: PartialView) -> dict[str, Array]:
+    """Distances along the line from a camera through the middle of the observed surface.
+
+    Returns:
+        By name, over the same points: ``x`` along the line from the object's origin, negative on
+        the camera's side, ``true``, ``raw`` and ``refined`` signed distance; all shape (n,) [m].
+    """
+    away = -view.p_OC / np.linalg.norm(view.p_OC)
+    # Through an observed point, so that the line enters the object where it was seen.
+    offset = view.points - (view.points @ away)[:, None] * away
+    middle = offset[np.argmin(np.linalg.norm(offset - offset.mean(axis=0), axis=1))]
+    along = (viewed.obj.vertices - middle) @ away
+    x = np.linspace(along.min() - _BEYOND, along.max() + _BEYOND, 241)
+    points = middle + x[:, None] * away
+    true = viewed.scene.compute_signed_distance(o3d.core.Tensor.from_numpy(np.float32(points)))
+    return {
+        "x": x,
+        "true": true.numpy().astype(float),
+        "raw": field.distance(points),
+        "refined": field.refine(points, _STEPS)[0],
+    }
+
+
+def slice_rows(slices: dict[str, dict[str, Array]]) -> list[Row]:
+    """Mean errors of raw and refined distance on the camera's side and behind the object."""
+    rows = []
+    for preset, curve in slices.items():
+        outside = curve["true"] > 0.0
+        entry, leave = curve["x"][~outside].min(), curve["x"][~outside].max()
+        sides = {"before": curve["x"] < entry, "inside": ~outside, "behind": curve["x"] > leave}
+        for kind in ("raw", "refined"):
+            error = 1e3 * np.abs(curve[kind] - curve["true"])
+            for side, chosen in sides.items():
+                name = f"shape_figures.slice_{kind}_error_mm.{side}"
+                count = int(chosen.sum())
+                rows.append(Row(name, preset, float(error[chosen].mean()), None, None, "mm", count))
+    return rows
+
+
+def write_slices(slices: dict[str, dict[str, Array]], filename: Path) -> None:
+    """Writes the curves as CSV."""
+    with filename.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["preset", "x_m", "true_m", "raw_m", "refined_m"])
+        for preset, curve in slices.items():
+            for values in zip(*(curve[k] for k in ("x", "true", "raw", "refined")), strict=True):
+                writer.writerow([preset, *(f"{value:.6f}" for value in values)])
+
+
+def draw_slices(slices: dict[str, dict[str, Array]], name: str, filename: Path) -> None:
+    """Draws the curves, one panel per field; inside is grey."""
+    figure = Figure(figsize=(11.5, 3.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, len(slices), sharey=True, squeeze=False)[0]
+    for ax, (preset, curve) in zip(axes, slices.items(), strict=True):
+        x = 1e3 * curve["x"]
+        solid = curve["true"] <= 0.0
+        ax.fill_between(
+            x, 0, 1, where=solid, color="0.9", lw=0, transform=ax.get_xaxis_transform(), zorder=0
+        )
+        ax.axhline(0.0, color="0.5", lw=0.7)
+        ax.plot(x, 1e3 * curve["true"], color="0.1", lw=2.2, label="true distance")
+        ax.plot(x, 1e3 * curve["raw"], color="#c2571a", lw=1.4, ls="--", label="before refinement")
+        ax.plot(x, 1e3 * curve["refined"], color="#1f5fa8", lw=1.6, label="after refinement")
+        ax.set_title(f"{name}, {preset}", fontsize=10)
+        ax.set_xlabel("along the line of sight [mm]")
+        ax.grid(alpha=0.25)
+        ax.text(0.02, 0.03, "← camera", transform=ax.transAxes, fontsize=8, color="0.35")
+    axes[0].set_ylabel("signed distance [mm]")
+    axes[0].legend(frameon=False, fontsize=9)
+    figure.savefig(filename, dpi=110)
+
+
+def draw_uncertainty(fields: dict[str, Gpdf], filename: Path) -> None:
+    """Draws the completed surfaces of single views, the camera's side above, behind below."""
+    figure = Figure(figsize=(2.9 * len(fields), 6.2))
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, len(fields), squeeze=False)
+    figure.subplots_adjust(left=0.05, right=0.99, top=0.94, bottom=0.11, wspace=0.03, hspace=0.03)
+    camera = np.array(_DIRECTIONS[0])
+    for column, (name, field) in enumerate(fields.items()):
+        surface = dense_surface(field)
+        colors = uncertainty_colors(field, surface)
+        for row, turn in enumerate((0.3, np.pi + 0.3)):
+            ax = axes[row, column]
+            viewer = Viewer.at(camera, [0.0, 0.0, 1.0], turn=turn)
+            draw_points(ax, viewer, surface.points, colors, size=DOT, normals=surface.normals)
+            frame(ax, viewer, surface.points)
+        axes[0, column].set_title(name.replace("_", " "), fontsize=10)
+    for row, side in enumerate(("camera's side", "from behind")):
+        figure.text(0.02, 0.73 - 0.42 * row, side, rotation=90, va="center", fontsize=10)
+    place = figure.add_axes((0.3, 0.065, 0.4, 0.018))
+    scale = ScalarMappable(Normalize(0.0, 1e3 * MOST_UNCERTAIN), UNCERTAINTY_COLORS)
+    bar = figure.colorbar(scale, cax=place, orientation="horizontal")
+    bar.set_label("uncertainty: distance from what was seen [mm]", fontsize=8, labelpad=1)
+    bar.ax.tick_params(labelsize=7, pad=1)
+    figure.savefig(filename, dpi=90)

@@ -1,0 +1,84 @@
+"""What is measured on one completed shape; see `feasigrasp.evaluation.evaluate_shape`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from feasigrasp.evaluation.level_set import sample_level_set
+from feasigrasp.evaluation.shape_views import PartialView, ViewedObject
+from feasigrasp.models.gpdf_field import Gpdf
+
+Array = NDArray[np.float64]
+
+#: Points on the true surface that a shape is judged by.
+SAMPLES = 2000
+#: Completed points farther from the true surface than this are invented [m].
+INVENTED = 0.01
+
+
+def true_samples(viewed: ViewedObject, seed: int, count: int = SAMPLES) -> tuple[Array, Array]:
+    """Points spread uniformly by area over the true surface and their normals, (count, 3) each."""
+    points, faces = trimesh.sample.sample_surface(viewed.obj.mesh, count, seed=seed)
+    return np.asarray(points), np.asarray(viewed.obj.mesh.face_normals[faces])
+
+
+def measure(
+    viewed: ViewedObject, field: Gpdf, views: Sequence[PartialView], points: Array, normals: Array
+) -> dict[str, float]:
+    """Compares a completed shape with the truth.
+
+    Args:
+        viewed: The object.
+        field: The completed shape, in O.
+        views: What it was made from.
+        points: Points on the true surface, shape (n, 3) [m].
+        normals: Their normals, shape (n, 3).
+
+    Returns:
+        By name: distances in mm, angles in degrees, shares in percent. NaN where there is nothing
+        to measure (no unseen point, say).
+    """
+    in_sight, seen = np.any([viewed.sees(points, normals, view) for view in views], axis=0)
+    hidden, judged = ~in_sight, ~in_sight | seen
+    surface = sample_level_set(field, (field.points, points))
+    distance = 1e3 * surface.distance(points)
+    on_surface = replace(field, damped=True).refine(points[seen])[2]
+    cosine = np.einsum("ij,ij->i", on_surface, normals[seen])
+    used = field.completion.points
+    dense_error, used_error = viewed.distance(surface.points), viewed.distance(used)
+    weight = surface.area / max(surface.area.sum(), 1e-30)
+    return {
+        "true_to_completed_mm": float(distance.mean()),
+        "seen_mm": _mean(distance[seen]),
+        "unseen_mm": _mean(distance[hidden]),
+        "unseen_p95_mm": float(np.percentile(distance[hidden], 95)) if hidden.any() else np.nan,
+        "normal_seen_deg": float(np.rad2deg(np.arccos(np.clip(np.median(cosine), -1.0, 1.0)))),
+        "variance_auc": auc(field.variance(points[judged]), hidden[judged]),
+        "variance_auc_in_sight": auc(field.variance(points), hidden),
+        "invented_percent": 100.0 * _mean((used_error > INVENTED).astype(float)),
+        "invented_area_percent": 100.0 * float(weight @ (dense_error > INVENTED)),
+        "completed_to_true_mm": 1e3 * float(weight @ dense_error),
+        "completed_points": float(len(used)),
+    }
+
+
+def auc(score: Array, positive: NDArray[np.bool_]) -> float:
+    """Area under the ROC curve of a score (n,) that should be larger for positives.
+
+    The Mann-Whitney statistic: the chance that a positive scores higher than a negative.
+    """
+    n_positive, n_negative = int(positive.sum()), int((~positive).sum())
+    if n_positive == 0 or n_negative == 0:
+        return float("nan")
+    ranks = rankdata(score)[positive].sum()
+    return float((ranks - n_positive * (n_positive + 1) / 2) / (n_positive * n_negative))
+
+
+def _mean(values: Array) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")

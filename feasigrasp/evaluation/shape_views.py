@@ -1,0 +1,200 @@
+"""Partial views of a mesh, as a depth camera sees them: ray casting, sensor noise, masking."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+
+from feasigrasp.models import se3
+from feasigrasp.models.depth_noise import DepthNoise
+from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.systems.segment_point_cloud import edge_pixels
+
+Array = NDArray[np.float64]
+
+#: The depth stream of the scenarios' camera: a RealSense D435 in its 424 x 240 mode, 87 x 58 deg.
+WIDTH, HEIGHT = 424, 240
+#: Its intrinsics fx, fy, cx, cy [px].
+CAMERA = (
+    WIDTH / 2 / np.tan(np.deg2rad(87.0) / 2),
+    HEIGHT / 2 / np.tan(np.deg2rad(58.0) / 2),
+    WIDTH / 2 - 0.5,
+    HEIGHT / 2 - 0.5,
+)
+#: Distance from the camera to the object's centre, lowest and highest [m].
+DISTANCE = (0.45, 0.55)
+#: Points of neighbouring pixels that are farther apart lie on different surfaces [m].
+EDGE_JUMP = 0.02
+#: A point closer to the first hit of its line of sight than this is seen [m].
+_VISIBLE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class PartialView:
+    """What one camera sees of an object.
+
+    Attributes:
+        points: Seen points in the frame the tracker believes to be O, shape (n, 3) [m].
+        p_OC: Position of the camera in the same frame, shape (3,) [m].
+        X_OC: True pose of the camera (z forward, x right) in O, shape (4, 4).
+        measured: Which pixels of the camera's picture gave these points, shape (HEIGHT, WIDTH).
+    """
+
+    points: Array
+    p_OC: Array
+    X_OC: Array
+    measured: NDArray[np.bool_]
+
+
+class ViewedObject:
+    """A mesh that can be looked at.
+
+    Args:
+        obj: The object; its mesh is given in its frame O.
+    """
+
+    def __init__(self, obj: RigidObject) -> None:
+        mesh = o3d.t.geometry.TriangleMesh(
+            _tensor(np.asarray(obj.vertices, dtype=np.float32)),
+            _tensor(np.asarray(obj.faces, dtype=np.int32)),
+        )
+        self.obj = obj
+        self.scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        self.scene.add_triangles(mesh)
+
+    def view(
+        self,
+        X_OC: Array,
+        rng: np.random.Generator | None,
+        tracking: tuple[float, float] = (0.0, 0.0),
+    ) -> PartialView:
+        """Looks once.
+
+        Args:
+            X_OC: Pose of the camera in O, z forward, shape (4, 4).
+            rng: Draws sensor and tracking noise; None for a perfect sensor.
+            tracking: Standard deviation of the tracked object pose: position [m] per axis, rotation
+                [rad] per axis.
+
+        Returns:
+            The points of the pixels that show the object, except those at the edge of its mask.
+        """
+        depth, (left, top) = self._render(X_OC)
+        fx, fy, cx, cy = CAMERA[0], CAMERA[1], CAMERA[2] - left, CAMERA[3] - top
+        of_body = np.isfinite(depth)
+        if rng is not None:
+            depth = DepthNoise().apply(depth, (fx, fy, cx, cy), rng)
+        seen = np.isfinite(depth)
+        v, u = np.indices(depth.shape)
+        in_camera = np.stack([(u - cx) / fx * depth, (v - cy) / fy * depth, depth])
+        used = of_body & seen & ~edge_pixels(in_camera, seen, of_body, EDGE_JUMP)
+        rows, columns = np.nonzero(used)
+        points_C = in_camera[:, used].T
+        believed = X_OC
+        if rng is not None and any(tracking):
+            noise = rng.normal(size=6) * np.repeat([tracking[1], tracking[0]], 3)
+            believed = se3.exp(noise) @ X_OC
+        points = points_C @ believed[:3, :3].T + believed[:3, 3]
+        measured = np.zeros((HEIGHT, WIDTH), dtype=bool)
+        measured[rows + top, columns + left] = True
+        return PartialView(points, believed[:3, 3].copy(), X_OC, measured)
+
+    def sees(
+        self, points: Array, normals: Array, view: PartialView
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """What a camera has seen of surface points (n, 3) with outward normals (n, 3).
+
+        Returns:
+            Which points are in its line of sight, and which of these are in a pixel that gave a
+            depth, shape (n,) each.
+        """
+        start = view.X_OC[:3, 3]
+        way = points - start
+        length = np.linalg.norm(way, axis=1)
+        rays = np.concatenate(
+            [np.broadcast_to(start, points.shape), way / length[:, None]], axis=1
+        ).astype(np.float32)
+        hit = self.scene.cast_rays(_tensor(rays), nthreads=1)["t_hit"].numpy()
+        # A ray now and then slips through an edge of the mesh, so the normal has a say as well.
+        in_sight = (hit > length - _VISIBLE) & (np.einsum("ij,ij->i", way, normals) < 0.0)
+        fx, fy, cx, cy = CAMERA
+        x, y, z = (way @ view.X_OC[:3, :3]).T
+        column = np.clip(np.rint(fx * x / z + cx), 0, WIDTH - 1).astype(int)
+        row = np.clip(np.rint(fy * y / z + cy), 0, HEIGHT - 1).astype(int)
+        return in_sight, in_sight & view.measured[row, column]
+
+    def distance(self, points: Array) -> Array:
+        """Unsigned distance of points (n, 3) to the true surface, shape (n,) [m]."""
+        query = _tensor(points.astype(np.float32))
+        return np.asarray(self.scene.compute_distance(query, nthreads=1).numpy(), dtype=float)
+
+    def _render(self, X_OC: Array) -> tuple[Array, tuple[int, int]]:
+        """Depth image, infinite where nothing is hit, of the part of the picture with the object.
+
+        Returns:
+            The image, and the column and row of its first pixel.
+        """
+        fx, fy, cx, cy = CAMERA
+        X_CO = se3.inverse(X_OC)
+        corners = self.obj.vertices @ X_CO[:3, :3].T + X_CO[:3, 3]
+        u = fx * corners[:, 0] / corners[:, 2] + cx
+        v = fy * corners[:, 1] / corners[:, 2] + cy
+        left, right = np.clip([u.min() - 3, u.max() + 4], 0, WIDTH).astype(int)
+        top, bottom = np.clip([v.min() - 3, v.max() + 4], 0, HEIGHT).astype(int)
+        cx, cy = cx - left, cy - top
+        # Open3D's pixel centres are at halves.
+        K = np.array([[fx, 0.0, cx + 0.5], [0.0, fy, cy + 0.5], [0.0, 0.0, 1.0]])
+        rays = self.scene.create_rays_pinhole(
+            _tensor(K), _tensor(X_CO), int(right - left), int(bottom - top)
+        )
+        # The rays' directions have z = 1 in the camera's frame, so lengths along them are depths.
+        hits = self.scene.cast_rays(rays, nthreads=1)["t_hit"].numpy()
+        return np.asarray(hits, dtype=float), (int(left), int(top))
+
+
+def _tensor(array: Any) -> Any:
+    """An Open3D tensor; its stubs refuse typed arrays."""
+    core: Any = o3d.core
+    return core.Tensor(array)
+
+
+def look_at(p_OC: Array, roll: float = 0.0) -> Array:
+    """Pose of a camera at ``p_OC`` whose z axis passes through the origin, shape (4, 4)."""
+    z = -p_OC / np.linalg.norm(p_OC)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    X_OC = np.eye(4)
+    X_OC[:3, 0] = np.cos(roll) * x + np.sin(roll) * y
+    X_OC[:3, 1] = np.cos(roll) * y - np.sin(roll) * x
+    X_OC[:3, 2], X_OC[:3, 3] = z, p_OC
+    return X_OC
+
+
+def turning_views(rng: np.random.Generator, center: Array, count: int) -> list[Array]:
+    """Camera poses X_OC for an object that turns in front of a camera.
+
+    The first direction and the roll are uniform, the distance to the centre is `DISTANCE`. Between
+    two views the object turns by 60 to 120 degrees about an axis that makes an angle of 60 to 120
+    degrees with the line of sight, as a table in front of a camera at up to 30 degrees would.
+    """
+    first = look_at(_unit(rng.normal(size=3)) * rng.uniform(*DISTANCE), rng.uniform(0, 2 * np.pi))
+    tilt = np.deg2rad(rng.uniform(-30.0, 30.0))
+    axis = first[:3, :3] @ np.array([0.0, np.cos(tilt), np.sin(tilt)])
+    poses, angle = [], 0.0
+    for _ in range(count):
+        X_OC = np.eye(4)
+        X_OC[:3, :3] = se3.exp(np.concatenate([angle * axis, np.zeros(3)]))[:3, :3]
+        X_OC = X_OC @ first
+        X_OC[:3, 3] += center
+        poses.append(X_OC)
+        angle += np.deg2rad(rng.uniform(60.0, 120.0))
+    return poses
+
+
+def _unit(vector: Array) -> Array:
+    return vector / float(np.linalg.norm(vector))

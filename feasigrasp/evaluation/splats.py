@@ -1,0 +1,130 @@
+"""Pictures of points with normals: shaded dots, hidden where they face away, seen from anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: Direction of the light from the viewer's place: from above, on the left.
+_LIGHT = np.array([-0.35, 0.55, 0.76])
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """A parallel projection.
+
+    Attributes:
+        right: To the right in the picture, unit vector, shape (3,).
+        up: Upwards in the picture.
+        back: From the scene towards the viewer.
+    """
+
+    right: Array
+    up: Array
+    back: Array
+
+    @classmethod
+    def at(
+        cls, towards_viewer: ArrayLike, up: ArrayLike, *, turn: float = 0.0, raised: float = 0.0
+    ) -> Viewer:
+        """A viewer in some direction from the scene.
+
+        Args:
+            towards_viewer: Direction from the scene, shape (3,).
+            up: What is up, shape (3,).
+            turn: Angle by which the viewer then walks round the scene [rad].
+            raised: Angle by which the viewer then climbs [rad].
+        """
+        back: Array = np.array(towards_viewer, dtype=float)
+        z: Array = np.array(up, dtype=float)
+        z /= np.linalg.norm(z)
+        level = back - (back @ z) * z
+        climb = np.arctan2(back @ z, np.linalg.norm(level)) + raised
+        if np.linalg.norm(level) < 1e-6 * np.linalg.norm(back):  # straight from above
+            level = np.eye(3)[np.argmin(np.abs(z))]
+            level = level - (level @ z) * z
+        climb = np.clip(climb, -1.55, 1.55)
+        level = level / np.linalg.norm(level)
+        level = np.cos(turn) * level + np.sin(turn) * np.cross(z, level)
+        back = np.cos(climb) * level + np.sin(climb) * z
+        right = np.cross(z, back)
+        right = right / np.linalg.norm(right)
+        return cls(right, np.cross(back, right), back)
+
+    def project(self, points: ArrayLike) -> Array:
+        """Picture coordinates and height towards the viewer, shape (..., 3)."""
+        return np.asarray(points, dtype=float) @ np.stack([self.right, self.up, self.back], axis=1)
+
+
+def draw_points(
+    ax: Axes,
+    viewer: Viewer,
+    points: ArrayLike,
+    colors: ArrayLike,
+    *,
+    size: float,
+    normals: ArrayLike | None = None,
+) -> None:
+    """Draws points as dots, the nearest on top.
+
+    Args:
+        ax: Where; with equal scales, see `frame`.
+        viewer: From where.
+        points: Shape (n, 3) [m].
+        colors: Red, green, blue, shape (n, 3) or (3,).
+        size: Diameter of a dot [points].
+        normals: Outward normals (n, 3): shades the dots, and hides those that face away.
+    """
+    x: Array = np.array(points, dtype=float).reshape(-1, 3)
+    rgb: Array = np.broadcast_to(np.asarray(colors, dtype=float), x.shape)
+    if normals is not None:
+        seen_normals = viewer.project(normals)
+        facing = seen_normals[:, 2] > 0.0
+        shade = 0.55 + 0.45 * np.clip(seen_normals @ _LIGHT, 0.0, 1.0)
+        x, rgb = x[facing], (rgb * shade[:, None])[facing]
+    seen = viewer.project(x)
+    order = np.argsort(seen[:, 2])
+    dots = seen[order]
+    ax.scatter(dots[:, 0], dots[:, 1], s=size**2, c=rgb[order], linewidths=0, zorder=2)
+
+
+def draw_lines(
+    ax: Axes,
+    viewer: Viewer,
+    lines: ArrayLike,
+    color: str,
+    *,
+    width: float = 1.2,
+    alpha: float = 1.0,
+) -> None:
+    """Draws polylines, shape (n, k, 3) [m], over everything."""
+    seen = viewer.project(lines)[..., :2]
+    ax.add_collection(
+        LineCollection(list(seen), colors=color, linewidths=width, alpha=alpha, zorder=3)
+    )
+
+
+def frame(ax: Axes, viewer: Viewer, points: ArrayLike, margin: float = 0.08) -> None:
+    """Fits the picture to points (n, 3), with equal scales and without axes."""
+    seen = viewer.project(points)[:, :2]
+    middle, half = (seen.min(axis=0) + seen.max(axis=0)) / 2, np.ptp(seen, axis=0).max() / 2
+    half *= 1.0 + margin
+    ax.set_xlim(middle[0] - half, middle[0] + half)
+    ax.set_ylim(middle[1] - half, middle[1] + half)
+    ax.set_aspect("equal")
+    ax.axis("off")
+
+
+def scale_bar(ax: Axes, length: float = 0.05) -> None:
+    """Draws a bar of some length [m] into the lower left corner."""
+    x, y = ax.get_xlim(), ax.get_ylim()
+    left, low = x[0] + 0.04 * (x[1] - x[0]), y[0] + 0.04 * (y[1] - y[0])
+    ax.plot([left, left + length], [low, low], color="0.3", lw=2, solid_capstyle="butt", zorder=4)
+    label = f"{100 * length:g} cm"
+    ax.text(left, low + 0.015 * (y[1] - y[0]), label, color="0.3", fontsize=8, zorder=4)

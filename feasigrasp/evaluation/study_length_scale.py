@@ -1,0 +1,261 @@
+"""``feasigrasp evaluate length-scale``: which length scale completes objects best.
+
+Repeats the grid search of Choi & Figueroa (arXiv 2311.02576), l in (0, 0.6] m, on our objects: one
+noisy view of each, completed with every l, compared with the true surface. Beside the paper's
+field stands the default one, which also knows which side is inside and where the camera saw past.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import joblib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from feasigrasp.evaluation import statistics
+from feasigrasp.evaluation.arguments import add_common_arguments, positive, select_objects
+from feasigrasp.evaluation.provenance import git_revision, versions
+from feasigrasp.evaluation.result_files import Row, write_json, write_summary
+from feasigrasp.evaluation.shape_measures import measure, true_samples
+from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning_views
+from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.rigid_object import load_object
+from feasigrasp.models.shape_completion import complete_shape
+from feasigrasp.models.view_fusion import FusedCloud
+
+#: Length scales of the study [m].
+LENGTH_SCALES = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6)
+QUICK_LENGTH_SCALES = (0.03, 0.1, 0.3, 0.6)
+PRESETS = ("paper", "default")
+#: What is compared, and how the picture calls it.
+MEASURES = {
+    "true_to_completed_mm": "whole object",
+    "seen_mm": "seen side",
+    "unseen_mm": "unseen side",
+}
+#: Resolution at which a view is thinned, as in the pipeline [m].
+_VOXEL = 0.003
+#: Points that the paper's field is fitted to.
+_PAPER_POINTS = 512
+#: Points on the true surface that a completion is compared with.
+_SAMPLES = 1000
+
+Record = dict[str, Any]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    add_common_arguments(parser, out="out/length_scale", objects="builtin")
+    parser.add_argument("--views", type=positive, default=4, help="views per object, one at a time")
+
+
+def fit_view(preset: str, view: PartialView, length_scale: float) -> Gpdf:
+    """The field that a preset makes of one view with a length scale [m]."""
+    cloud = FusedCloud.empty(_VOXEL, smooth=preset == "default").merged(view.points, view.p_OC)
+    more = {"max_points": _PAPER_POINTS} if preset == "paper" else {}
+    return complete_shape(cloud, preset=preset, length_scale=length_scale, **more)
+
+
+def study_object(
+    name: str, model: str, length_scales: Sequence[float], views: int, seed: int
+) -> list[Record]:
+    """Completes one object from several views, each alone, with every preset and length scale."""
+    viewed = ViewedObject(load_object(model))
+    records = []
+    for index in range(views):
+        rng = np.random.default_rng([seed, crc32(name.encode()), index])
+        (X_OC,) = turning_views(rng, np.zeros(3), 1)
+        view = viewed.view(X_OC, rng)
+        points, normals = true_samples(viewed, seed, _SAMPLES)
+        for preset in PRESETS:
+            for length_scale in length_scales:
+                field = fit_view(preset, view, length_scale)
+                found = measure(viewed, field, [view], points, normals)
+                records.append(
+                    {"object": name, "view": index, "preset": preset, "length_scale": length_scale}
+                    | {key: found[key] for key in MEASURES}
+                )
+    return records
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    objects = list(select_objects(args.objects).items())
+    length_scales: Sequence[float] = LENGTH_SCALES
+    views = args.views
+    if args.quick:
+        objects, length_scales, views = objects[::3], QUICK_LENGTH_SCALES, 1
+    revision = git_revision()
+    key = {
+        "git": revision,
+        "versions": versions(),
+        "seed": args.seed,
+        "views": views,
+        "length_scales": list(length_scales),
+    }
+    folder = args.out / "objects"
+    records = []
+    with tqdm(total=len(objects), unit="object", desc="length-scale") as bar:
+        try:
+            for found in _study_all(objects, folder, key, args.jobs):
+                records.extend(found)
+                bar.update()
+        except KeyboardInterrupt:
+            bar.write("interrupted; the same command goes on from here")
+            return 130
+    records.sort(key=lambda r: (r["object"], r["view"], r["preset"], r["length_scale"]))
+    rows = summary_rows(records)
+    _write_csv(records, args.out / "views.csv")
+    write_curve(rows, args.out / "curve.csv")
+    draw_curve(rows, args.out / "curve.png")
+    write_summary(
+        args.out / "summary.json",
+        command=f"feasigrasp evaluate length-scale --objects {args.objects} --views {views} "
+        f"--seed {args.seed}",
+        git=revision,
+        seed=args.seed,
+        rows=rows,
+        quick=args.quick,
+    )
+    print(format_table(rows))
+    print(f"{args.out}/summary.json, curve.csv, curve.png, views.csv")
+    return 0
+
+
+def summary_rows(records: Sequence[Record]) -> list[Row]:
+    """Means over objects and views; the interval is that of the objects' means.
+
+    The views of one object resemble each other, so the objects are the independent repeats.
+    """
+    rows = []
+    keys = sorted({(r["preset"], r["length_scale"]) for r in records})
+    for preset, length_scale in keys:
+        chosen = [r for r in records if (r["preset"], r["length_scale"]) == (preset, length_scale)]
+        for measured in MEASURES:
+            per_object = [
+                np.nanmean([r[measured] for r in chosen if r["object"] == name])
+                for name in sorted({r["object"] for r in chosen})
+                if any(np.isfinite(r[measured]) for r in chosen if r["object"] == name)
+            ]
+            rows.append(
+                Row.of(
+                    f"length_scale.{measured}",
+                    f"{preset}/{length_scale:g}",
+                    statistics.mean(per_object, lower=0.0),
+                    "mm",
+                )
+            )
+    return rows
+
+
+def curves(rows: Sequence[Row]) -> dict[tuple[str, str], list[tuple[float, Row]]]:
+    """By measure and preset, the length scales [m] with their rows, in order."""
+    found: dict[tuple[str, str], list[tuple[float, Row]]] = {}
+    for row in rows:
+        preset, length_scale = row.preset.split("/")
+        measured = row.name.removeprefix("length_scale.")
+        found.setdefault((measured, preset), []).append((float(length_scale), row))
+    return {key: sorted(points, key=lambda point: point[0]) for key, points in found.items()}
+
+
+def write_curve(rows: Sequence[Row], filename: Path) -> None:
+    """Writes the curves as CSV."""
+    with filename.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["measure", "preset", "length_scale_m", "mean_mm", "low", "high", "n"])
+        for (measured, preset), points in curves(rows).items():
+            for length_scale, row in points:
+                writer.writerow(
+                    [measured, preset, length_scale, row.value, row.low, row.high, row.n]
+                )
+
+
+def draw_curve(rows: Sequence[Row], filename: Path) -> None:
+    """Draws error over length scale, one panel per measure, with 95 % intervals."""
+    figure = Figure(figsize=(9.5, 3.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = dict(zip(MEASURES, figure.subplots(1, len(MEASURES)), strict=True))
+    colors = {"paper": "#c2571a", "default": "#1f5fa8"}
+    for (measured, preset), points in curves(rows).items():
+        ax, x = axes[measured], [length_scale for length_scale, _ in points]
+        ax.plot(x, [row.value for _, row in points], "o-", ms=3, color=colors[preset], label=preset)
+        band = [(x, row.low, row.high) for x, row in points if row.low is not None]
+        if band:
+            ax.fill_between(*zip(*band, strict=True), color=colors[preset], alpha=0.15, lw=0)
+    for measured, ax in axes.items():
+        ax.set_title(MEASURES[measured], fontsize=10)
+        ax.set_xlabel("length scale l [m]")
+        ax.set_ylim(bottom=0.0)
+        ax.axvline(0.3, color="0.6", ls=":", lw=1)
+        ax.grid(alpha=0.25)
+    next(iter(axes.values())).set_ylabel("distance true → completed [mm]")
+    next(iter(axes.values())).legend(frameon=False)
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(filename, dpi=110)
+
+
+def format_table(rows: Sequence[Row]) -> str:
+    """Mean errors, a line per length scale."""
+    found = curves(rows)
+    heads = [(measured, preset) for measured in MEASURES for preset in PRESETS]
+    first = "".join(f"{MEASURES[measured]:>13s}" for measured, _ in heads)
+    lines = [f"mm{first}", "l [m]" + "".join(f"{preset:>13s}" for _, preset in heads)[3:]]
+    for index, (length_scale, _) in enumerate(found[heads[0]]):
+        values = "".join(f"{found[head][index][1].value:13.2f}" for head in heads)
+        lines.append(f"{length_scale:<5.2f}{values[3:]}")
+    return "\n".join(lines)
+
+
+def _study_all(
+    objects: Sequence[tuple[str, str]], folder: Path, key: Record, jobs: int
+) -> Iterator[list[Record]]:
+    """Yields the records of each object, from its file if that is of the same code and settings."""
+    settings = json.loads(json.dumps(key))
+    missing = []
+    for name, model in objects:
+        wanted = settings | {"model": model}
+        try:
+            content = json.loads((folder / f"{name}.json").read_text())
+        except (FileNotFoundError, json.JSONDecodeError):
+            content = {}
+        if content.get("key") == wanted:
+            yield [_with_nan(record) for record in content["records"]]
+        else:
+            missing.append((name, model, wanted))
+    parallel = joblib.Parallel(jobs, return_as="generator_unordered")
+    yield from parallel(
+        joblib.delayed(_study_and_save)(name, model, wanted, folder / f"{name}.json")
+        for name, model, wanted in missing
+    )
+
+
+def _study_and_save(name: str, model: str, key: Record, filename: Path) -> list[Record]:
+    records = study_object(name, model, key["length_scales"], key["views"], key["seed"])
+    # JSON knows no NaN: what could not be measured (nothing unseen, say) is null.
+    plain = [
+        {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in record.items()}
+        for record in records
+    ]
+    write_json({"key": key, "records": plain}, filename)
+    return records
+
+
+def _with_nan(record: Record) -> Record:
+    return {k: np.nan if v is None else v for k, v in record.items()}
+
+
+def _write_csv(records: Sequence[Record], filename: Path) -> None:
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    with filename.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(records[0]))
+        writer.writeheader()
+        writer.writerows(records)

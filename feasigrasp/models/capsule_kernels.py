@@ -1,0 +1,192 @@
+"""Compiled geometry of the arm's capsules: link frames, distances of segments, gradients.
+
+The kernels are scalar numba code that other kernels can call; each takes the arrays of a
+`CapsuleModel` as an argument, so that no fact about the capsules is frozen into their compiled
+cache. Link frames are rotations ``R`` (8, 3, 3) and origins ``p`` (8, 3) in the world.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from feasigrasp.models.fast_trig import fast_sincos
+from feasigrasp.models.iiwa import JOINT_AXES, JOINT_HEIGHTS
+from feasigrasp.models.vector_kernels import cross, dot, minus, step, turn
+
+_H0, _H1 = JOINT_HEIGHTS[:2]
+_L2, _L3, _L4, _L5, _L6 = np.diff(JOINT_HEIGHTS[1:])
+# Sign of a joint about y; 0 for a joint about z.
+_Y_SIGN = np.ascontiguousarray(JOINT_AXES[:, 1])
+
+
+@njit(cache=True, forceinline=True)
+def _write_frame(R, p, k, x, y, z, origin):  # type: ignore[no-untyped-def]
+    for i in range(3):
+        R[k, i, 0], R[k, i, 1], R[k, i, 2] = x[i], y[i], z[i]
+        p[k, i] = origin[i]
+
+
+@njit(cache=True)
+def link_poses_kernel(q, R, p):  # type: ignore[no-untyped-def]
+    """Writes rotations (8, 3, 3) and origins (8, 3) of the link frames 0 to 7 in the world."""
+    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    _write_frame(R, p, 0, x, y, z, (0.0, 0.0, 0.0))
+    s, c = fast_sincos(q[0])
+    x, y = (c, s, 0.0), (-s, c, 0.0)
+    _write_frame(R, p, 1, x, y, z, (0.0, 0.0, _H0))
+    s, c = fast_sincos(q[1])
+    z, x = turn(z, x, s, c)
+    origin = (0.0, 0.0, _H1)
+    _write_frame(R, p, 2, x, y, z, origin)
+    origin = step(origin, _L2, z)
+    s, c = fast_sincos(q[2])
+    x, y = turn(x, y, s, c)
+    _write_frame(R, p, 3, x, y, z, origin)
+    origin = step(origin, _L3, z)
+    s, c = fast_sincos(q[3])
+    z, x = turn(z, x, -s, c)  # joint 4 turns about -y
+    _write_frame(R, p, 4, x, y, z, origin)
+    origin = step(origin, _L4, z)
+    s, c = fast_sincos(q[4])
+    x, y = turn(x, y, s, c)
+    _write_frame(R, p, 5, x, y, z, origin)
+    origin = step(origin, _L5, z)
+    s, c = fast_sincos(q[5])
+    z, x = turn(z, x, s, c)
+    _write_frame(R, p, 6, x, y, z, origin)
+    origin = step(origin, _L6, z)
+    s, c = fast_sincos(q[6])
+    x, y = turn(x, y, s, c)
+    _write_frame(R, p, 7, x, y, z, origin)
+
+
+@njit(cache=True, forceinline=True)
+def end_point(ends, c, e):  # type: ignore[no-untyped-def]
+    """One end of a capsule."""
+    return ends[c, e, 0], ends[c, e, 1], ends[c, e, 2]
+
+
+@njit(cache=True, forceinline=True)
+def place(R, p, k, a):  # type: ignore[no-untyped-def]
+    """The point ``a`` of link k in the world."""
+    return (
+        R[k, 0, 0] * a[0] + R[k, 0, 1] * a[1] + R[k, 0, 2] * a[2] + p[k, 0],
+        R[k, 1, 0] * a[0] + R[k, 1, 1] * a[1] + R[k, 1, 2] * a[2] + p[k, 1],
+        R[k, 2, 0] * a[0] + R[k, 2, 1] * a[1] + R[k, 2, 2] * a[2] + p[k, 2],
+    )
+
+
+@njit(cache=True)
+def capsule_ends_kernel(q, model, R, p, ends):  # type: ignore[no-untyped-def]
+    """Writes the link poses and the capsules' end points (c, 2, 3) in the world."""
+    link_poses_kernel(q, R, p)
+    for c in range(len(model.link)):
+        for e in range(2):
+            x, y, z = place(R, p, model.link[c], end_point(model.ends, c, e))
+            ends[c, e, 0], ends[c, e, 1], ends[c, e, 2] = x, y, z
+
+
+@njit(cache=True)
+def closest_parameters(a0, a1, b0, b1):  # type: ignore[no-untyped-def]
+    """Where two segments are closest: fractions of their lengths, and the vector from b to a.
+
+    Clamped solution of the 2x2 normal equations (Ericson, Real-Time Collision Detection, 5.1.9).
+    """
+    u, v, w = minus(a1, a0), minus(b1, b0), minus(a0, b0)
+    uu, vv, uv, uw, vw = dot(u, u), dot(v, v), dot(u, v), dot(u, w), dot(v, w)
+    determinant = uu * vv - uv * uv
+    s = 0.0
+    if determinant > 1e-12 * uu * vv:
+        s = min(max((uv * vw - uw * vv) / determinant, 0.0), 1.0)
+    t = (uv * s + vw) / vv if vv > 0.0 else 0.0
+    if t < 0.0:
+        t = 0.0
+        s = min(max(-uw / uu, 0.0), 1.0) if uu > 0.0 else 0.0
+    elif t > 1.0:
+        t = 1.0
+        s = min(max((uv - uw) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
+    return s, t, step(step(w, s, u), -t, v)
+
+
+@njit(cache=True)
+def _add_lever(point, normal, low, high, R, p, gradient):  # type: ignore[no-untyped-def]
+    """Writes how joints low+1 to high move a point along a direction into ``gradient`` (7,)."""
+    for j in range(low, high):
+        # The joint's axis is a column of its link's rotation, which the joint leaves as it is.
+        sign = _Y_SIGN[j]
+        if sign == 0.0:
+            axis = R[j + 1, 0, 2], R[j + 1, 1, 2], R[j + 1, 2, 2]
+        else:
+            axis = sign * R[j + 1, 0, 1], sign * R[j + 1, 1, 1], sign * R[j + 1, 2, 1]
+        lever = point[0] - p[j + 1, 0], point[1] - p[j + 1, 1], point[2] - p[j + 1, 2]
+        gradient[j] = dot(normal, cross(axis, lever))
+
+
+@njit(cache=True)
+def distances_kernel(q, model, distance):  # type: ignore[no-untyped-def]
+    """Writes the signed distance of every pair (p,)."""
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    ends = np.empty(model.ends.shape)
+    capsule_ends_kernel(q, model, R, p, ends)
+    for k in range(len(model.pairs)):
+        i, j = model.pairs[k, 0], model.pairs[k, 1]
+        a0, a1, b0, b1 = (
+            end_point(ends, i, 0),
+            end_point(ends, i, 1),
+            end_point(ends, j, 0),
+            end_point(ends, j, 1),
+        )
+        _, _, d = closest_parameters(a0, a1, b0, b1)
+        distance[k] = math.sqrt(dot(d, d)) - model.radius[i] - model.radius[j]
+
+
+@njit(cache=True)
+def gradients_kernel(q, model, distance, gradient):  # type: ignore[no-untyped-def]
+    """Writes signed distances (p,) and their gradients in q (p, 7).
+
+    With the closest points ``c1`` (lower link) and ``c2`` and ``n = (c2 - c1)/|c2 - c1|``, only
+    joints between the two links change a distance: ``dd/dq_j = n . (a_j x (c2 - p_j))`` with the
+    joint's axis ``a_j`` through ``p_j``.
+    """
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    ends = np.empty(model.ends.shape)
+    capsule_ends_kernel(q, model, R, p, ends)
+    gradient[:] = 0.0
+    for k in range(len(model.pairs)):
+        i, j = model.pairs[k, 0], model.pairs[k, 1]
+        a0, a1, b0, b1 = (
+            end_point(ends, i, 0),
+            end_point(ends, i, 1),
+            end_point(ends, j, 0),
+            end_point(ends, j, 1),
+        )
+        _, t, d = closest_parameters(a0, a1, b0, b1)
+        length = math.sqrt(dot(d, d))
+        distance[k] = length - model.radius[i] - model.radius[j]
+        if length < 1e-9:  # crossing segments: every direction separates them, none is a gradient
+            continue
+        normal = -d[0] / length, -d[1] / length, -d[2] / length
+        c2 = step(b0, t, minus(b1, b0))
+        _add_lever(c2, normal, model.link[i], model.link[j], R, p, gradient[k])
+
+
+@njit(cache=True)
+def table_kernel(q, model, height, clearance, gradient):  # type: ignore[no-untyped-def]
+    """Writes clearances above ``z = height`` (m, 2) of the movers' ends; their gradients (m, 2, 7).
+
+    Both ends, since of a level capsule either is the lower one after the next motion.
+    """
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    ends = np.empty(model.ends.shape)
+    capsule_ends_kernel(q, model, R, p, ends)
+    gradient[:] = 0.0
+    for k in range(len(model.movers)):
+        c = model.movers[k]
+        for e in range(2):
+            clearance[k, e] = ends[c, e, 2] - model.radius[c] - height
+            _add_lever(
+                end_point(ends, c, e), (0.0, 0.0, 1.0), 0, model.link[c], R, p, gradient[k, e]
+            )

@@ -1,0 +1,225 @@
+"""What a stereo depth camera makes of a perfect depth image.
+
+A camera like the RealSense D435 measures the disparity ``delta = f B / z`` between its two images;
+what goes wrong, goes wrong in disparity:
+
+- its subpixel error s gives an axial error that grows with the square of the distance,
+  ``sigma_z = z^2 s / (f B)`` (Intel, "Best-known methods for tuning the D400 series"; s = 0.08 px);
+- it is found in steps of 1/32 px, and the depth is handed out in whole millimetres;
+- at the edge of an object the matched window shows two surfaces: the pixel is lost, or "flies"
+  anywhere between them;
+- a surface seen at a grazing angle gives no match.
+
+The noise is independent from pixel to pixel. That of a real camera is correlated over a few
+pixels, and it loses further pixels on surfaces that are black, shiny or without texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.errors import CameraError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class DepthNoise:
+    """The errors of a stereo depth camera; the defaults are those of a RealSense D435.
+
+    Attributes:
+        baseline: Distance B between the two imagers [m].
+        subpixel: Standard deviation of the disparity [px].
+        disparity_step: Smallest difference of two disparities [px]; 0 for any.
+        depth_step: Smallest difference of two depths handed out [m]; 0 for any.
+        edge_disparity: Neighbouring pixels whose disparities differ by more are an edge [px].
+        flying: Share of the edge pixels that fly between the two surfaces.
+        edge_missing: Share of the edge pixels that are lost.
+        grazing_start_deg: Angle between line of sight and normal above which pixels get lost [deg].
+        grazing_end_deg: Angle at which all are lost [deg]; the share grows linearly in between.
+    """
+
+    baseline: float = 0.05
+    subpixel: float = 0.08
+    disparity_step: float = 1.0 / 32.0
+    depth_step: float = 0.001
+    edge_disparity: float = 1.0
+    flying: float = 0.3
+    edge_missing: float = 0.3
+    grazing_start_deg: float = 65.0
+    grazing_end_deg: float = 85.0
+
+    def __post_init__(self) -> None:
+        """Checks the parameters.
+
+        Raises:
+            CameraError: A parameter out of range.
+        """
+        for name in (field.name for field in fields(self)):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise CameraError(f"DepthNoise.{name} = {getattr(self, name)}; give 0 or more")
+        for name in ("baseline", "edge_disparity"):
+            if getattr(self, name) == 0.0:
+                raise CameraError(f"DepthNoise.{name} = 0; give a positive number")
+        if self.flying + self.edge_missing > 1.0:
+            raise CameraError(
+                f"DepthNoise.flying = {self.flying} and edge_missing = {self.edge_missing} are "
+                "shares of the same pixels; together they can be 1 at most"
+            )
+        if not self.grazing_start_deg < self.grazing_end_deg:
+            raise CameraError(
+                f"DepthNoise.grazing_start_deg = {self.grazing_start_deg} must be less than "
+                f"grazing_end_deg = {self.grazing_end_deg}"
+            )
+
+    @classmethod
+    def off(cls) -> DepthNoise:
+        """A perfect camera: `apply` changes nothing."""
+        return cls(
+            subpixel=0.0,
+            disparity_step=0.0,
+            depth_step=0.0,
+            flying=0.0,
+            edge_missing=0.0,
+            grazing_start_deg=90.0,
+            grazing_end_deg=91.0,
+        )
+
+    def sigma(self, z: ArrayLike, focal: float) -> Array:
+        """Standard deviation of the depth z [m] of a surface for a focal length [px]: [m]."""
+        return np.asarray(z, dtype=float) ** 2 * (self.subpixel / (focal * self.baseline))
+
+    def apply(
+        self, depth: NDArray[Any], intrinsics: ArrayLike, rng: np.random.Generator
+    ) -> NDArray[Any]:
+        """The depth image that the camera would hand out.
+
+        Args:
+            depth: True depths along the optical axis, shape (h, w) [m]. As in Drake's images, 0 is
+                too near and infinity too far; those and NaN stay as they are.
+            intrinsics: Matrix K, shape (3, 3), or (fx, fy, cx, cy) [px].
+            rng: Source of all chance; three draws per pixel, so equal seeds give equal images.
+
+        Returns:
+            A new image of the same floating-point type (float64 if it had none); infinity where the
+            pixel was lost.
+
+        Raises:
+            CameraError: If the image has no two dimensions, or the intrinsics no focal length.
+        """
+        image = np.asarray(depth)
+        if image.ndim != 2:
+            raise CameraError(f"the depth image has shape {image.shape}; give (h, w)")
+        fx, fy, cx, cy = checked_intrinsics(intrinsics)
+        z = image.astype(float)
+        valid = np.isfinite(z) & (z > 0.0)
+        inverse = np.divide(1.0, z, out=np.zeros_like(z), where=valid)
+        scale = fx * self.baseline
+        fate, mix = rng.random(z.shape), rng.random(z.shape)
+        error = rng.standard_normal(z.shape)
+
+        partner, edge = _across_edges(inverse, self.edge_disparity / scale)
+        lost = edge & (fate < self.edge_missing)
+        flies = edge & ~lost & (fate < self.edge_missing + self.flying)
+        if self.grazing_start_deg < 90.0:
+            angle = np.rad2deg(incidence(inverse, valid, (fx, fy, cx, cy)))
+            span = self.grazing_end_deg - self.grazing_start_deg
+            # An edge pixel that flies is of no surface; everywhere else the draw is still unused.
+            lost |= ~flies & (mix < (angle - self.grazing_start_deg) / span)
+        disparity = inverse + np.where(flies, mix, 0.0) * (partner - inverse)
+        disparity = scale * disparity + self.subpixel * error
+        if self.disparity_step > 0.0:
+            disparity = self.disparity_step * np.round(disparity / self.disparity_step)
+        measured = np.divide(scale, disparity, out=np.full_like(z, np.inf), where=disparity > 0.0)
+        if self.depth_step > 0.0:
+            measured = self.depth_step * np.round(measured / self.depth_step)
+        measured[lost] = np.inf
+        measured[~valid] = z[~valid]
+        return measured.astype(image.dtype if image.dtype.kind == "f" else float)
+
+
+def checked_intrinsics(intrinsics: ArrayLike) -> tuple[float, float, float, float]:
+    """``(fx, fy, cx, cy)`` [px] from those or from a matrix K (3, 3).
+
+    Raises:
+        CameraError: If it is neither, or a focal length is not positive.
+    """
+    given = np.asarray(intrinsics, dtype=float)
+    if given.shape == (3, 3):
+        given = given[[0, 1, 0, 1], [0, 1, 2, 2]]
+    if given.shape != (4,) or not np.isfinite(given).all() or not (given[:2] > 0.0).all():
+        raise CameraError(
+            f"intrinsics {np.asarray(intrinsics).tolist()}: give K (3, 3) or (fx, fy, cx, cy) with "
+            "positive focal lengths in pixels"
+        )
+    fx, fy, cx, cy = given.tolist()
+    return fx, fy, cx, cy
+
+
+def incidence(inverse: Array, valid: Mask, intrinsics: tuple[float, float, float, float]) -> Array:
+    """Angle between the line of sight and the surface's normal in every pixel.
+
+    On a plane the inverse depth is linear in the image, ``1/z = a x + b y + c`` with
+    ``x = (u - cx) / fx`` and ``y = (v - cy) / fy``, and (a, b, c) is along its normal: exact for
+    planes. Of the two differences to either side the smaller one counts, so that an edge does not
+    look like a slope.
+
+    Args:
+        inverse: Inverse depth, shape (h, w) [1/m].
+        valid: Which pixels have a depth, shape (h, w).
+        intrinsics: fx, fy, cx, cy [px].
+
+    Returns:
+        Shape (h, w) [rad], from 0 to pi/2; 0 where it is not known.
+    """
+    fx, fy, cx, cy = intrinsics
+    h, w = inverse.shape
+    a = fx * _smaller_difference(inverse, valid, axis=1)
+    b = fy * _smaller_difference(inverse, valid, axis=0)
+    x = ((np.arange(w) - cx) / fx)[None, :]
+    y = ((np.arange(h) - cy) / fy)[:, None]
+    c = inverse - a * x - b * y
+    length = np.sqrt((a * a + b * b + c * c) * (x * x + y * y + 1.0))
+    cosine = np.divide(inverse, length, out=np.ones_like(inverse), where=valid)
+    return np.arccos(np.clip(cosine, 0.0, 1.0))
+
+
+def _smaller_difference(image: Array, valid: Mask, axis: int) -> Array:
+    """Difference to the next or from the previous pixel, whichever is smaller; 0 without either."""
+    step = np.diff(image, axis=axis)
+    usable = np.logical_and(*_neighbours(valid, axis))
+    step[~usable] = np.inf
+    pad = np.full_like(image[:1] if axis == 0 else image[:, :1], np.inf)
+    after, before = np.concatenate([step, pad], axis), np.concatenate([pad, step], axis)
+    smaller = np.where(np.abs(after) < np.abs(before), after, before)
+    return np.where(np.isfinite(smaller), smaller, 0.0)
+
+
+def _across_edges(inverse: Array, threshold: float) -> tuple[Array, Mask]:
+    """The most different inverse depth among each pixel's four neighbours, and where it is an edge.
+
+    Pixels without depth count as infinitely far, and have no edge of their own.
+    """
+    partner = inverse.copy()
+    most = np.zeros_like(inverse)
+    for axis in (0, 1):
+        low, high = _neighbours(inverse, axis)
+        jump = np.abs(high - low)
+        partners, records = _neighbours(partner, axis), _neighbours(most, axis)
+        for target, record, other in zip(partners, records, (high, low), strict=True):
+            larger = jump > record
+            record[larger] = jump[larger]
+            target[larger] = other[larger]
+    return partner, (most > threshold) & (inverse > 0.0)
+
+
+def _neighbours(image: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Views of all pixels that have a next one along an axis, and of those next ones."""
+    if axis == 0:
+        return image[:-1], image[1:]
+    return image[:, :-1], image[:, 1:]

@@ -1,0 +1,279 @@
+"""An IK flow: many configurations for a flange pose, drawn from what a network has learnt.
+
+A conditional normalizing flow in the sense of IKFlow (Ames, Morgan, Konidaris, "IKFlow: Generating
+Diverse Inverse Kinematics Solutions", RA-L 2022): an invertible map from latents to configurations
+that depends on the pose, trained by maximum likelihood on samples of forward kinematics alone.
+Where IKFlow couples all joints twelve times, this one goes along the chain once:
+
+    p(q | X_WF) = prod_i p(q_i | X_i),    X_i = (X_WL(q_1 ... q_{i-1}))^-1 X_WF,
+
+since of the joints before joint i, only the flange pose as seen from the link L that carries it
+matters. Each factor is a mixture of logistic distributions on the circle, cut off at the joint's
+limits; its weights, centres and scales come from a small network. Turning X_i about the joint's
+axis turns the centres by the same angle, by construction. The flow's latents are the cumulative
+distributions, uniform in the unit cube: ``u_i = P(q_i' <= q_i | X_i)``.
+
+Inference needs NumPy and numba only. Everything that comes out lies inside the joint limits before
+it is refined.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import ThreadpoolController
+
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.models.damped_least_squares import refine
+from feasigrasp.models.iiwa import NUM_JOINTS, POSITION_LIMITS
+from feasigrasp.models.ik_flow_layers import (
+    FEATURES,
+    FlowShape,
+    features_kernel,
+    latent_kernel,
+    quantile_kernel,
+    turn_kernel,
+)
+
+FloatArray = NDArray[np.float64]
+WeightArray = NDArray[np.float32]
+
+#: Where the trained weights are.
+DEFAULT_WEIGHTS = Path(__file__).resolve().parent / "weights" / "ik_flow.npz"
+#: Of the weights file; another layout gets another number.
+FORMAT = "feasigrasp ik_flow 1"
+#: Damping of the refinement steps.
+DAMPING = 0.01
+# Rows that go through the networks together: bounds the memory.
+_CHUNK = 4096
+
+
+class WeightsError(FeasigraspError, ValueError):
+    """A file of weights that is missing, broken, or of another network."""
+
+
+@dataclass(frozen=True, eq=False)
+class IkFlow:
+    """A trained flow.
+
+    Attributes:
+        shape: Sizes of its networks.
+        arrays: Their weights by name, see `FlowShape.array_shapes`.
+    """
+
+    shape: FlowShape
+    arrays: dict[str, WeightArray]
+
+    def __deepcopy__(self, memo: dict[int, object]) -> IkFlow:
+        return self
+
+    @classmethod
+    def load_default(cls) -> IkFlow:
+        """The flow that comes with the package, loaded once.
+
+        Raises:
+            WeightsError: See `load`.
+        """
+        return _load_default()
+
+    @classmethod
+    def load(cls, path: str | Path) -> IkFlow:
+        """Loads a flow that `save` wrote.
+
+        Raises:
+            WeightsError: The file is missing, broken, or does not match the sizes it names.
+        """
+        path = Path(path)
+        mend = "train it with `feasigrasp train ik-flow`, or reinstall feasigrasp"
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                content = {name: file[name] for name in file.files}
+        except FileNotFoundError:
+            raise WeightsError(f"there are no IK flow weights at {path}; {mend}") from None
+        except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+            raise WeightsError(f"{path} is not a readable weights file ({error}); {mend}") from None
+        try:
+            header = json.loads(str(content.pop("header")))
+            if header["format"] != FORMAT:
+                raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
+            shape = FlowShape.from_dict(header["shape"])
+            _check_arrays(content, shape)
+        except (KeyError, TypeError, ValueError) as error:
+            raise WeightsError(f"{path} does not hold an IK flow: {error}; {mend}") from None
+        for array in content.values():
+            array.flags.writeable = False
+        return cls(shape, content)
+
+    def save(self, path: str | Path) -> None:
+        """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        header = json.dumps({"format": FORMAT, "shape": self.shape.as_dict()})
+        partial = path.with_name(f"{path.name}.part.npz")
+        np.savez_compressed(partial, header=np.array(header), **self.arrays)  # type: ignore[arg-type]
+        partial.replace(path)
+
+    def sample(self, X_WF: ArrayLike, seed: int = 0, per_pose: int = 1) -> FloatArray:
+        """Draws configurations, not refined yet.
+
+        The latents depend on the seed and the place in the batch alone: the same call with poses
+        that have moved a little gives configurations that have moved a little.
+
+        Args:
+            X_WF: Flange poses (n, 4, 4) [m].
+            seed: Of the latents.
+            per_pose: Number of configurations of each pose.
+
+        Returns:
+            Shape (n, per_pose, 7) [rad], inside the joint limits.
+
+        Raises:
+            ValueError: The poses have another shape or are not finite.
+        """
+        X_WF = _poses(X_WF)
+        u = np.random.default_rng(seed).random((len(X_WF), per_pose, NUM_JOINTS))
+        repeated = np.repeat(X_WF, per_pose, axis=0)
+        return self.inverse(repeated, u.reshape(-1, NUM_JOINTS)).reshape(u.shape)
+
+    def solve(self, X_WF: ArrayLike, seed: int = 0, refinement_steps: int = 3) -> FloatArray:
+        """One configuration of each pose: a sample, refined by damped least squares.
+
+        Args:
+            X_WF: Flange poses (n, 4, 4) [m].
+            seed: Of the latents, see `sample`.
+            refinement_steps: Newton-like steps after the sample.
+
+        Returns:
+            Shape (n, 7) [rad], inside the joint limits. A few do not reach their pose: compare
+            forward kinematics, and see `feasigrasp.models.self_collision`.
+
+        Raises:
+            ValueError: See `sample`.
+        """
+        X_WF = _poses(X_WF)
+        q = self.sample(X_WF, seed)[:, 0]
+        return refine(X_WF, q, refinement_steps, DAMPING, limit_margin=0.0)[0]
+
+    def inverse(self, X_WF: ArrayLike, u: ArrayLike) -> FloatArray:
+        """From latents to configurations.
+
+        Args:
+            X_WF: Flange poses (n, 4, 4) [m].
+            u: Latents (n, 7) in the unit cube.
+
+        Returns:
+            Joint positions (n, 7) [rad], inside the limits.
+
+        Raises:
+            ValueError: Latents outside the unit cube, or poses as in `sample`.
+        """
+        X_WF = _poses(X_WF)
+        u = np.asarray(u, dtype=float)
+        if u.shape != (len(X_WF), NUM_JOINTS) or not ((u >= 0.0) & (u <= 1.0)).all():
+            raise ValueError(f"latents must be ({len(X_WF)}, 7) numbers in [0, 1]")
+        q = np.empty(u.shape)
+        with _one_thread():
+            for start in range(0, len(q), _CHUNK):
+                part = slice(start, start + _CHUNK)
+                self._inverse(X_WF[part, :3].copy(), u[part], q[part])
+        return q
+
+    def _inverse(self, target: FloatArray, u: FloatArray, q: FloatArray) -> None:
+        """Writes the configurations; moves the targets (n, 3, 4) along the chain."""
+        for joint in range(NUM_JOINTS):
+            head, azimuth = self._head(target, joint)
+            angle = np.empty(len(target))
+            quantile_kernel(head, self.shape.narrowest, azimuth, joint, u[:, joint], angle)
+            turn_kernel(target, joint, angle)
+            q[:, joint] = angle
+
+    def forward(self, X_WF: ArrayLike, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The inverse of `inverse`: from configurations inside the limits to latents.
+
+        Args:
+            X_WF: Flange poses (n, 4, 4) [m].
+            q: Joint positions (n, 7) [rad].
+
+        Returns:
+            Latents (n, 7) and log densities (n,) of the configurations [1/rad^7].
+
+        Raises:
+            ValueError: A configuration outside the limits, or poses as in `sample`.
+        """
+        X_WF = _poses(X_WF)
+        q = np.asarray(q, dtype=float)
+        if q.shape != (len(X_WF), NUM_JOINTS) or not (np.abs(q) <= POSITION_LIMITS).all():
+            raise ValueError(f"q must be ({len(X_WF)}, 7) joint positions inside the limits")
+        u, log_density = np.empty(q.shape), np.zeros(len(q))
+        target = X_WF[:, :3].copy()
+        for joint in range(NUM_JOINTS):
+            with _one_thread():
+                head, azimuth = self._head(target, joint)
+            angle, latent, term = q[:, joint].copy(), np.empty(len(q)), np.empty(len(q))
+            latent_kernel(head, self.shape.narrowest, azimuth, joint, angle, latent, term)
+            turn_kernel(target, joint, angle)
+            u[:, joint] = latent
+            log_density += term
+        return u, log_density
+
+    def _head(self, target: FloatArray, joint: int) -> tuple[WeightArray, FloatArray]:
+        """Outputs of a joint's network; moves the targets (n, 3, 4) to the joint."""
+        features = np.empty((len(target), FEATURES), dtype=np.float32)
+        azimuth = np.empty(len(target))
+        features_kernel(target, joint, features, azimuth)
+        name, x = f"factors.{joint}", features
+        for i in range(len(self.shape.hidden[joint])):
+            x = x @ self.arrays[f"{name}.layers.{i}.weight"].T
+            x += self.arrays[f"{name}.layers.{i}.bias"]
+            x /= 1.0 + np.exp(-x)  # SiLU
+        head = x @ self.arrays[f"{name}.head.weight"].T
+        head += self.arrays[f"{name}.head.bias"]
+        k = self.shape.components[joint]
+        head[:, k : 3 * k] += features @ self.arrays[f"{name}.skip.weight"].T
+        return head, azimuth
+
+
+@lru_cache(maxsize=1)
+def _load_default() -> IkFlow:
+    return IkFlow.load(DEFAULT_WEIGHTS)
+
+
+@lru_cache(maxsize=1)
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def _one_thread() -> Any:
+    """Context in which matrix products keep to one thread: more cost time on a busy machine."""
+    return _threads().limit(limits=1, user_api="blas")
+
+
+def _poses(X_WF: ArrayLike) -> FloatArray:
+    X_WF = np.ascontiguousarray(X_WF, dtype=float)
+    if X_WF.ndim != 3 or X_WF.shape[1:] != (4, 4):
+        raise ValueError(f"poses must have shape (n, 4, 4), got {X_WF.shape}")
+    if not np.isfinite(X_WF).all():
+        raise ValueError("a pose is not finite")
+    return X_WF
+
+
+def _check_arrays(arrays: dict[str, NDArray[np.generic]], shape: FlowShape) -> None:
+    """Raises ValueError where arrays are not those of a network of these sizes."""
+    expected = shape.array_shapes()
+    if set(arrays) != set(expected):
+        missing, surplus = sorted(set(expected) - set(arrays)), sorted(set(arrays) - set(expected))
+        raise ValueError(f"arrays missing: {missing or 'none'}, unknown: {surplus or 'none'}")
+    for name, array in arrays.items():
+        if array.shape != expected[name] or array.dtype != np.float32:
+            raise ValueError(
+                f"{name} is {array.dtype} {array.shape}, its sizes need float32 {expected[name]}"
+            )
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite")

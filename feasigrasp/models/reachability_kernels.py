@@ -1,0 +1,277 @@
+"""Whether a flange pose can be reached, and with which configuration: the compiled part.
+
+What the pose alone decides comes first: the hand's clearance to the table and to what never moves.
+Then the exact arm angles inside the joint limits; only there configurations are tried.
+"""
+
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.arm_angle_intervals import Segments, make_segments, segments_kernel
+from feasigrasp.models.arm_angle_lanes import Lanes, lanes_kernel, travel_times_kernel
+from feasigrasp.models.arm_circle import arm_angle_kernel, arm_circle_kernel, configuration_kernel
+from feasigrasp.models.capsule_kernels import closest_parameters, end_point
+from feasigrasp.models.collision_kernels import is_clear_kernel
+from feasigrasp.models.fast_trig import fast_sincos
+from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+from feasigrasp.models.iiwa_capsules import CapsuleModel
+from feasigrasp.models.inverse_kinematics import (
+    inside_limits_kernel,
+    next_nearest_kernel,
+    travel_time_kernel,
+)
+from feasigrasp.models.vector_kernels import dot, minus, step
+
+FloatArray = NDArray[np.float64]
+
+#: What `verdict_kernel` returns; the names are in `feasigrasp.models.reachability.VERDICTS`.
+REACHABLE, WRIST, LIMITS, SELF_COLLISION, TABLE = 0, 1, 2, 3, 4
+
+_LINK_7_TO_FLANGE = float(FLANGE_HEIGHT - JOINT_HEIGHTS[6])
+
+
+class Search(NamedTuple):
+    """What the kernels below need to know of arm, hand and table.
+
+    Attributes:
+        psis: Arm angles at which the nearest configuration is looked for, shape (n,) [rad].
+        spacing: Largest step between the arm angles that are tried inside an interval [rad].
+        limit_margin: Distance kept from the joint limits [rad].
+        clearance: Distance kept between bodies, and to the table [m].
+        table_height: Height of the table top in the base frame [m].
+        capsules: Arm and hand, with all pairs and movers to check.
+        open: The same, with the pairs and movers that the flange pose alone does not decide.
+        hand: Capsules that move with the flange, shape (h,).
+        fixed: Ends of the capsules in the base frame, shape (c, 2, 3) [m]; only those of the base,
+            and of link 1 on the axis of joint 1, mean anything.
+        fixed_pairs: Pairs of such a capsule and one of the hand, shape (p, 2).
+    """
+
+    psis: FloatArray
+    spacing: float
+    limit_margin: float
+    clearance: float
+    table_height: float
+    capsules: CapsuleModel
+    open: CapsuleModel
+    hand: NDArray[np.int64]
+    fixed: FloatArray
+    fixed_pairs: NDArray[np.int64]
+
+
+class Room(NamedTuple):
+    """Scratch memory of a search, made once for many poses.
+
+    Attributes:
+        lanes: Arm angles to choose the nearest configuration from.
+        segments: The exact intervals of arm angle.
+        q: The configuration that is being tried, shape (7,).
+        ends: Ends of the hand's capsules in the base frame, shape (c, 2, 3).
+    """
+
+    lanes: Lanes
+    segments: Segments
+    q: FloatArray
+    ends: FloatArray
+
+
+@nb.njit(cache=True)
+def make_room(search, q_near):  # type: ignore[no-untyped-def]
+    """Room for a search; the arm angle of ``q_near`` is tried beside those of ``search``.
+
+    So the nearest solution moves smoothly with the pose.
+    """
+    return Room(
+        lanes_kernel(search.psis, arm_angle_kernel(q_near)),
+        make_segments(search.limit_margin),
+        np.empty(7),
+        np.empty(search.fixed.shape),
+    )
+
+
+@nb.njit(cache=True, forceinline=True)
+def hand_verdict_kernel(X_WF, search, ends):  # type: ignore[no-untyped-def]
+    """What the flange pose alone decides: TABLE, SELF_COLLISION with what is fixed, or REACHABLE.
+
+    Writes the ends of the hand's capsules into ``ends``.
+    """
+    local, radius, reach = search.capsules.ends, search.capsules.radius, search.capsules.reach
+    hand, fixed, pairs, clearance = search.hand, search.fixed, search.fixed_pairs, search.clearance
+    for k in range(len(hand)):
+        c = hand[k]
+        for e in range(2):
+            x, y, z = local[c, e, 0], local[c, e, 1], local[c, e, 2] - _LINK_7_TO_FLANGE
+            for i in range(3):
+                ends[c, e, i] = X_WF[i, 0] * x + X_WF[i, 1] * y + X_WF[i, 2] * z + X_WF[i, 3]
+        if min(ends[c, 0, 2], ends[c, 1, 2]) - radius[c] < search.table_height + clearance:
+            return TABLE
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        a0, a1 = end_point(fixed, i, 0), end_point(fixed, i, 1)
+        b0, b1 = end_point(ends, j, 0), end_point(ends, j, 1)
+        middles = minus(step(a0, 1.0, a1), step(b0, 1.0, b1))  # twice the way between them
+        if dot(middles, middles) > 4.0 * (reach[i] + reach[j] + clearance) ** 2:
+            continue
+        _, _, d = closest_parameters(a0, a1, b0, b1)
+        if dot(d, d) < (radius[i] + radius[j] + clearance) ** 2:
+            return SELF_COLLISION
+    return REACHABLE
+
+
+@nb.njit(cache=True, forceinline=True)
+def _is_admissible(q, model, search, table_height):  # type: ignore[no-untyped-def]
+    return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
+        q, model, search.clearance, table_height
+    )
+
+
+@nb.njit(cache=True, forceinline=True)
+def _parts(segments, k, spacing):  # type: ignore[no-untyped-def]
+    """Into how many equal parts, each tried in its middle, segment k is divided; and their size."""
+    if segments.branches[k] == 0:
+        return 0, 0.0
+    length = segments.start[k + 1] - segments.start[k]
+    parts = max(1, int(np.ceil(length / spacing)))
+    return parts, length / parts
+
+
+@nb.njit(cache=True, forceinline=True)
+def _write_candidate(circle, phi, branch, q):  # type: ignore[no-untyped-def]
+    s, c = fast_sincos(phi)
+    sign = 1.0 if branch < 4 else -1.0  # from the elbow angle to the arm angle
+    configuration_kernel(circle, sign * s, sign * c, branch, q)
+
+
+@nb.njit(cache=True)
+def _first_in_segments(circle, search, room):  # type: ignore[no-untyped-def]
+    """REACHABLE, with the configuration in ``room.q``, as soon as one is admissible; or why not."""
+    verdict, segments = LIMITS, room.segments
+    for k in range(segments_kernel(circle, segments)):
+        parts, size = _parts(segments, k, search.spacing)
+        for part in range(parts):
+            for branch in range(8):
+                if (segments.branches[k] >> branch) & 1:
+                    _write_candidate(
+                        circle, segments.start[k] + (part + 0.5) * size, branch, room.q
+                    )
+                    if _is_admissible(room.q, search.open, search, search.table_height):
+                        return REACHABLE
+                    if verdict != TABLE:
+                        without_table = _is_admissible(room.q, search.open, search, -np.inf)
+                        verdict = TABLE if without_table else SELF_COLLISION
+    return verdict
+
+
+@nb.njit(cache=True)
+def _all_candidates(circle, search, room):  # type: ignore[no-untyped-def]
+    """All admissible configurations (n, 7) that are tried inside the exact intervals."""
+    segments = room.segments
+    count = segments_kernel(circle, segments)
+    most = 0
+    for k in range(count):
+        most += 8 * _parts(segments, k, search.spacing)[0]
+    candidates = np.empty((most, 7))
+    n = 0
+    for k in range(count):
+        parts, size = _parts(segments, k, search.spacing)
+        for part in range(parts):
+            for branch in range(8):
+                if (segments.branches[k] >> branch) & 1:
+                    q = candidates[n]
+                    _write_candidate(circle, segments.start[k] + (part + 0.5) * size, branch, q)
+                    n += 1 if _is_admissible(q, search.open, search, search.table_height) else 0
+    return candidates[:n]
+
+
+@nb.njit(cache=True)
+def verdict_kernel(X_WF, search, room):  # type: ignore[no-untyped-def]
+    """Whether a flange pose can be reached: REACHABLE, or why not.
+
+    SELF_COLLISION: every configuration inside the limits collides with itself. TABLE: not every
+    one does, but all others are too close to the table; or the hand itself is.
+    """
+    circle = arm_circle_kernel(X_WF)
+    if not circle.reached:
+        return WRIST
+    verdict = hand_verdict_kernel(X_WF, search, room.ends)
+    if verdict != REACHABLE:
+        return verdict
+    return _first_in_segments(circle, search, room)
+
+
+@nb.njit(cache=True)
+def nearest_kernel(X_WF, q_near, search, room, q_best):  # type: ignore[no-untyped-def]
+    """Writes the admissible configuration that is soonest reached from ``q_near``.
+
+    It is the best of the arm angles of ``search`` and that of ``q_near``; if none of them is
+    admissible, the best inside the exact intervals. Returns the travel time [s], infinite if there
+    is none.
+    """
+    circle = arm_circle_kernel(X_WF)
+    if not circle.reached or hand_verdict_kernel(X_WF, search, room.ends) != REACHABLE:
+        return np.inf
+    travel_times_kernel(circle, q_near, search.limit_margin, room.lanes)
+    while next_nearest_kernel(circle, room.lanes, room.q) < np.inf:
+        if _is_admissible(room.q, search.open, search, search.table_height):
+            q_best[:] = room.q
+            return travel_time_kernel(room.q, q_near)
+    shortest = np.inf
+    for q in _all_candidates(circle, search, room):
+        time = travel_time_kernel(q, q_near)
+        if time < shortest:
+            shortest = time
+            q_best[:] = q
+    return shortest
+
+
+@nb.njit(cache=True)
+def nearest_batch_kernel(X_WF, q_near, search, q, times):  # type: ignore[no-untyped-def]
+    """`nearest_kernel` of poses (n, 4, 4)."""
+    room = make_room(search, q_near)
+    for k in range(len(X_WF)):
+        times[k] = nearest_kernel(X_WF[k], q_near, search, room, q[k])
+
+
+@nb.njit(cache=True)
+def verdict_batch_kernel(X_WF, search, verdicts):  # type: ignore[no-untyped-def]
+    """`verdict_kernel` of poses (n, 4, 4)."""
+    room = make_room(search, np.zeros(7))
+    for k in range(len(X_WF)):
+        verdicts[k] = verdict_kernel(X_WF[k], search, room)
+
+
+@nb.njit(cache=True)
+def admissible_batch_kernel(Q, search, admissible):  # type: ignore[no-untyped-def]
+    """Whether configurations (n, 7) are inside the limits and clear of arm, hand and table."""
+    for k in range(len(Q)):
+        admissible[k] = _is_admissible(Q[k], search.capsules, search, search.table_height)
+
+
+@nb.njit(cache=True)
+def diverse_kernel(X_WF, q_near, search, chosen):  # type: ignore[no-untyped-def]
+    """Writes up to ``len(chosen)`` admissible configurations by farthest-point selection.
+
+    The first one is the nearest to ``q_near``. Returns how many there are.
+    """
+    room = make_room(search, q_near)
+    circle = arm_circle_kernel(X_WF)
+    if not circle.reached or hand_verdict_kernel(X_WF, search, room.ends) != REACHABLE:
+        return 0
+    candidates = _all_candidates(circle, search, room)
+    n = len(candidates)
+    distance = np.full(n, np.inf)  # to the nearest of the chosen ones
+    index = 0
+    for k in range(n):
+        if travel_time_kernel(candidates[k], q_near) < travel_time_kernel(
+            candidates[index], q_near
+        ):
+            index = k
+    for count in range(min(n, len(chosen))):
+        chosen[count] = candidates[index]
+        for k in range(n):
+            distance[k] = min(distance[k], travel_time_kernel(candidates[k], chosen[count]))
+        index = int(np.argmax(distance))
+    return min(n, len(chosen))

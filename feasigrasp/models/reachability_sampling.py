@@ -1,0 +1,174 @@
+"""Reachable poses by drawing configurations: what the reachable-space mixture is fitted to.
+
+Joint positions are uniform inside their limits. Configurations in self-collision, and poses of the
+fitted frame below a floor, are dropped (the paper's section IV-B).
+
+What remains is dense where the arm is close to singular: near a configuration with manipulability
+m = sqrt(det J J^T), poses have density 1/m. A mixture fitted to them describes those crowds first.
+Where it is to tell reachable poses from others, draws can be *thinned* in proportion to m: what is
+left has, at every pose, a density proportional to the self-motion that the arm has there, without
+singular crowds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.iiwa_capsules import CapsuleModel, capsule_model
+from feasigrasp.models.iiwa_kinematics import forward_kinematics, manipulability
+from feasigrasp.models.riemannian_kernels import pose_quaternions
+from feasigrasp.models.self_collision import in_collision
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+#: Height in the base frame below which poses of the fitted frame are dropped [m].
+FLOOR = 0.1
+_PILOT = 10_000
+
+
+class SerialArm(Protocol):
+    """What sampling needs to know of an arm with n joints."""
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower joint limits, shape (n,) [rad or m]."""
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper joint limits, shape (n,) [rad or m]."""
+
+    def forward_kinematics(self, q: ArrayLike) -> FloatArray:
+        """Poses of the end frame in the base frame, shape (m, 4, 4), of positions (m, n)."""
+
+    def manipulability(self, q: ArrayLike) -> FloatArray:
+        """Yoshikawa's measure of configurations (m, n), shape (m,)."""
+
+    def in_collision(self, q: ArrayLike) -> BoolArray:
+        """Which configurations (m, n) are in self-collision, shape (m,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class IiwaArm:
+    """The iiwa 7 with a hand at its flange; the end frame is the flange F.
+
+    Attributes:
+        gripper: The hand, which can collide with the arm.
+    """
+
+    gripper: ParallelGripper = field(default_factory=ParallelGripper)
+    _capsules: CapsuleModel = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Builds the capsules of the arm with its hand."""
+        object.__setattr__(self, "_capsules", capsule_model(self.gripper))
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower joint limits, shape (7,) [rad]."""
+        return -POSITION_LIMITS
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper joint limits, shape (7,) [rad]."""
+        return POSITION_LIMITS
+
+    def forward_kinematics(self, q: ArrayLike) -> FloatArray:
+        """Flange poses ``X_WF``, shape (m, 4, 4) [m]."""
+        return forward_kinematics(q)
+
+    def manipulability(self, q: ArrayLike) -> FloatArray:
+        """Yoshikawa's measure of configurations (m, 7), shape (m,)."""
+        return manipulability(q)
+
+    def in_collision(self, q: ArrayLike) -> BoolArray:
+        """Which configurations (m, 7) are in self-collision, shape (m,)."""
+        return in_collision(q, self._capsules)
+
+
+class ReachedPoses(NamedTuple):
+    """Poses that were reached, and what became of the draws that brought none.
+
+    Attributes:
+        quaternions: Unit quaternions wxyz, shape (m, 4), single precision.
+        positions: Shape (m, 3) [m], single precision.
+        drawn: Number of configurations drawn.
+        colliding: How many of them were in self-collision.
+        low: How many of the others put the fitted frame below the floor.
+        thinned: How many of the rest were thinned out.
+    """
+
+    quaternions: NDArray[np.float32]
+    positions: NDArray[np.float32]
+    drawn: int
+    colliding: int
+    low: int
+    thinned: int
+
+
+def manipulability_reference(arm: SerialArm) -> float:
+    """The manipulability from which on no draw is thinned out: exceeded by 1 draw in 10."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (_PILOT, len(arm.lower)))
+    return float(np.quantile(arm.manipulability(q), 0.9))
+
+
+def sample_reachable_poses(
+    arm: SerialArm,
+    n: int,
+    rng: np.random.Generator,
+    *,
+    X_FT: ArrayLike | None = None,
+    floor: float = FLOOR,
+    thin: float | None = None,
+) -> ReachedPoses:
+    """Draws configurations and keeps the poses of those that are admissible.
+
+    Args:
+        arm: The arm.
+        n: Number of configurations to draw; a few hundred thousand at a time.
+        rng: Source of randomness.
+        X_FT: The frame to fit in the end frame of the arm; the end frame itself by default.
+        floor: Poses with a lower z in the base frame are dropped [m].
+        thin: Keep a draw of manipulability m with probability m / thin, see
+            `manipulability_reference`; keep all by default.
+    """
+    q = rng.uniform(arm.lower, arm.upper, (n, len(arm.lower)))
+    q = q[~arm.in_collision(q)]
+    X_WT = arm.forward_kinematics(q)
+    if X_FT is not None:
+        X_WT = X_WT @ np.asarray(X_FT, dtype=float)
+    high = X_WT[:, 2, 3] >= floor
+    n_free, n_high = len(q), int(high.sum())
+    if thin is not None:
+        high[high] = rng.random(n_high) * thin < arm.manipulability(q[high])
+    X_WT = np.ascontiguousarray(X_WT[high])
+    quaternions = np.empty((len(X_WT), 4))
+    pose_quaternions(X_WT, quaternions)
+    return ReachedPoses(
+        quaternions.astype(np.float32),
+        X_WT[:, :3, 3].astype(np.float32),
+        drawn=n,
+        colliding=n - n_free,
+        low=n_free - n_high,
+        thinned=n_high - len(X_WT),
+    )
+
+
+def join(parts: Sequence[ReachedPoses]) -> ReachedPoses:
+    """All the poses and counts of several samples."""
+    return ReachedPoses(
+        np.concatenate([part.quaternions for part in parts]),
+        np.concatenate([part.positions for part in parts]),
+        drawn=sum(part.drawn for part in parts),
+        colliding=sum(part.colliding for part in parts),
+        low=sum(part.low for part in parts),
+        thinned=sum(part.thinned for part in parts),
+    )

@@ -1,0 +1,130 @@
+"""The reachable space of an arm as a density over poses, with a threshold: the paper's filter.
+
+A Riemannian mixture is fitted to the poses of uniformly drawn admissible configurations (the
+paper's section IV-B). A pose counts as reachable if its log density exceeds the value that 99 % of
+reachable poses exceed. That is a soft score, not a proof: `feasigrasp.models.reachability` has the
+exact answer.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.errors import FeasigraspError, ReachabilityError
+from feasigrasp.models.riemannian_float32 import Float32Array, log_densities, pack
+from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.resources import model_path
+
+FloatArray = NDArray[np.float64]
+
+#: The file that is part of the project: flange poses of the iiwa 7 with its hand.
+DEFAULT_FILE = ("iiwa", "reachable_space.npz")
+_ARRAYS = ("weights", "means", "covariances", "threshold")
+
+
+@dataclass(frozen=True, eq=False)
+class ReachableSpace:
+    """A mixture over the poses that an arm reaches, and the density from which on it does.
+
+    Attributes:
+        mixture: Density over poses of the fitted frame (the flange F unless the file says
+            otherwise) in the frame of the arm's base.
+        threshold: Log density that 99 % of held-out reachable poses exceed.
+        metadata: How it was made: command, seed, counts, frame.
+
+    Raises:
+        ReachabilityError: If the threshold is not finite.
+    """
+
+    mixture: RiemannianMixture
+    threshold: float
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    _packed: Float32Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Checks the threshold and packs the mixture for the batch kernel."""
+        if not np.isfinite(self.threshold):
+            raise ReachabilityError(
+                f"ReachableSpace: threshold = {self.threshold} is no log density; fit anew."
+            )
+        object.__setattr__(self, "_packed", pack(self.mixture))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> ReachableSpace:
+        """Immutable, so a copy is itself."""
+        return self
+
+    def log_density(self, X_WF: ArrayLike) -> FloatArray:
+        """Log density of poses, shape (n,), in single precision: to about 1e-5 near the threshold.
+
+        Args:
+            X_WF: Poses of the fitted frame in the base frame, shape (n, 4, 4) [m].
+
+        Raises:
+            GraspError: ``X_WF`` does not have shape (n, 4, 4).
+        """
+        return log_densities(X_WF, self._packed)
+
+    def contains(self, X_WF: ArrayLike) -> NDArray[np.bool_]:
+        """Which poses (n, 4, 4) are dense enough to count as reachable, shape (n,)."""
+        return np.asarray(self.log_density(X_WF) >= self.threshold)
+
+    def save(self, path: str | Path) -> None:
+        """Writes the space as ``.npz``, whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f"{path.name}.{os.getpid()}.part")
+        with partial.open("wb") as file:
+            np.savez_compressed(
+                file,
+                weights=self.mixture.weights,
+                means=self.mixture.means,
+                covariances=self.mixture.covariances,
+                threshold=np.float64(self.threshold),
+                metadata=np.array(json.dumps(dict(self.metadata))),
+            )
+        partial.replace(path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ReachableSpace:
+        """Reads what `save` wrote.
+
+        Raises:
+            ReachabilityError: The file is missing, or is no reachable space.
+        """
+        path = Path(path)
+        mend = "make one with: feasigrasp fit reachability"
+        if not path.is_file():
+            raise ReachabilityError(f"{path}: no such file; {mend} --out DIR")
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                missing = sorted({*_ARRAYS, "metadata"} - set(stored.files))
+                if missing:
+                    raise ReachabilityError(
+                        f"{path} is no reachable space, it lacks {', '.join(missing)}; {mend}"
+                    )
+                weights, means, covariances, threshold = (stored[name] for name in _ARRAYS)
+                metadata = json.loads(str(stored["metadata"]))
+            return cls(RiemannianMixture(weights, means, covariances), float(threshold), metadata)
+        except ReachabilityError:
+            raise
+        except (OSError, ValueError, TypeError, zipfile.BadZipFile, FeasigraspError) as error:
+            raise ReachabilityError(f"{path} is no reachable space ({error}); {mend}") from error
+
+    @classmethod
+    def load_default(cls) -> ReachableSpace:
+        """The packaged reachable space of the iiwa 7's flange.
+
+        Raises:
+            ResourceError: The installation lacks the file.
+            ReachabilityError: The file is malformed.
+        """
+        return cls.load(model_path(*DEFAULT_FILE))

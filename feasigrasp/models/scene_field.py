@@ -1,0 +1,261 @@
+"""The distance field of a scene: how far the table and everything on it is, and which way.
+
+The same Gaussian process distance field as for objects (Choi & Figueroa, arXiv 2311.02576), on the
+cloud of the surroundings, with three things that a scene needs:
+
+- It is large, so it is cut into cubes with a field each, of bounded size, fitted to the points of
+  its cube and a rim around it. A query then costs the same in a room as on a desk.
+- Marching along the gradient from half a metre away ends anywhere but at the nearest surface: the
+  occupancy of a whole table blends (measured: 30 mm mean error at 0 to 0.6 m). Here refinement
+  starts at the nearest observed point, moves along the surface towards the query, and settles on
+  the field's zero (2 mm; edges are rounded by up to half a voxel). The nearest point alone is too
+  near by what noise lifts it, 3.6 mm for noise of 3 mm.
+- What is behind a surface was not seen. Up to ``thickness`` behind it counts as inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from feasigrasp.errors import PointCloudError
+from feasigrasp.models.gpdf import Gpdf, fit_gpdf
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.point_cloud_checks import MIN_POINTS
+
+Array = NDArray[np.float64]
+
+#: Points this far around a cube take part in its field, so that neighbours agree [m].
+_RIM = 0.04
+#: Steps onto the surface, before and after moving along it towards the query.
+_STEPS_BEFORE, _STEPS_AFTER = 1, 2
+#: Closer to the surface than this the field's own normal is the gradient [m].
+_TOUCHING = 1e-3
+#: Points in a leaf of the look-up tree: of a point far from a plane many are nearly nearest, and
+#: going through them beats going through branches by a factor of two.
+_LEAF = 64
+#: Cosine to the outward normal below which a query lies behind the surface, not beside its rim.
+_BEHIND = -0.5
+
+
+@dataclass(frozen=True, eq=False)
+class SceneField:
+    """Distance to the surfaces of a scene, in the frame of its cloud; made by `fit_scene`.
+
+    Attributes:
+        points: The cloud, one point per voxel, shape (n, 3) [m].
+        cube: Which of ``fields`` each point belongs to, shape (n,).
+        fields: One distance field per cube; None where the points of the cube are too few for one,
+            and stand for themselves.
+        resolution: Edge length of a voxel [m].
+        thickness: Depth behind a seen surface that counts as inside [m].
+    """
+
+    points: Array
+    cube: NDArray[np.int64]
+    fields: tuple[Gpdf | None, ...]
+    resolution: float
+    thickness: float
+    _tree: cKDTree = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays and sorts the points for look-up."""
+        for array in (self.points, self.cube):
+            array.flags.writeable = False
+        object.__setattr__(self, "_tree", cKDTree(self.points, leafsize=_LEAF))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> SceneField:
+        """Immutable, so a copy is itself."""
+        return self
+
+    def distance(self, x: ArrayLike) -> Array:
+        """Signed distance to the nearest surface at x (m, 3) [m], shape (m,)."""
+        return self.distance_and_gradient(x)[0]
+
+    def distance_and_gradient(
+        self, x: ArrayLike, max_distance: float = np.inf
+    ) -> tuple[Array, Array]:
+        """Signed distance to the nearest surface, and its gradient.
+
+        Args:
+            x: Query points, shape (m, 3) [m].
+            max_distance: Farther away is far enough: ``max_distance`` with gradient zero [m]. Saves
+                most of the time where most points are far.
+
+        Returns:
+            Distances (m,) [m], negative behind a surface, and unit gradients (m, 3).
+
+        Raises:
+            PointCloudError: If x has another shape, or holds NaN or infinity.
+        """
+        x = _checked(x)
+        distance, gradient = np.full(len(x), max_distance), np.zeros_like(x)
+        reach = max_distance + self.resolution  # a foot lies within a voxel of an observed point
+        apart, nearest = self._tree.query(x, distance_upper_bound=reach)
+        near = np.flatnonzero(np.isfinite(apart))
+        d, g = self._at(x[near], nearest[near])
+        closer = d < max_distance
+        distance[near[closer]], gradient[near[closer]] = d[closer], g[closer]
+        return distance, gradient
+
+    def _at(self, x: Array, nearest: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Distances and gradients at x, from the observed points nearest to x."""
+        feet, normals = self._feet(x, nearest)
+        offset = x - feet
+        distance = np.linalg.norm(offset, axis=1)
+        height = np.einsum("mi,mi->m", offset, normals)
+        inside = (height < _BEHIND * distance) & (distance < self.thickness)
+        sign = np.where(inside, -1.0, 1.0)
+        gradient = offset * (sign / np.maximum(distance, 1e-12))[:, None]
+        touching = distance < _TOUCHING
+        gradient[touching] = normals[touching]
+        return np.where(touching, height, sign * distance), gradient
+
+    def closer_than(self, x: ArrayLike, margin: float) -> NDArray[np.bool_]:
+        """Which points x (m, 3) are closer to a surface than a margin [m], or behind it, (m,).
+
+        As `distance`, but most points far away cost a look-up only.
+        """
+        x = _checked(x)
+        return self.distance_and_gradient(x, max(margin, self.thickness))[0] < margin
+
+    def _feet(self, x: Array, nearest: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Surface points (m, 3) about the nearest observed ones, and outward normals (m, 3)."""
+        start = self.points[nearest]
+        feet, normals = start.copy(), np.zeros_like(x)
+        cubes = self.cube[nearest]
+        for cube in np.unique(cubes):
+            gpdf, of_cube = self.fields[cube], np.flatnonzero(cubes == cube)
+            if gpdf is None:
+                continue
+            _, p, n = gpdf.refine(start[of_cube], _STEPS_BEFORE)
+            p = p + _along(x[of_cube] - p, n, self.resolution / 2)
+            _, p, normals[of_cube] = gpdf.refine(p, _STEPS_AFTER)
+            feet[of_cube] += _shortened(p - start[of_cube], self.resolution)
+        return feet, normals
+
+
+def fit_scene(
+    points: ArrayLike,
+    viewpoint: ArrayLike,
+    *,
+    resolution: float = 0.01,
+    cube_size: float = 0.25,
+    max_points: int = 320,
+    length_scale: float = 0.1,
+    noise_variance: float = 0.0025,
+    surface_offset: float = 0.005,
+    thickness: float = 0.05,
+) -> SceneField:
+    """Fits the distance field of a scene.
+
+    Args:
+        points: Cloud of the surroundings without robot and object, shape (n, 3) [m]; any size.
+        viewpoint: Where the camera was, shape (3,) [m], or, for merged views, the direction from
+            each point to its camera, shape (n, 3).
+        resolution: Edge length of the voxels in which points are averaged [m].
+        cube_size: Edge length of the cubes with a field each [m].
+        max_points: Most surface points per field.
+        length_scale: l of the kernel [m].
+        noise_variance: s2 of the occupancy observations.
+        surface_offset: h of the values beside the surface [m].
+        thickness: Depth behind a seen surface that counts as inside [m].
+
+    Raises:
+        PointCloudError: If the cloud is too small, of the wrong shape, or holds NaN or infinity.
+    """
+    cloud = _checked(points)
+    if len(cloud) < MIN_POINTS:
+        raise PointCloudError(
+            f"{len(cloud)} points of the scene; a field needs at least {MIN_POINTS}. Is the label "
+            "image that of the same camera?"
+        )
+    view = np.asarray(viewpoint, dtype=float)
+    if view.shape not in ((3,), cloud.shape) or not np.isfinite(view).all():
+        raise PointCloudError(
+            f"viewpoint has shape {view.shape}; give a finite camera position (3,) or one "
+            f"direction per point {cloud.shape}"
+        )
+    towards = view - cloud if view.ndim == 1 else view
+    towards = towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+    thin, directions = _voxel_means(cloud, towards, resolution)
+    cells = np.floor(thin / cube_size + 0.5).astype(np.int64)  # a table at 0 stays in one
+    keys, cube = np.unique(cells, axis=0, return_inverse=True)
+    fields: list[Gpdf | None] = []
+    for low in (keys - 0.5) * cube_size:
+        inside = ((thin > low - _RIM) & (thin < low + cube_size + _RIM)).all(axis=1)
+        try:
+            fields.append(
+                fit_gpdf(
+                    thin[inside],
+                    length_scale=length_scale,
+                    noise_variance=noise_variance,
+                    surface_offset=surface_offset,
+                    max_points=max_points,
+                    viewpoint=directions[inside],
+                )
+            )
+        except PointCloudError:  # a handful of points
+            fields.append(None)
+    return SceneField(
+        thin,
+        cube.reshape(-1).astype(np.int64),
+        tuple(fields),
+        resolution,
+        thickness,
+    )
+
+
+def scene_clear(
+    scene: SceneField, X_WG: ArrayLike, gripper: ParallelGripper, margin: float = 0.005
+) -> NDArray[np.bool_]:
+    """Which poses of the open hand keep clear of a scene.
+
+    Args:
+        scene: The scene, in frame W.
+        X_WG: Hand poses in the same frame, shape (n, 4, 4).
+        gripper: The hand, fully open.
+        margin: Least distance of the hand from every surface [m].
+
+    Returns:
+        Shape (n,).
+    """
+    poses = np.asarray(X_WG, dtype=float).reshape(-1, 4, 4)
+    hand = gripper.surface_points(gripper.max_opening)
+    points = np.einsum("nij,kj->nki", poses[:, :3, :3], hand) + poses[:, None, :3, 3]
+    hits = scene.closer_than(points.reshape(-1, 3), margin)
+    return np.asarray(~hits.reshape(len(poses), len(hand)).any(axis=1))
+
+
+def _voxel_means(points: Array, directions: Array, size: float) -> tuple[Array, Array]:
+    """Mean point and mean direction of every voxel, shapes (n, 3)."""
+    voxels = np.floor(points / size).astype(np.int64)
+    _, group, counts = np.unique(voxels, axis=0, return_inverse=True, return_counts=True)
+    rows = np.hstack([points, directions])
+    sums = [np.bincount(group.reshape(-1), weights=column) for column in rows.T]
+    means = np.stack(sums, axis=1) / counts[:, None]
+    return np.ascontiguousarray(means[:, :3]), means[:, 3:]
+
+
+def _along(vectors: Array, normals: Array, length: float) -> Array:
+    """The part of vectors along a surface, shortened to a length."""
+    height = np.einsum("mi,mi->m", vectors, normals)
+    return _shortened(vectors - height[:, None] * normals, length)
+
+
+def _shortened(vectors: Array, length: float) -> Array:
+    norm = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors * np.minimum(1.0, length / np.maximum(norm, 1e-12))
+
+
+def _checked(x: ArrayLike) -> Array:
+    points = np.ascontiguousarray(x, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise PointCloudError(f"points have shape {points.shape}; give (m, 3) in metres")
+    if not np.isfinite(points).all():
+        raise PointCloudError("points hold NaN or infinity; drop those rows first")
+    return points

@@ -1,0 +1,195 @@
+"""The default way from merged views to a distance field: completes, and knows what it made up.
+
+What is seen of an object says little about its back, but where the camera looked past the object
+it cannot be: beside the silhouette, nodes of the Gaussian process hold the value of free space,
+which closes the surface behind. Surface that still ends up in free space is not handed out, and
+the variance counts the observations alone: what free space shaped is as uncertain as what nothing
+shaped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import lapack
+from scipy.spatial import cKDTree
+
+from feasigrasp.errors import PointCloudError
+from feasigrasp.models.farthest_points import farthest_points
+from feasigrasp.models.free_space import free_distance, rim_points
+from feasigrasp.models.gpdf import PAPER, FitSettings, fit_field, fit_gpdf
+from feasigrasp.models.gpdf_covariance import cross_covariance
+from feasigrasp.models.gpdf_field import Gpdf, checked_queries
+from feasigrasp.models.point_cloud_checks import check_fit, checked_cloud
+from feasigrasp.models.surface_points import SurfacePoints
+from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.view_image import ViewImage
+
+Array = NDArray[np.float64]
+
+#: Values at this distance beside some of the points tell inside from outside [m].
+SURFACE_OFFSET = 2e-3
+#: Share of the points that get such values.
+BESIDE_SHARE = 0.15
+#: s2 of smoothed points.
+SMOOTHED_NOISE = 1e-3
+#: Nodes in free space, all views together.
+FREE_NODES = 80
+#: Below this cosine between normal and line of sight a normal is a guess.
+_GRAZING = 0.15
+#: Completed surface deeper in free space than this is dropped [m] ...
+_CARVED = 3e-3
+#: ... unless an observed point is this near: then the view's edge is wrong, not the surface [m].
+_OBSERVED = 4e-3
+#: Error of surface that was seen [m], and its growth with the distance from what was seen.
+_DEVIATION_SEEN, _DEVIATION_SLOPE = 0.0002, 0.3
+#: Nodes in free space keep this distance from observed points [m].
+_CLEARANCE = 5e-3
+
+
+def predicted_deviation(variance: ArrayLike, length_scale: float) -> Array:
+    """Expected distance of completed surface from the true one, told by its variance.
+
+    At a distance r from a single observation the variance is ``1 - exp(-2 r / l)``. Solved for r,
+    that distance predicts the error linearly; the two coefficients are calibrated on the built-in
+    objects (``feasigrasp evaluate shape`` draws how well they do on these and on others).
+
+    Args:
+        variance: Predictive variances, any shape.
+        length_scale: l of the kernel [m].
+
+    Returns:
+        The same shape [m].
+    """
+    apart = -0.5 * length_scale * np.log1p(-np.clip(variance, 0.0, 0.999))
+    return np.asarray(_DEVIATION_SEEN + _DEVIATION_SLOPE * apart)
+
+
+@dataclass(frozen=True, eq=False)
+class CompletedField(Gpdf):
+    """A distance field that knows which of its nodes were observed, and which space is free.
+
+    Attributes:
+        cloud: The observed points, shape (c, 3) [m].
+        images: The views whose free space counts.
+        observed: The first so many nodes rest on observed points.
+    """
+
+    cloud: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    images: tuple[ViewImage, ...] = ()
+    observed: int = 0
+
+    def variance(self, x: ArrayLike) -> Array:
+        """Predictive variance of the occupancy at x (m, 3) given the observed nodes, (m,).
+
+        Small near observed points, growing towards 1 away from them. Nodes in free space do not
+        count: they say that there is nothing, not what there is.
+        """
+        nodes = np.ascontiguousarray(self.nodes[:, : self.observed])
+        cross = cross_covariance(nodes, self.length_scale, self.center, checked_queries(x))
+        # The leading block of a Cholesky factor is the factor of the leading block.
+        solved, info = lapack.dtrtrs(self._observed_factor, cross.T, lower=1, overwrite_b=1)
+        if info != 0:
+            raise PointCloudError(f"variance: triangular solve failed (LAPACK info {info})")
+        return np.maximum(1.0 - np.einsum("ji,ji->j", solved.T, solved.T), 0.0)
+
+    def surface(self, n: int = 8, steps: int = 5, tolerance: float = 1e-3) -> SurfacePoints:
+        """As `Gpdf.surface`, without the points that lie in free space."""
+        all_points = super().surface(n, steps, tolerance)
+        kept = self.possible(all_points.points)
+        return SurfacePoints(
+            all_points.points[kept], all_points.normals[kept], all_points.variance[kept]
+        )
+
+    def possible(self, x: Array) -> NDArray[np.bool_]:
+        """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
+        free = free_distance(self.images, x) > _CARVED
+        free[free] = self._tree.query(x[free])[0] > _OBSERVED
+        return ~free
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.cloud)
+
+    @cached_property
+    def _observed_factor(self) -> Array:
+        return np.asfortranarray(self.cholesky[: self.observed, : self.observed])
+
+
+def complete_shape(
+    cloud: FusedCloud,
+    *,
+    preset: str = "default",
+    length_scale: float = 0.3,
+    noise_variance: float | None = None,
+    max_points: int = 512,
+) -> Gpdf:
+    """Fits the distance field to the merged views of an object.
+
+    Args:
+        cloud: The views. For the default preset they must be smoothed (``FusedCloud.smooth``).
+        preset: ``default``, or ``paper`` for the field of the paper: no values beside the points,
+            no free space.
+        length_scale: l of the kernel [m].
+        noise_variance: s2 of the occupancy observations; by default the paper's 0.0025, or 0.001
+            for smoothed views.
+        max_points: Surface points that the field is fitted to, by farthest-point selection.
+
+    Returns:
+        The field in the frame of the cloud, by default a `CompletedField`.
+
+    Raises:
+        PointCloudError: If there are too few points, or a parameter is out of range.
+    """
+    if preset == "paper":
+        settings: FitSettings = {**PAPER, "length_scale": length_scale}
+        if noise_variance is not None:
+            settings["noise_variance"] = noise_variance
+        return fit_gpdf(cloud.points, viewpoint=cloud.directions, max_points=max_points, **settings)
+    if preset != "default":
+        raise PointCloudError(f"preset '{preset}' is unknown; give 'default' or 'paper'")
+    if not cloud.smooth:
+        raise PointCloudError(
+            "the cloud is not smoothed; merge its views into FusedCloud.empty(..., smooth=True)"
+        )
+    points = checked_cloud(cloud.points)
+    noise_variance = SMOOTHED_NOISE if noise_variance is None else noise_variance
+    check_fit(length_scale, noise_variance, SURFACE_OFFSET, max_points)
+    chosen = farthest_points(points, min(max_points, len(points)))
+    surface, normals = points[chosen], cloud.normals[chosen]
+    cosine = np.einsum("ij,ij->i", normals, cloud.directions[chosen])
+    share = round(BESIDE_SHARE * len(chosen))
+    beside = np.flatnonzero(cosine > _GRAZING)[:share]  # the first ones cover the cloud evenly
+    offset = SURFACE_OFFSET * normals[beside]
+    outside, inside = surface[beside] + offset, surface[beside] - offset
+    free, distance = _free_nodes(cloud.images, points)
+
+    nodes = np.concatenate([surface, outside, inside, free])
+    observed = len(nodes) - len(free)
+    offsets = [0.0, SURFACE_OFFSET, -SURFACE_OFFSET]
+    signed = np.repeat(offsets, [len(surface), len(outside), len(inside)])
+    targets = np.exp(-np.concatenate([signed, distance]) / length_scale)
+    fitted = fit_field(
+        nodes,
+        targets,
+        points=surface,
+        bounds=np.stack([points.min(axis=0), points.max(axis=0)]),
+        length_scale=length_scale,
+        noise_variance=noise_variance,
+    )
+    content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)}
+    return CompletedField(**content, cloud=points, images=cloud.images, observed=observed)
+
+
+def _free_nodes(images: tuple[ViewImage, ...], points: Array) -> tuple[Array, Array]:
+    """Points just beside the silhouettes, and how far at least the object is from them."""
+    if not images:
+        return np.zeros((0, 3)), np.zeros(0)
+    nodes = np.concatenate([rim_points(image, FREE_NODES // len(images)) for image in images])
+    distance = free_distance(images, nodes)
+    apart = cKDTree(points).query(nodes)[0]
+    kept = (distance > 0.0) & (apart > _CLEARANCE)
+    return nodes[kept], distance[kept]

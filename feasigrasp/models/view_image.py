@@ -1,0 +1,127 @@
+"""One view of an object as a small picture: silhouette and depth, from its points alone.
+
+The picture is that of a virtual camera at the real one's position, which looks at the middle of
+the points and just contains them. So it needs neither the real camera's intrinsics nor its
+picture, and says the same in any frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+
+#: Pixels along each side.
+SIDE = 40
+#: Pixels between the silhouette and the border.
+MARGIN = 4
+
+
+@dataclass(frozen=True, eq=False)
+class ViewImage:
+    """Silhouette and depth.
+
+    Attributes:
+        X_OC: Pose of the virtual camera, z towards the middle of the points, shape (4, 4).
+        pixel: Width of a pixel in the plane z = 1.
+        pitch: Width of a pixel of the real camera in the plane z = 1.
+        mask: Which pixels show the object, shape (SIDE, SIDE).
+        depth: Depth along z, shape (SIDE, SIDE) [m]; 0 outside the mask.
+    """
+
+    X_OC: Array
+    pixel: float
+    pitch: float
+    mask: NDArray[np.bool_]
+    depth: Array
+
+    @cached_property
+    def beside(self) -> Array:
+        """Distance from every pixel to the silhouette, 0 in it, shape (SIDE, SIDE) [pixels]."""
+        return self._transform[0]
+
+    @cached_property
+    def nearest(self) -> NDArray[np.int64]:
+        """Row and column of the silhouette's pixel nearest to every pixel, (2, SIDE, SIDE)."""
+        return self._transform[1]
+
+    @cached_property
+    def _transform(self) -> tuple[Array, NDArray[np.int64]]:
+        beside, nearest = distance_transform_edt(~self.mask, return_indices=True)
+        return beside, nearest
+
+    def in_camera(self, x: Array) -> Array:
+        """Points (n, 3) given in O as seen from the camera."""
+        return np.asarray((x - self.X_OC[:3, 3]) @ self.X_OC[:3, :3])
+
+    def moved(self, X: Array) -> ViewImage:
+        """The same view after a rigid motion X of object and camera, shape (4, 4)."""
+        return replace(self, X_OC=X @ self.X_OC)
+
+    def rays(self) -> Array:
+        """Direction of every pixel's line of sight in C with z = 1, shape (SIDE, SIDE, 3)."""
+        at = (np.arange(SIDE) - 0.5 * (SIDE - 1)) * self.pixel
+        x, y = np.meshgrid(at, at)
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+    def unproject(self, pixels: tuple[NDArray[np.int64], ...], depth: Array) -> Array:
+        """Points in O at depths (k,) along the lines of sight of pixels (rows, columns), (k, 3)."""
+        points_C = self.rays()[pixels] * depth[:, None]
+        return np.asarray(points_C @ self.X_OC[:3, :3].T + self.X_OC[:3, 3])
+
+
+def view_image(points: Array, p_OC: Array) -> ViewImage:
+    """Draws the picture of a view.
+
+    Args:
+        points: Points of the object that one camera saw, shape (n, 3) [m].
+        p_OC: Position of the camera, shape (3,) [m].
+    """
+    R = _looking_along(points.mean(axis=0) - p_OC)
+    at = _projected(points, p_OC, R)[0]
+    # Turned once more, onto the middle of what is seen.
+    middle = 0.5 * (at.min(axis=0) + at.max(axis=0))
+    R = _looking_along(R @ np.append(middle, 1.0))
+    at, depth_of = _projected(points, p_OC, R)
+    pixel = max(2.0 * float(np.abs(at).max()) / (SIDE - 2 * MARGIN), 1e-6)
+    some = at[:: -(-len(at) // 200)]
+    # A pixel's four neighbours are one pitch away; for points at random it is about the same.
+    fourth = cKDTree(at).query(some, k=min(5, len(at)))[0][:, -1]
+    pitch = float(np.clip(np.median(fourth), 0.05 * pixel, 4.0 * pixel))
+
+    column, row = np.rint(at / pixel + 0.5 * (SIDE - 1)).astype(int).T
+    flat = row * SIDE + column
+    count = np.bincount(flat, minlength=SIDE * SIDE).reshape(SIDE, SIDE).astype(float)
+    total = np.bincount(flat, depth_of, SIDE * SIDE).reshape(SIDE, SIDE)
+    # Spread by the real pixel's width: closes the gaps between points and averages the noise.
+    blur = max(0.6, 0.7 * pitch / pixel)
+    weight = gaussian_filter(count, blur, mode="constant")
+    # A pixel deep in the silhouette has the weight 1 / pitch^2 per pixel^2, one at its rim half.
+    mask = weight > 0.3 * (pixel / pitch) ** 2
+    if not mask.any():
+        mask = count > 0.0
+    depth = gaussian_filter(total, blur, mode="constant") / np.maximum(weight, 1e-12)
+    X_OC = np.eye(4)
+    X_OC[:3, :3], X_OC[:3, 3] = R, p_OC
+    return ViewImage(X_OC, pixel, pitch, mask, np.where(mask, depth, 0.0))
+
+
+def _looking_along(direction: Array) -> Array:
+    """A rotation whose z axis is along a direction, as columns, shape (3, 3)."""
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _projected(points: Array, p_OC: Array, R: Array) -> tuple[Array, Array]:
+    """Positions (n, 2) in the plane z = 1 and depths (n,) [m] of points seen by a camera."""
+    in_camera = (points - p_OC) @ R
+    depth = np.maximum(in_camera[:, 2], 1e-3)  # the camera is not inside the object
+    return in_camera[:, :2] / depth[:, None], depth

@@ -1,0 +1,128 @@
+"""The surface that one noisy depth view shows: smoothed points with normals.
+
+A depth camera errs along its rays. So around every point the depth towards the camera is fitted as
+a quadratic function of the position across the line of sight (moving least squares; a plane
+would round off what is curved), with far neighbours and outliers weighing less.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+
+#: Neighbours that a patch is fitted to.
+NEIGHBOURS = 32
+#: Neighbours farther away hardly count, however sparse the view [m].
+_MAX_RADIUS = 0.01
+#: Above this many points of a view, every second (third, ...) one is used.
+_MAX_POINTS = 4000
+#: No point moves further than this; where it would, the patch is no surface [m].
+_MAX_SHIFT = 0.006
+#: Weight of the penalty on curvature against that of the neighbours.
+_CURVATURE_PENALTY = 1e-2
+#: Depth noise below which a residual is no outlier, whatever the others are [m].
+_MIN_RESIDUAL = 2e-4
+
+
+def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array]:
+    """Puts points onto the smooth surface through a view.
+
+    Args:
+        cloud: Points of one view, shape (n, 3) [m].
+        at: Where the surface is wanted, near the cloud, shape (m, 3) [m].
+        p_OC: Position of the camera, shape (3,) [m].
+
+    Returns:
+        Points moved along their lines of sight, and unit normals on the camera's side, (m, 3) each.
+    """
+    thin = np.ascontiguousarray(cloud[:: -(-len(cloud) // _MAX_POINTS)])
+    distance, near = cKDTree(thin).query(at, k=min(NEIGHBOURS, len(thin)))
+    return _fit_patches(
+        thin, np.ascontiguousarray(at), np.asarray(p_OC, dtype=float), near, distance
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _fit_patches(
+    cloud: Array, at: Array, p_OC: Array, near: NDArray[np.int64], distance: Array
+) -> tuple[Array, Array]:
+    m, k = near.shape
+    points, normals = at.copy(), np.empty_like(at)
+    basis, weight, height = np.empty((6, k)), np.empty(k), np.empty(k)
+    weighted, residual = np.empty(k), np.empty(k)
+    matrix, right = np.empty((6, 6)), np.empty(6)
+    for i in range(m):
+        z = p_OC - at[i]
+        z = z / np.sqrt(z @ z)
+        x = np.zeros(3)
+        x[np.argmin(np.abs(z))] = 1.0
+        x = x - (x @ z) * z
+        x = x / np.sqrt(x @ x)
+        y = np.cross(z, x)
+        size = max(min(distance[i, k - 1], _MAX_RADIUS), 1e-9)
+        for j in range(k):
+            n = near[i, j]
+            dx, dy, dz = cloud[n, 0] - at[i, 0], cloud[n, 1] - at[i, 1], cloud[n, 2] - at[i, 2]
+            u = (dx * x[0] + dy * x[1] + dz * x[2]) / size
+            v = (dx * y[0] + dy * y[1] + dz * y[2]) / size
+            height[j] = dx * z[0] + dy * z[1] + dz * z[2]
+            basis[0, j], basis[1, j], basis[2, j] = 1.0, u, v
+            basis[3, j], basis[4, j], basis[5, j] = u * u, u * v, v * v
+            weight[j] = np.exp(-0.5 * (distance[i, j] / (0.6 * size)) ** 2)
+        spread = 0.0
+        for again in range(2):
+            if again:
+                for j in range(k):
+                    weight[j] /= (1.0 + (residual[j] / spread) ** 2) ** 2
+            for a in range(6):
+                for j in range(k):
+                    weighted[j] = weight[j] * basis[a, j]
+                right[a] = _dot(weighted, height)
+                for b in range(a + 1):
+                    matrix[a, b] = _dot(weighted, basis[b])
+            total = matrix[0, 0]
+            for a in range(6):
+                matrix[a, a] += total * (_CURVATURE_PENALTY if a > 2 else 1e-6)
+            _solve(matrix, right)
+            for j in range(k):
+                residual[j] = height[j]
+                for a in range(6):
+                    residual[j] -= right[a] * basis[a, j]
+            spread = 2.0 * max(1.4826 * np.median(np.abs(residual)), _MIN_RESIDUAL)
+        if abs(right[0]) < _MAX_SHIFT:
+            points[i] = at[i] + right[0] * z
+        normal = z - (right[1] / size) * x - (right[2] / size) * y
+        normals[i] = normal / np.sqrt(normal @ normal)
+    return points, normals
+
+
+@njit(cache=True, fastmath=True)
+def _dot(a: Array, b: Array) -> float:
+    s = 0.0
+    for j in range(len(a)):
+        s += a[j] * b[j]
+    return s
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(matrix: Array, right: Array) -> None:
+    """Solves in place by Cholesky's method; only the lower triangle of the matrix is read."""
+    n = len(right)
+    for a in range(n):
+        for b in range(a + 1):
+            s = matrix[a, b]
+            for c in range(b):
+                s -= matrix[a, c] * matrix[b, c]
+            matrix[a, b] = np.sqrt(max(s, 1e-18)) if a == b else s / matrix[b, b]
+    for a in range(n):
+        for c in range(a):
+            right[a] -= matrix[a, c] * right[c]
+        right[a] /= matrix[a, a]
+    for a in range(n - 1, -1, -1):
+        for c in range(a + 1, n):
+            right[a] -= matrix[c, a] * right[c]
+        right[a] /= matrix[a, a]

@@ -1,0 +1,76 @@
+"""A depth camera of the station: renderer, sensor noise, point cloud, ports."""
+
+from __future__ import annotations
+
+from pydrake.geometry import SceneGraph
+from pydrake.lcm import DrakeLcm
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.perception import DepthImageToPointCloud
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
+
+from feasigrasp.models.depth_noise import DepthNoise
+from feasigrasp.systems.depth_noise import NoisyDepth
+
+
+def export_camera(
+    builder: DiagramBuilder,
+    config: CameraConfig,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    *,
+    noise: DepthNoise | None = None,
+    seed: int = 0,
+) -> None:
+    """Adds a camera and exports its outputs as ``<name>.<output>``.
+
+    These are ``point_cloud`` (world frame, pixel by pixel), ``color_image``, ``depth_image``,
+    ``label_image`` and ``pose`` X_WC.
+
+    Args:
+        builder: The builder of the station.
+        config: The camera; its name becomes that of the ports.
+        plant: The plant whose frames the camera is mounted on.
+        scene_graph: What it sees.
+        noise: Errors of its depth image, and of the point cloud made from it; None for none.
+        seed: Seed of those errors.
+    """
+    name = config.name
+    # An LCM sink that goes nowhere: images are rendered only when somebody reads them.
+    ApplyCameraConfig(
+        config, builder, plant=plant, scene_graph=scene_graph, lcm=DrakeLcm("memq://null")
+    )
+    sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
+    depth, info = sensor.depth_image_32F_output_port(), _pixel_centred(config)
+    if noise is not None:
+        noisy = builder.AddNamedSystem(f"{name}_noise", NoisyDepth(noise, info, seed))
+        builder.Connect(depth, noisy.get_input_port())
+        depth = noisy.get_output_port()
+    cloud = builder.AddNamedSystem(
+        f"{name}_point_cloud", DepthImageToPointCloud(info, PixelType.kDepth32F)
+    )
+    builder.Connect(depth, cloud.depth_image_input_port())
+    builder.Connect(sensor.body_pose_in_world_output_port(), cloud.camera_pose_input_port())
+    builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
+    builder.ExportOutput(sensor.color_image_output_port(), f"{name}.color_image")
+    builder.ExportOutput(depth, f"{name}.depth_image")
+    builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
+    builder.ExportOutput(sensor.body_pose_in_world_output_port(), f"{name}.pose")
+
+
+def _pixel_centred(config: CameraConfig) -> CameraInfo:
+    """The depth camera's intrinsics for whole-numbered pixels (u, v).
+
+    Pixel (u, v) is rendered at its middle, (u + 1/2, v + 1/2), but turned into a point as if at
+    (u, v): without this shift the cloud is half a pixel off, 0.5 mm at 0.4 m.
+    """
+    _, depth_camera = config.MakeCameras()
+    info = depth_camera.core().intrinsics()
+    return CameraInfo(
+        info.width(),
+        info.height(),
+        info.focal_x(),
+        info.focal_y(),
+        info.center_x() - 0.5,
+        info.center_y() - 0.5,
+    )

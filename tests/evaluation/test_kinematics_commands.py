@@ -1,0 +1,157 @@
+"""``feasigrasp evaluate kinematics`` and ``feasigrasp bench kinematics``."""
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+
+from feasigrasp.evaluation import bench_kinematics as bench
+from feasigrasp.evaluation import evaluate_kinematics as evaluate
+from feasigrasp.evaluation import timing
+from feasigrasp.evaluation.drake_arm import DrakeArm
+from feasigrasp.evaluation.finished_parts import finish_part
+from feasigrasp.evaluation.result_files import Row
+from feasigrasp.models.iiwa import POSITION_LIMITS
+
+
+def value(rows, name, preset="default"):
+    (row,) = (row for row in rows if (row.name, row.preset) == (name, preset))
+    return row.value
+
+
+def arguments(module, folder):
+    parser = argparse.ArgumentParser()
+    module.add_arguments(parser)
+    return parser.parse_args(["--quick", "--out", str(folder)])
+
+
+def test_forward_kinematics_equal_drake(tmp_path):
+    rows = evaluate.forward_rows(200, 0, tmp_path)
+    assert value(rows, "kinematics.fk_error_max") < 1e-12
+    assert value(rows, "kinematics.jacobian_error_max") < 1e-12
+    assert len((tmp_path / "forward.csv").read_text().splitlines()) == 201
+
+
+def test_an_error_of_forward_kinematics_is_seen(tmp_path, monkeypatch):
+    def wrong(Q):
+        X, J = DrakeArm().pose_and_jacobian(Q)
+        X[7, 0, 3] += 3e-6
+        J[9, 2, 4] -= 2e-5
+        return X, J
+
+    monkeypatch.setattr(evaluate, "pose_and_jacobian", wrong)
+    rows = evaluate.forward_rows(20, 0, tmp_path)
+    assert value(rows, "kinematics.fk_error_max") == pytest.approx(3e-6)
+    assert value(rows, "kinematics.jacobian_error_max") == pytest.approx(2e-5)
+
+
+def test_inverse_kinematics_close_the_circle(tmp_path):
+    rows = evaluate.inverse_rows(300, 0, tmp_path)
+    assert value(rows, "kinematics.ik_residual_max") < 1e-9
+    assert value(rows, "kinematics.ik_recovered_percent") == 100.0
+
+
+def test_wrong_and_missing_solutions_are_seen(tmp_path, monkeypatch):
+    right = evaluate.closed_form
+    calls = []
+
+    def wrong(X_WF, psi):
+        calls.append(psi)
+        solutions = right(X_WF, psi)
+        if len(calls) == 2:  # the search of the first configuration for itself
+            solutions[:, 0] += 1e-5
+        return solutions[:0] if len(calls) == 4 else solutions
+
+    monkeypatch.setattr(evaluate, "closed_form", wrong)
+    rows = evaluate.inverse_rows(10, 0, tmp_path)
+    assert value(rows, "kinematics.ik_recovered_percent") == 80.0
+    calls.clear()
+    monkeypatch.setattr(evaluate, "closed_form", lambda X, psi: right(X, psi) + 1e-4)
+    rows = evaluate.inverse_rows(10, 0, tmp_path)
+    assert 1e-5 < value(rows, "kinematics.ik_residual_max") < 1e-3
+
+
+def test_verdicts_equal_drakes(tmp_path):
+    rows = evaluate.collision_rows(5000, 0, tmp_path)
+    assert value(rows, "kinematics.collision_mismatches") == 0
+    assert value(rows, "kinematics.collision_mismatches", "folded/has_collisions") == 0
+    assert value(rows, "kinematics.collision_hits", "folded/has_collisions") > 50
+
+
+def test_wrong_verdicts_are_seen(tmp_path, monkeypatch):
+    right = evaluate.in_collision
+
+    def wrong(Q):
+        verdicts = right(Q)
+        verdicts[[3, 5]] ^= True
+        return verdicts
+
+    monkeypatch.setattr(evaluate, "in_collision", wrong)
+    rows = evaluate.collision_rows(100, 0, tmp_path)
+    assert value(rows, "kinematics.collision_mismatches") == 2
+    listed = (tmp_path / "collision_disagreements.csv").read_text().splitlines()
+    assert len(listed) >= 1 + 4  # header, two uniform, two folded
+
+
+def test_folded_configurations_are_inside_limits_and_often_collide():
+    Q = evaluate.folded_configurations(2000, np.random.default_rng(0))
+    assert (np.abs(Q) <= POSITION_LIMITS).all()
+    assert 0.1 < evaluate.in_collision(Q).mean() < 0.4
+
+
+def test_finished_parts_are_kept_while_nothing_changed(tmp_path):
+    made = []
+
+    def measure():
+        made.append(1)
+        return [Row("a", "default", 1.5, None, None, "m", 3)]
+
+    filename = tmp_path / "parts" / "a.json"
+    first = finish_part(filename, {"seed": 0}, measure)
+    assert finish_part(filename, {"seed": 0}, measure) == first and len(made) == 1
+    finish_part(filename, {"seed": 1}, measure)
+    assert len(made) == 2
+    filename.write_text("{")
+    assert finish_part(filename, {"seed": 1}, measure) == first and len(made) == 3
+
+
+def test_evaluate_writes_all_rows(tmp_path, monkeypatch, capsys):
+    row = Row("kinematics.flow_refined_percent", "default", 99.0, 98.0, 99.5, "%", 10)
+    monkeypatch.setattr(evaluate, "source_rows", lambda seed, quick: [row])
+    monkeypatch.setattr(evaluate, "inverse_rows", lambda n, seed, folder: [])
+    monkeypatch.setattr(evaluate, "collision_rows", lambda n, seed, folder: [])
+    assert evaluate.main(arguments(evaluate, tmp_path)) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    names = {row["name"] for row in summary["rows"]}
+    assert {"kinematics.fk_error_max", "kinematics.flow_refined_percent"} <= names
+    assert "flow_refined_percent" in capsys.readouterr().out
+
+
+def test_bench_times_every_case(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        bench, "cpu_time", lambda f, s: (f(), timing.Timing(2e-6, 1e-6, 3e-6, 5))[1]
+    )
+    assert bench.main(arguments(bench, tmp_path)) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    found = {(row["name"], row["preset"]): row for row in rows}
+    for name in ("bench.fk_jacobian_us.100", "bench.self_collision_us"):
+        assert {(name, "default"), (name, "peer:drake")} <= set(found)
+    assert found["bench.fk_jacobian_us.100", "default"]["value"] == pytest.approx(2.0)
+    per_configuration = found["bench.self_collision_us", "default"]["value"]
+    assert per_configuration == pytest.approx(2.0 / bench.COLLISION_BATCH)
+    assert found["bench.ik_100x16_ms", "default"]["low"] == pytest.approx(1e-3)
+    assert len((tmp_path / "timings.csv").read_text().splitlines()) == 1 + len(rows)
+
+
+def test_processor_time_of_one_call(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(timing.time, "process_time", lambda: clock[0])
+
+    def call():
+        clock[0] += 3e-4
+
+    measured = timing.cpu_time(call, seconds=0.1)
+    assert measured.median == pytest.approx(3e-4)
+    assert measured.low <= measured.median <= measured.high
+    assert measured.n >= 5

@@ -1,0 +1,162 @@
+"""Perception without a robot: pictures of surfaces, and the script on generated and real clouds."""
+
+import subprocess
+import sys
+
+import matplotlib.image
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from feasigrasp.evaluation.dense_surface import dense_surface
+from feasigrasp.evaluation.perception import (
+    distance_from_seen,
+    draw_perception,
+    gripper_outline,
+    perceive,
+)
+from feasigrasp.evaluation.splats import Viewer
+from feasigrasp.models.gpdf import fit_gpdf
+from feasigrasp.models.gripper import ParallelGripper
+
+RADIUS = 0.03
+
+
+def sphere(count=1500):
+    i = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * i / count), np.pi * (1 + 5**0.5) * i
+    return RADIUS * np.column_stack(
+        [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)]
+    )
+
+
+def seen_sphere():
+    """A ball 0.4 m before a camera in the origin: the side that faces it."""
+    points = sphere()
+    return points[points[:, 2] < -0.2 * RADIUS] + [0.0, 0.0, 0.4]
+
+
+def run_script(repository, *arguments):
+    script = repository / "diagrams" / "perceive.py"
+    return subprocess.run(
+        [sys.executable, script, *map(str, arguments)], capture_output=True, text=True, timeout=280
+    )
+
+
+def test_a_dense_surface_covers_the_ball_evenly():
+    surface = dense_surface(fit_gpdf(sphere()), across=50)
+    spacing = 2 * RADIUS / 50
+    np.testing.assert_allclose(np.linalg.norm(surface.points, axis=1), RADIUS, atol=1e-3)
+    holes = cKDTree(surface.points).query(sphere(4000))[0]
+    assert holes.max() < 2.5 * spacing
+    radial = surface.points / np.linalg.norm(surface.points, axis=1, keepdims=True)
+    assert np.einsum("ni,ni->n", radial, surface.normals).min() > 0.95
+
+
+def test_uncertainty_is_the_distance_from_a_single_observation():
+    """Of one observation without noise, by the variance's definition."""
+    gpdf = fit_gpdf(sphere())
+    r = np.array([0.0, 0.01, 0.03])
+    variance = 1.0 - np.exp(-r / gpdf.length_scale) ** 2
+    np.testing.assert_allclose(distance_from_seen(gpdf, variance), r, atol=1e-12)
+
+
+def test_a_viewer_sees_right_handed_with_up_on_top():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        up = rng.normal(size=3)
+        viewer = Viewer.at(rng.normal(size=3), up, turn=rng.uniform(-3, 3))
+        axes = np.stack([viewer.right, viewer.up, viewer.back])
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(axes) == pytest.approx(1.0)
+        assert viewer.project(up)[0] == pytest.approx(0.0, abs=1e-12)
+        assert viewer.project(up)[1] > 0.0
+    front = Viewer.at([0.0, -1.0, 0.0], [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(front.project([1.0, 0.0, 0.0]), [1.0, 0.0, 0.0], atol=1e-12)
+    above = Viewer.at([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
+    assert above.project([0.0, 0.0, 1.0])[2] > 0.99
+
+
+def test_the_outline_of_the_hand_spans_its_opening():
+    gripper = ParallelGripper()
+    line = gripper_outline(gripper)
+    assert np.ptp(line[:, 0]) == pytest.approx(gripper.max_opening)
+    assert line[:, 2].max() == gripper.tip and (line[:, 1] == 0.0).all()
+
+
+def test_a_ball_is_completed_and_grasped():
+    found = perceive(seen_sphere())
+    assert len(found.grasps) > 5
+    center = np.array([0.0, 0.0, 0.4])
+    size = np.linalg.norm(found.gpdf.completion.points - center, axis=1)
+    assert np.median(size) == pytest.approx(RADIUS, abs=0.004)
+    lines = np.cross(center - found.grasps.X_OG[:, :3, 3], found.grasps.X_OG[:, :3, 0])
+    assert np.median(np.linalg.norm(lines, axis=1)) < 0.01  # the closing line meets the centre
+    np.testing.assert_array_equal(found.up, [0.0, -1.0, 0.0])
+
+
+def test_a_cloud_of_all_sides_needs_no_camera():
+    found = perceive(sphere() + [1.0, 2.0, 3.0], viewpoint=None)
+    np.testing.assert_array_equal(found.up, [0.0, 0.0, 1.0])
+    assert len(found.grasps) > 20
+    assert np.ptp(found.grasps.width) < 0.01
+
+
+def test_the_picture_shows_seen_in_blue_and_made_up_in_warm_colours(tmp_path):
+    draw_perception(perceive(seen_sphere()), tmp_path / "ball.png", "ball")
+    pixels = matplotlib.image.imread(tmp_path / "ball.png")[..., :3]
+    width = pixels.shape[1] // 4
+    high = slice(pixels.shape[0] // 6, 5 * pixels.shape[0] // 6)  # without title and colour bar
+
+    def share(panel, warm):
+        part = pixels[high, panel * width : (panel + 1) * width].reshape(-1, 3)
+        colored = part[np.ptp(part, axis=1) > 0.2]
+        return np.mean((colored[:, 0] > colored[:, 2]) == warm)
+
+    assert share(1, warm=False) > 0.8
+    assert share(2, warm=True) > 0.5
+
+
+def test_the_script_writes_picture_and_html(repository, tmp_path):
+    np.save(tmp_path / "ball.npy", 1000.0 * seen_sphere())
+    wrong = run_script(repository, "--cloud", tmp_path / "ball.npy")
+    assert wrong.returncode == 2 and "--scale 0.001" in wrong.stderr and not wrong.stdout
+    done = run_script(
+        repository,
+        *("--cloud", tmp_path / "ball.npy", "--scale", 0.001),
+        *("--picture", tmp_path / "out" / "ball.png"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert "grasps kept" in done.stdout and "dropped: " in done.stdout
+    assert (tmp_path / "out" / "ball.png").stat().st_size > 20_000
+    html = (tmp_path / "out" / "ball.html").read_text()
+    assert "perception/completion" in html or len(html) > 1_000_000
+    assert 'src="http' not in html
+
+
+def test_nothing_to_hold_is_explained(repository, tmp_path):
+    u, v = np.meshgrid(np.linspace(-0.1, 0.1, 60), np.linspace(-0.1, 0.1, 60))
+    big = np.column_stack([u.ravel(), v.ravel(), 0.6 - 0.5 * (u.ravel() ** 2 + v.ravel() ** 2)])
+    np.save(tmp_path / "wall.npy", big)
+    done = run_script(
+        repository, "--cloud", tmp_path / "wall.npy", "--picture", tmp_path / "wall.png"
+    )
+    assert done.returncode == 0, done.stderr
+    if "grasps kept                             0" in done.stdout:
+        assert "no grasp, most often because" in done.stdout
+    assert "dropped: too wide" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["blue_mug", "cheezit", "cylinder", "mustard", "white_bowl"])
+def test_real_clouds_are_completed_near_what_was_measured(name, shared_data):
+    path = shared_data / "real_clouds" / f"6dofgraspnet_{name}.npz"
+    if not path.is_file():
+        pytest.skip(f"needs {path}")
+    points = np.load(path)["object_xyz"].astype(float)
+    found = perceive(points)
+    to_field = found.gpdf.refine(points[::20])[0]
+    assert np.median(np.abs(to_field)) < 1e-3
+    size = np.ptp(points, axis=0).max()
+    assert np.ptp(found.gpdf.completion.points, axis=0).max() < 1.6 * size
+    if len(found.grasps) == 0:
+        assert sum(found.grasps.rejected.values()) > 100

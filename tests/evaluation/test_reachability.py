@@ -1,0 +1,221 @@
+"""The commands about the reachable space: fit, evaluate, draw."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feasigrasp import cli
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.evaluation.fit_reachability import parse_components, parse_tool
+from feasigrasp.evaluation.reachability_peers import FlatMixture, VoxelMap, flatten
+from feasigrasp.evaluation.roc import area_under_curve, roc_curve
+from feasigrasp.models import se3
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.reachable_space import ReachableSpace
+from feasigrasp.systems.serial_arm import PlantArm
+
+URDF = Path(__file__).parents[1] / "systems" / "six_axis_arm.urdf"
+FIT = ["fit", "reachability", "--samples", "30000", "--jobs", "1"]
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("fit")
+    assert cli.main([*FIT, "--out", str(out), "--components", "4,12"]) == 0
+    return out
+
+
+def test_fit_leaves_spaces_and_the_bic_curve(fitted):
+    spaces = [ReachableSpace.load(fitted / f"reachable_space_{k}.npz") for k in (4, 12)]
+    assert [len(space.mixture) for space in spaces] == [4, 12]
+    counts = spaces[1].metadata["counts"]
+    assert counts["drawn"] == 30_000
+    assert counts["fitted"] + counts["held_out"] == counts["reached"]
+    assert "--components 4,12" in spaces[1].metadata["command"]
+    with (fitted / "bic.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["components"]) for row in rows] == [4, 12]
+    assert float(rows[1]["bic"]) < float(rows[0]["bic"])
+    assert (fitted / "bic.png").is_file()
+    summary = json.loads((fitted / "summary.json").read_text())
+    names = [row["name"] for row in summary["rows"]]
+    assert names.count("reachability.bic") == 2
+    last = ReachableSpace.load(fitted / "reachable_space.npz")
+    np.testing.assert_array_equal(last.mixture.means, spaces[1].mixture.means)
+
+
+def test_bic_is_that_of_the_poses(fitted):
+    """From the samples on disk, in double precision."""
+    space = ReachableSpace.load(fitted / "reachable_space_12.npz")
+    stored = np.load(fitted / "samples" / "part-0000.npz")
+    from feasigrasp.models.riemannian_large import rotations
+
+    X = se3.make_pose(rotations(stored["quaternions"].astype(float)), stored["positions"])
+    n = space.metadata["counts"]["fitted"]
+    with (fitted / "bic.csv").open() as file:
+        bic = float(list(csv.DictReader(file))[1]["bic"])
+    # All poses stand for those that were fitted.
+    expected = (28 * 12 - 1) * np.log(n) - 2 * n * space.mixture.log_density(X).mean()
+    np.testing.assert_allclose(bic, expected, rtol=5e-3)
+
+
+def test_a_finished_part_is_not_drawn_again(fitted, monkeypatch, capsys):
+    def fail(*args, **options):
+        raise AssertionError("drawn or fitted again")
+
+    monkeypatch.setattr("feasigrasp.evaluation.reachability_samples._draw_part", fail)
+    monkeypatch.setattr("feasigrasp.evaluation.fit_reachability._fit", fail)
+    assert cli.main([*FIT, "--out", str(fitted), "--components", "4,12"]) == 0
+    assert "30000 drawn" in capsys.readouterr().out
+
+
+def test_a_folder_of_other_settings_is_refused(fitted, capsys):
+    assert cli.main([*FIT, "--out", str(fitted), "--seed", "5"]) == 2
+    assert "other settings" in capsys.readouterr().err
+
+
+def test_jobs_do_not_change_the_samples(fitted, tmp_path, monkeypatch):
+    monkeypatch.setattr("feasigrasp.evaluation.reachability_samples.PART", 10_000)
+    for jobs in ("1", "2"):
+        out = tmp_path / jobs
+        arguments = ["--samples", "30000", "--components", "2", "--out", str(out), "--jobs", jobs]
+        assert cli.main(["fit", "reachability", *arguments]) == 0
+    one, two = (ReachableSpace.load(tmp_path / j / "reachable_space.npz") for j in ("1", "2"))
+    np.testing.assert_array_equal(one.mixture.means, two.mixture.means)
+    assert one.threshold == two.threshold
+
+
+def test_another_arm_from_its_model_file(tmp_path):
+    """A made-up six-axis arm: reached poses against random ones that it does not reach."""
+    arguments = ["--plant", str(URDF), "--base_frame", "base", "--end_frame", "tool"]
+    arguments += ["--samples", "40000", "--components", "24", "--out", str(tmp_path)]
+    assert cli.main(["fit", "reachability", *arguments]) == 0
+    space = ReachableSpace.load(tmp_path / "reachable_space.npz")
+    arm, rng = PlantArm(URDF, "base", "tool"), np.random.default_rng(12)
+    q = rng.uniform(arm.lower, arm.upper, (4000, 6))
+    reached = arm.forward_kinematics(q[~arm.in_collision(q)])
+    reached = reached[reached[:, 2, 3] > 0.1]
+    assert space.contains(reached).mean() > 0.9
+    # Positions of reached poses with shuffled rotations: position alone does not tell them apart.
+    others = se3.make_pose(reached[rng.permutation(len(reached)), :3, :3], reached[:, :3, 3])
+    score = space.log_density(np.concatenate([reached, others]))
+    truth = np.arange(len(score)) < len(reached)
+    assert area_under_curve(score, truth).value > 0.7
+
+
+def test_evaluation_reports_every_judge_and_goes_on(fitted, tmp_path, capsys):
+    command = ["evaluate", "reachability", "--out", str(tmp_path), "--poses", "400"]
+    command += ["--peer_poses", "3000", "--voxel_draws", "20000", "--jobs", "1"]
+    command += ["--file", str(fitted / "reachable_space.npz")]
+    assert cli.main(command) == 0
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    auc = {(row["name"], row["preset"]): row for row in rows if ".auc." in row["name"]}
+    assert auc["reachability.auc.rmm", "default"]["value"] > 0.8
+    assert set(auc) == {
+        ("reachability.auc.rmm", "default"),
+        ("reachability.auc.rmm", "paper"),
+        ("reachability.auc.gmm", "default"),
+        ("reachability.auc.gmm", "paper"),
+        ("reachability.auc.voxel", "default"),
+    }
+    figures = {row["name"] for row in rows if row["preset"] == "rmm"}
+    assert figures == {
+        f"reachability.{name}"
+        for name in ("accuracy", "precision", "recall", "false_positive_percent")
+    }
+    with (tmp_path / "poses.csv").open() as file:
+        poses = list(csv.DictReader(file))
+    assert len(poses) == 400
+    row = auc["reachability.auc.rmm", "default"]
+    score = np.array([float(pose["rmm"]) for pose in poses])
+    truth = np.array([pose["reachable"] == "1" for pose in poses])
+    np.testing.assert_allclose(area_under_curve(score, truth).value, row["value"], atol=1e-3)
+    assert (tmp_path / "roc.png").is_file()
+    again = len(list((tmp_path / "judges").iterdir()))
+    assert cli.main(command) == 0
+    assert len(list((tmp_path / "judges").iterdir())) == again
+
+
+def test_capability_picture(fitted, tmp_path):
+    command = ["evaluate", "capability", "--out", str(tmp_path), "--spacing", "0.25"]
+    command += ["--orientations", "6", "--file", str(fitted / "reachable_space.npz")]
+    assert cli.main(command) == 0
+    assert (tmp_path / "slices.png").stat().st_size > 20_000
+    html = (tmp_path / "capability.html").read_text()
+    assert "<html" in html and len(html) > 100_000
+    with (tmp_path / "vertical.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    middle = [row for row in rows if float(row["x"]) == 0.5 and float(row["z"]) == 0.5]
+    assert float(middle[0]["exact_share"]) > 0.4
+    corner = [row for row in rows if float(row["x"]) == -1.0 and float(row["z"]) == 1.25]
+    assert float(corner[0]["exact_share"]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--components", "8,none"], "--components 8,none"),
+        (["--tool", "0.1,0.2"], "--tool 0.1,0.2"),
+        (["--plant", "arm.urdf"], "--plant needs"),
+        (["--samples", "100"], "raise --samples"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, message, tmp_path, capsys):
+    assert cli.main(["fit", "reachability", "--out", str(tmp_path), *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_tools():
+    np.testing.assert_array_equal(parse_tool("flange"), np.eye(4))
+    np.testing.assert_array_equal(parse_tool("gripper"), ParallelGripper().X_FG)
+    X = parse_tool("0,0,0.1,0,0,90")
+    np.testing.assert_allclose(X[:3, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(X[:3, 3], [0, 0, 0.1])
+    assert parse_components("8,16") == (8, 16)
+    with pytest.raises(ReachabilityError):
+        parse_components("0")
+
+
+def test_roc_by_hand():
+    score = np.array([0.9, 0.8, 0.8, 0.3, 0.1])
+    truth = np.array([True, True, False, True, False])
+    estimate = area_under_curve(score, truth)
+    # Pairs won: 0.9 beats both, 0.8 ties one and beats one, 0.3 beats one.
+    np.testing.assert_allclose(estimate.value, (2 + 1.5 + 1) / 6)
+    false, true = roc_curve(score, truth)
+    np.testing.assert_allclose(false, [0, 0, 0.5, 0.5, 1])
+    np.testing.assert_allclose(true, [0, 1 / 3, 2 / 3, 1, 1])
+    np.testing.assert_allclose(np.trapezoid(true, false), estimate.value)
+
+
+def test_flat_mixture_is_a_normal_density():
+    """With one component: against SciPy."""
+    from scipy.stats import multivariate_normal
+
+    X = se3.random_pose(np.random.default_rng(0), 300)
+    fit = FlatMixture.fit(X, 1, np.random.default_rng(0))
+    x = flatten(X)
+    covariance = np.cov(x.T, bias=True)
+    extra = np.linalg.eigvalsh(covariance)
+    assert extra.min() > 0
+    from feasigrasp.evaluation.reachability_peers import FLOOR
+
+    normal = multivariate_normal(x.mean(axis=0), covariance + FLOOR * np.eye(x.shape[1]))
+    np.testing.assert_allclose(fit.log_density(X), normal.logpdf(x), rtol=1e-8)
+
+
+def test_voxel_map_counts_what_shares_a_cell():
+    rng = np.random.default_rng(1)
+    X = se3.random_pose(rng, 500)
+    X[:, :3, 3] = rng.uniform(-0.5, 0.5, (500, 3))
+    voxels = VoxelMap(X)
+    assert (voxels.score(X) >= 1).all()
+    np.testing.assert_array_equal(VoxelMap(np.repeat(X, 2, axis=0)).score(X), 2 * voxels.score(X))
+    shifted = X.copy()
+    shifted[:, 2, 3] += 3.0
+    assert (voxels.score(shifted) == 0).all()
+    turned = X @ se3.exp([[0, 0, np.pi, 0, 0, 0]])
+    assert (voxels.score(turned) > 0).mean() < 0.2

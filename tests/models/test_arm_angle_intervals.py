@@ -1,0 +1,103 @@
+"""Exact intervals of arm angle against a dense scan of the closed form."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import se3
+from feasigrasp.models.arm_angle_intervals import arm_angle_intervals
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.inverse_kinematics import arm_angle, closed_form
+
+
+def random_configurations(n, seed=0, share=1.0):
+    limits = share * POSITION_LIMITS
+    return np.random.default_rng(seed).uniform(-limits, limits, (n, 7))
+
+
+def contains(intervals, psi):
+    turned = psi + 2 * np.pi
+    low, high = intervals[:, 0], intervals[:, 1]
+    return bool((((low <= psi) & (psi <= high)) | ((low <= turned) & (turned <= high))).any())
+
+
+def scan(X, margin, psis):
+    """How far every branch is inside the limits, shape (len(psis), 8) [rad]."""
+    return np.array(
+        [(POSITION_LIMITS - margin - np.abs(closed_form(X, psi))).min(axis=1) for psi in psis]
+    )
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.05, 0.4])
+def test_intervals_are_where_a_dense_scan_is_inside(margin):
+    psis = np.linspace(-np.pi, np.pi, 360, endpoint=False) + 1e-3
+    seen = np.zeros(2, dtype=int)
+    for X in forward_kinematics(random_configurations(60, seed=1)):
+        intervals, slack = arm_angle_intervals(X, margin), scan(X, margin, psis)
+        for branch in range(8):
+            inside = [contains(intervals[branch], psi) for psi in psis]
+            np.testing.assert_array_equal(inside, slack[:, branch] >= 0.0)
+            seen += [sum(inside), len(inside) - sum(inside)]
+    assert seen.min() > 1000
+
+
+def test_at_their_ends_a_joint_is_at_its_limit():
+    margin, ends = 0.05, 0
+    for X in forward_kinematics(random_configurations(60, seed=2)):
+        for branch, intervals in enumerate(arm_angle_intervals(X, margin)):
+            assert (intervals[:, 0] >= -np.pi).all() and (intervals[:, 0] < np.pi).all()
+            assert (intervals[:, 1] > intervals[:, 0]).all()
+            assert (intervals[1:, 0] > intervals[:-1, 1]).all()
+            for psi in intervals[intervals[:, 1] - intervals[:, 0] < 2 * np.pi - 1e-9].ravel():
+                slack = scan(X, margin, [psi])[0, branch]
+                # At a singularity a joint jumps past its limit instead of coming to it.
+                beyond = scan(X, margin, [psi - 1e-6, psi + 1e-6])[:, branch]
+                assert abs(slack) < 1e-7 or beyond.min() < 0.0
+                ends += abs(slack) < 1e-7
+    assert ends > 200
+
+
+def test_windows_too_narrow_for_a_grid_are_found():
+    """Configurations a hair inside two limits at once: their windows are a few milliradian."""
+    rng = np.random.default_rng(3)
+    narrow = 0
+    for q in random_configurations(3000, seed=3, share=0.95):
+        joints = rng.choice(7, 3, replace=False)
+        q[joints] = np.sign(q[joints]) * (POSITION_LIMITS[joints] - 1e-4)
+        X = forward_kinematics(q)
+        intervals = arm_angle_intervals(X)
+        assert any(contains(found, arm_angle(q)) for found in intervals)
+        total = sum(float((found[:, 1] - found[:, 0]).sum()) for found in intervals)
+        if total < 0.02:
+            narrow += 1
+            coarse = np.linspace(-np.pi, np.pi, 24, endpoint=False)
+            assert (scan(X, 0.0, coarse) >= 0.0).sum() <= 1
+    assert narrow > 5
+
+
+def test_a_straight_elbow_leaves_the_arm_angle_free():
+    q = np.array([0.3, 0.5, 0.2, 0.0, 0.4, 0.6, -0.5])
+    X = forward_kinematics(q)
+    intervals, psis = arm_angle_intervals(X), np.linspace(-3.1, 3.1, 100)
+    slack = scan(X, 0.0, psis)
+    for branch in range(8):
+        expected = slack[:, branch] >= 0.0
+        assert [contains(intervals[branch], psi) for psi in psis] == expected.tolist()
+    assert sum(len(found) for found in intervals) > 0
+
+
+def test_no_intervals_out_of_reach():
+    far = se3.make_pose(np.eye(3), [2.0, 0.0, 0.0])
+    folded = forward_kinematics(np.array([0.0, 0.5, 0.0, np.deg2rad(125), 0.0, 0.5, 0.0]))
+    for X in (far, folded, np.full((4, 4), np.nan)):
+        assert [found.shape for found in arm_angle_intervals(X)] == [(0, 2)] * 8
+
+
+def test_a_whole_circle():
+    """There is none inside the limits, as joint 1 or 3 and joint 5 or 7 turn once: but without."""
+    for X in forward_kinematics(random_configurations(20, seed=4)):
+        assert all(
+            (np.ptp(found, axis=1) < 2 * np.pi - 0.1).all() for found in arm_angle_intervals(X)
+        )
+        for found in arm_angle_intervals(X, margin=-2.0):
+            np.testing.assert_array_equal(found, [[-np.pi, np.pi]])

@@ -1,0 +1,81 @@
+"""Clouds of real sensors: formats, invalid points, units, frames."""
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from feasigrasp.errors import PointCloudError
+from feasigrasp.models.cloud_files import prepare_cloud, read_cloud
+
+
+@pytest.fixture
+def cloud():
+    return np.random.default_rng(0).uniform([-0.05, -0.1, 0.45], [0.05, 0.1, 0.55], (200, 3))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npy", ".npz"])
+def test_all_formats_hold_the_same_points(suffix, cloud, tmp_path):
+    path = tmp_path / f"cloud{suffix}"
+    if suffix == ".npy":
+        np.save(path, cloud)
+    elif suffix == ".npz":
+        np.savez(path, K=np.eye(3), depth=np.ones((48, 64)), xyz=cloud)
+    else:
+        o3d.io.write_point_cloud(path, o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud)))
+    np.testing.assert_allclose(read_cloud(path), cloud, atol=1e-6)
+
+
+def test_invalid_points_of_an_organised_cloud_are_dropped(cloud, tmp_path):
+    organised = np.concatenate([cloud, np.ones((200, 3))], axis=1).reshape(10, 20, 6)
+    organised[0, 0, :3] = np.nan
+    organised[0, 1, :3] = np.inf
+    organised[0, 2, :3] = 0.0
+    np.save(tmp_path / "cloud.npy", organised)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.npy"), cloud[3:])
+
+
+def test_files_that_hold_no_cloud_are_refused(cloud, tmp_path):
+    with pytest.raises(PointCloudError, match="no file .*nowhere.ply"):
+        read_cloud(tmp_path / "nowhere.ply")
+    (tmp_path / "cloud.las").write_text("")
+    with pytest.raises(PointCloudError, match="give a file of .ply, .pcd"):
+        read_cloud(tmp_path / "cloud.las")
+    np.save(tmp_path / "image.npy", np.ones((48, 64)))
+    with pytest.raises(PointCloudError, match=r"shape \(48, 64\); give numbers"):
+        read_cloud(tmp_path / "image.npy")
+    np.savez(tmp_path / "two.npz", a=cloud, b=cloud)
+    with pytest.raises(PointCloudError, match="2 arrays.*a, b"):
+        read_cloud(tmp_path / "two.npz")
+    (tmp_path / "broken.npy").write_bytes(b"nonsense")
+    with pytest.raises(PointCloudError, match="broken.npy cannot be read"):
+        read_cloud(tmp_path / "broken.npy")
+
+
+def test_millimetres_are_recognised_and_scaled(cloud):
+    with pytest.raises(PointCloudError, match="in millimetres.*--scale 0.001"):
+        prepare_cloud(1000.0 * cloud)
+    np.testing.assert_allclose(prepare_cloud(1000.0 * cloud, scale=0.001), cloud)
+    with pytest.raises(PointCloudError, match="too small.*--scale"):
+        prepare_cloud(0.001 * cloud)
+
+
+def test_background_is_told_and_cropped(cloud):
+    room = np.concatenate([cloud, [[1.5, 0.0, 2.5], [-1.5, 0.0, 2.5]]])
+    with pytest.raises(PointCloudError, match="3.0 m wide.*--crop"):
+        prepare_cloud(room)
+    box = [-0.2, 0.2, -0.2, 0.2, 0.3, 0.7]
+    np.testing.assert_array_equal(prepare_cloud(room, crop=box), cloud)
+    with pytest.raises(PointCloudError, match="0 points inside --crop"):
+        prepare_cloud(room, crop=[5, 6, 5, 6, 5, 6])
+    with pytest.raises(PointCloudError, match="give xmin xmax"):
+        prepare_cloud(room, crop=[0.2, -0.2, 0, 1, 0, 1])
+
+
+def test_a_cloud_round_the_camera_is_in_the_wrong_frame(cloud):
+    centred = cloud - cloud.mean(axis=0)
+    with pytest.raises(PointCloudError, match="amid the points.*--viewpoint X Y Z, or --merged"):
+        prepare_cloud(centred)
+    assert len(prepare_cloud(centred, viewpoint=[0.0, 0.0, -0.5])) == 200
+    assert len(prepare_cloud(centred, viewpoint=None)) == 200
+    with pytest.raises(PointCloudError, match="--scale -1"):
+        prepare_cloud(cloud, scale=-1.0)

@@ -1,0 +1,112 @@
+"""Free space of a view against the ball and the camera that made it."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import se3
+from feasigrasp.models.free_space import free_distance, rim_points
+from feasigrasp.models.view_image import SIDE, view_image
+
+RADIUS = 0.04
+CAMERA = np.array([0.0, 0.0, 0.5])
+
+
+def ball_view(camera=CAMERA, pitch=0.0045, radius=RADIUS):
+    """Points where a pinhole camera's rays hit a ball about the origin."""
+    z = -camera / np.linalg.norm(camera)
+    x = np.cross(z, [0.3, 0.5, 0.1])
+    x /= np.linalg.norm(x)
+    at = np.arange(-60, 61) * pitch
+    u, v = (a.ravel() for a in np.meshgrid(at, at))
+    rays = z + u[:, None] * x + v[:, None] * np.cross(z, x)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    b = rays @ camera
+    root = b**2 - camera @ camera + radius**2
+    hit = root > 0
+    return camera + (-b[hit] - np.sqrt(root[hit]))[:, None] * rays[hit]
+
+
+@pytest.fixture(scope="module")
+def image():
+    return view_image(ball_view(), CAMERA)
+
+
+def test_the_picture_shows_a_disc_at_its_depth(image):
+    rays = image.rays()
+    angle = np.arctan(np.linalg.norm(rays[..., :2], axis=-1))
+    rim = np.arcsin(RADIUS / 0.5)
+    assert image.mask[angle < rim - 0.006].all()
+    assert not image.mask[angle > rim + 0.006].any()
+    middle = image.depth[SIDE // 2 - 1 : SIDE // 2 + 1, SIDE // 2 - 1 : SIDE // 2 + 1]
+    np.testing.assert_allclose(middle, 0.5 - RADIUS, atol=5e-4)
+    assert image.pitch == pytest.approx(0.0045, rel=0.03)
+
+
+def test_pixels_project_back(image):
+    rows, columns = np.nonzero(image.mask)
+    points = image.unproject((rows, columns), image.depth[rows, columns])
+    assert np.abs(np.linalg.norm(points, axis=1) - RADIUS).mean() < 1e-3
+    np.testing.assert_allclose(image.in_camera(points)[:, 2], image.depth[rows, columns])
+
+
+def test_it_is_a_lower_bound_of_the_distance_to_the_ball(image):
+    x = np.random.default_rng(0).uniform(-0.15, 0.15, (5000, 3))
+    free = free_distance([image], x)
+    true = np.linalg.norm(x, axis=1) - RADIUS
+    beside = np.linalg.norm(np.cross(x - CAMERA, -CAMERA / 0.5), axis=1) > 0.06
+    assert (free[beside] > 0.0).all()
+    # In front of the ball the depth to it is longer than the way; beside it, it bounds it.
+    assert (free[beside] < true[beside] + 2e-3).all()
+    assert np.corrcoef(free[beside], true[beside])[0, 1] > 0.7
+
+
+def test_the_ball_and_what_it_hides_are_not_free(image):
+    rng = np.random.default_rng(1)
+    directions = rng.normal(size=(2000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    on_ball = free_distance([image], RADIUS * directions)
+    # At the rim the ball falls away under the picture's coarse pixels.
+    assert np.mean(on_ball < 3e-3) > 0.97
+    assert on_ball.max() < 6e-3
+    assert free_distance([image], 0.9 * RADIUS * directions).max() < 0.0
+    shadow = np.array([[0.0, 0.0, -0.1], [0.02, 0.01, -0.2]])
+    assert (free_distance([image], shadow) < 0.0).all()
+    assert free_distance([image], np.array([[0.0, 0.0, 0.1]]))[0] == pytest.approx(0.06, abs=1e-3)
+
+
+def test_a_second_view_frees_what_the_first_one_hides(image):
+    other = np.array([0.5, 0.0, 0.0])
+    second = view_image(ball_view(other), other)
+    hidden = np.array([[0.0, 0.0, -0.1]])
+    assert free_distance([image], hidden)[0] < 0.0 < free_distance([image, second], hidden)[0]
+
+
+def test_nothing_is_known_without_views():
+    assert (free_distance([], np.zeros((3, 3))) < 0.0).all()
+
+
+def test_rim_points_are_free_and_just_outside(image):
+    points = rim_points(image, 40)
+    assert 10 < len(points) <= 40
+    free = free_distance([image], points)
+    assert (free > 0.0).all()
+    across = np.linalg.norm(np.cross(points - CAMERA, -CAMERA / 0.5), axis=1)
+    assert across.min() > RADIUS
+    assert across.max() < RADIUS + 0.02
+    angle = np.sort(np.arctan2(*points[:, :2].T))
+    assert np.diff(angle).max() < np.deg2rad(60)  # all round
+
+
+def test_it_moves_with_object_and_camera(image):
+    X = se3.random_pose(np.random.default_rng(3), 1)[0]
+    x = np.random.default_rng(4).uniform(-0.1, 0.1, (500, 3))
+    np.testing.assert_allclose(
+        free_distance([image.moved(X)], x @ X[:3, :3].T + X[:3, 3]),
+        free_distance([image], x),
+        atol=1e-9,
+    )
+
+
+@pytest.mark.parametrize("points", [np.zeros((30, 3)), np.tile([[0.0, 0.01, 0.0]], (40, 1))])
+def test_points_all_in_one_place_make_a_picture(points):
+    assert view_image(points, CAMERA).mask.any()

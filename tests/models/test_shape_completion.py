@@ -1,0 +1,107 @@
+"""The completed shape against the body that was looked at, and what it says about itself."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from feasigrasp.errors import PointCloudError
+from feasigrasp.models.gpdf import PAPER, fit_gpdf
+from feasigrasp.models.shape_completion import complete_shape
+from feasigrasp.models.sphere import sphere_points
+from feasigrasp.models.view_fusion import FusedCloud
+
+RADIUS = 0.04
+CAMERA = np.array([0.0, 0.0, 0.5])
+
+
+def seen(camera, noise=0.0):
+    """The part of a ball that faces the camera, with noise along the rays."""
+    rng = np.random.default_rng(0)
+    points = RADIUS * sphere_points(4000, 1.0)
+    points = points[points @ camera > 1.2 * RADIUS**2]
+    rays = (camera - points) / np.linalg.norm(camera - points, axis=1, keepdims=True)
+    return points + rng.normal(scale=noise, size=(len(points), 1)) * rays
+
+
+def cloud_of(*cameras, noise=1e-3, smooth=True):
+    cloud = FusedCloud.empty(0.003, smooth=smooth)
+    for camera in cameras:
+        cloud = cloud.merged(seen(camera, noise), camera)
+    return cloud
+
+
+@pytest.fixture(scope="module")
+def field():
+    return complete_shape(cloud_of(CAMERA))
+
+
+def test_free_space_closes_the_hidden_side(field):
+    hidden = RADIUS * sphere_points(300, 1.0)
+    hidden = hidden[hidden[:, 2] < -0.2 * RADIUS]
+    paper = complete_shape(cloud_of(CAMERA, smooth=False), preset="paper")
+    ours, theirs = (np.abs(f.refine(hidden, 10)[0]).mean() for f in (field, paper))
+    assert ours < 0.009
+    assert ours < 0.75 * theirs
+
+
+def test_completed_points_are_possible_and_known_to_be_uncertain(field):
+    surface = field.completion
+    assert field.possible(surface.points).all()
+    front, back = surface.points[:, 2] > 0.02, surface.points[:, 2] < -0.01
+    assert front.sum() > 20
+    assert back.sum() > 20
+    assert surface.variance[front].max() < surface.variance[back].min()
+
+
+def test_points_the_camera_looked_through_are_not_possible(field):
+    free = np.array([[0.08, 0.0, 0.0], [0.0, -0.1, -0.05], [0.0, 0.0, 0.08]])
+    assert not field.possible(free).any()
+    assert field.possible(seen(CAMERA)).all()
+    assert field.possible(np.array([[0.0, 0.0, -0.1]])).all()  # hidden: who knows
+
+
+def test_variance_counts_the_observed_nodes_alone(field):
+    """The same as that of a field that never had the others."""
+    x = np.random.default_rng(1).uniform(-0.08, 0.08, (50, 3))
+    nodes = field.nodes[:, : field.observed].T + field.center
+    noise = field.noise_variance[: field.observed]
+
+    def kernel(a, b):
+        return np.exp(-np.linalg.norm(a[:, None] - b[None], axis=-1) / field.length_scale)
+
+    cross = kernel(x, nodes)
+    gram = kernel(nodes, nodes) + np.diag(noise)
+    expected = 1.0 - np.einsum("ij,ji->i", cross, np.linalg.solve(gram, cross.T))
+    assert field.observed < field.nodes.shape[1]
+    np.testing.assert_allclose(field.variance(x), expected, atol=1e-8)
+
+
+def test_three_views_of_a_ball_make_a_ball():
+    cameras = 0.5 * np.array([[0, 0, 1], [0.87, 0, -0.5], [-0.87, 0, -0.5]])
+    field = complete_shape(cloud_of(*cameras))
+    around = RADIUS * sphere_points(300, 1.0)
+    assert np.abs(field.refine(around)[0]).mean() < 6e-4
+
+
+def test_the_paper_preset_is_the_papers_field():
+    cloud = cloud_of(CAMERA, smooth=False)
+    ours = complete_shape(cloud, preset="paper", max_points=200)
+    expected = fit_gpdf(cloud.points, viewpoint=cloud.directions, max_points=200, **PAPER)
+    x = np.random.default_rng(2).uniform(-0.1, 0.1, (100, 3))
+    np.testing.assert_array_equal(ours.distance(x), expected.distance(x))
+
+
+def test_wrong_input_is_refused():
+    with pytest.raises(PointCloudError, match="smooth=True"):
+        complete_shape(cloud_of(CAMERA, smooth=False))
+    with pytest.raises(PointCloudError, match="'default' or 'paper'"):
+        complete_shape(cloud_of(CAMERA), preset="best")
+    with pytest.raises(PointCloudError, match="max_points"):
+        complete_shape(cloud_of(CAMERA), max_points=2)
+
+
+def test_it_is_immutable(field):
+    assert copy.deepcopy(field) is field
+    with pytest.raises(ValueError, match="read-only"):
+        field.nodes[0] = 0.0

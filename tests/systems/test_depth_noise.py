@@ -1,0 +1,70 @@
+"""The sensor model as a system, alone and in the station."""
+
+import numpy as np
+import pytest
+from pydrake.systems.sensors import CameraInfo, ImageDepth32F
+
+from feasigrasp.models.depth_noise import DepthNoise
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import load_scenario
+from feasigrasp.systems.depth_noise import NoisyDepth
+from feasigrasp.systems.dynamic_grasp import make_station
+
+INFO = CameraInfo(64, 48, 60.0, 60.0, 31.5, 23.5)
+
+
+def depth_image(data):
+    image = ImageDepth32F(data.shape[1], data.shape[0])
+    image.mutable_data[:, :, 0] = data
+    return image
+
+
+def noisy(dut, fixed_context, data, time=0.0):
+    context = fixed_context(dut, depth_image=depth_image(data))
+    context.SetTime(time)
+    return dut.get_output_port().Eval(context).data[:, :, 0].copy()
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    inputs, outputs = ports(NoisyDepth(DepthNoise(), INFO))
+    assert (list(inputs), list(outputs)) == documented_ports(NoisyDepth)
+
+
+def test_the_errors_depend_on_time_and_seed_only(fixed_context):
+    flat = np.full((48, 64), 0.5)
+    first = noisy(NoisyDepth(DepthNoise(), INFO, seed=1), fixed_context, flat, 0.5)
+    again = noisy(NoisyDepth(DepthNoise(), INFO, seed=1), fixed_context, flat, 0.5)
+    np.testing.assert_array_equal(first, again)
+    later = noisy(NoisyDepth(DepthNoise(), INFO, seed=1), fixed_context, flat, 1.0)
+    other = noisy(NoisyDepth(DepthNoise(), INFO, seed=2), fixed_context, flat, 0.5)
+    for different in (later, other):
+        assert abs(np.corrcoef(first.ravel(), different.ravel())[0, 1]) < 0.1
+
+
+def test_the_noise_is_that_of_the_cameras_focal_length(fixed_context):
+    noise = DepthNoise(disparity_step=0.0, depth_step=0.0)
+    error = noisy(NoisyDepth(noise, INFO), fixed_context, np.full((48, 64), 0.5)) - 0.5
+    assert np.std(error) == pytest.approx(0.5**2 * 0.08 / (60.0 * 0.05), rel=0.05)
+
+
+def test_in_the_station_cloud_and_depth_image_carry_the_same_noise():
+    """Along the optical axis the cloud is the noisy depth; the labels know nothing of it."""
+    file, images = diagram_path("dynamic.scenarios.yaml"), {}
+    for text in ("{}", "{camera_noise: {wrist_camera: {depth_step: 0}}}"):
+        station = make_station(load_scenario(file, "ReachLinear", text))
+        context = station.CreateDefaultContext()
+        cloud, depth, label, pose = (
+            station.GetOutputPort(f"wrist_camera.{name}").Eval(context)
+            for name in ("point_cloud", "depth_image", "label_image", "pose")
+        )
+        z = (pose.inverse() @ cloud.xyzs())[2].reshape(depth.data.shape[:2])
+        images[text] = depth.data[:, :, 0].copy(), z, label.data.copy()
+    (true, true_z, true_label), (depth, z, label) = images.values()
+    seen = np.isfinite(z)
+    np.testing.assert_allclose(z[seen], depth[seen], atol=1e-5)
+    np.testing.assert_array_equal(label, true_label)
+    assert 0.5 < seen.sum() / np.isfinite(true_z).sum() < 1.0
+    near = seen & (true > 0.0) & (true < 0.6)
+    focal = true.shape[1] / 2 / np.tan(np.deg2rad(87.0 / 2))
+    in_sigmas = (depth[near] - true[near]) / DepthNoise().sigma(true[near], focal)
+    assert 0.95 < 1.4826 * np.median(np.abs(in_sigmas)) < 1.1
