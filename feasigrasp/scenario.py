@@ -80,6 +80,7 @@ class PerceptionConfig:
         camera: Name of the camera that is used.
         period: Time between views [s].
         latency: Time from a view to its grasps [s].
+        preset: ``default``, or ``paper`` for the paper's field; see `complete_shape`.
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
@@ -90,6 +91,7 @@ class PerceptionConfig:
     camera: str = "wrist_camera"
     period: float = 0.5
     latency: float = 0.1
+    preset: str = "default"
     max_points: int = 320
     length_scale: float = 0.3
     voxel_size: float = 0.003

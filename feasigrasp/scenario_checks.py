@@ -10,11 +10,17 @@ import numpy as np
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.depth_noise import DepthNoise
 from feasigrasp.models.pose_judge import METHODS
+from feasigrasp.models.shape_completion import PRESETS
 
 if TYPE_CHECKING:
     from feasigrasp.scenario import Scenario
 
-_CHOICES = {"controller": ("task", "joint"), "mode": ("safe", "paper")}
+_CHOICES = {
+    "control.controller": ("task", "joint"),
+    "control.mode": ("safe", "paper"),
+    "perception.preset": PRESETS,
+    "reachability.method": METHODS,
+}
 
 
 def check_scenario(scenario: Scenario) -> None:
@@ -24,14 +30,10 @@ def check_scenario(scenario: Scenario) -> None:
         ScenarioError: A value that nothing can run with; the message names key, value and mend.
     """
     for key, allowed in _CHOICES.items():
-        choice = getattr(scenario.control, key)
+        section, name = key.split(".")
+        choice = getattr(getattr(scenario, section), name)
         if choice not in allowed:
-            raise ScenarioError(f"control.{key} is {choice!r}; choose one of {', '.join(allowed)}")
-    method = scenario.reachability.method
-    if method not in METHODS:
-        raise ScenarioError(
-            f"reachability.method is {method!r}; choose one of {', '.join(METHODS)}"
-        )
+            raise ScenarioError(f"{key} is {choice!r}; choose one of {', '.join(allowed)}")
     if scenario.perception.camera not in scenario.cameras:
         raise ScenarioError(
             f"perception.camera is {scenario.perception.camera!r}, but cameras has "

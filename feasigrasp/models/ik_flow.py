@@ -3,7 +3,7 @@
 A conditional normalizing flow in the sense of IKFlow (Ames, Morgan, Konidaris, "IKFlow: Generating
 Diverse Inverse Kinematics Solutions", RA-L 2022): an invertible map from latents to configurations
 that depends on the pose, trained by maximum likelihood on samples of forward kinematics alone.
-Where IKFlow couples all joints twelve times, this one goes along the chain once:
+Where IKFlow couples all joints over and over, this one goes along the chain once:
 
     p(q | X_WF) = prod_i p(q_i | X_i),    X_i = (X_WL(q_1 ... q_{i-1}))^-1 X_WF,
 
@@ -13,8 +13,7 @@ limits; its weights, centres and scales come from a small network. Turning X_i a
 axis turns the centres by the same angle, by construction. The flow's latents are the cumulative
 distributions, uniform in the unit cube: ``u_i = P(q_i' <= q_i | X_i)``.
 
-Inference needs NumPy and numba only. Everything that comes out lies inside the joint limits before
-it is refined.
+Inference needs NumPy and numba only. Everything that comes out lies inside the joint limits.
 """
 
 from __future__ import annotations

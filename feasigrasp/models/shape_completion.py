@@ -30,6 +30,8 @@ from feasigrasp.models.view_image import ViewImage
 
 Array = NDArray[np.float64]
 
+#: ``default``, and the field of the paper.
+PRESETS = ("default", "paper")
 #: Values at this distance beside some of the points tell inside from outside [m].
 SURFACE_OFFSET = 2e-3
 #: Share of the points that get such values.
@@ -149,8 +151,8 @@ def complete_shape(
         if noise_variance is not None:
             settings["noise_variance"] = noise_variance
         return fit_gpdf(cloud.points, viewpoint=cloud.directions, max_points=max_points, **settings)
-    if preset != "default":
-        raise PointCloudError(f"preset '{preset}' is unknown; give 'default' or 'paper'")
+    if preset not in PRESETS:
+        raise PointCloudError(f"preset '{preset}' is unknown; give {', '.join(PRESETS)}")
     if not cloud.smooth:
         raise PointCloudError(
             "the cloud is not smoothed; merge its views into FusedCloud.empty(..., smooth=True)"

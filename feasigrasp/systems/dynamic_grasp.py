@@ -97,6 +97,7 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
         "perception",
         PointCloudToGPDF(
             perception.period,
+            preset=perception.preset,
             max_points=perception.max_points,
             length_scale=perception.length_scale,
             voxel_size=perception.voxel_size,

@@ -47,21 +47,21 @@ class StationConfig:
         plant: Drake's plant settings.
         directives: Model directives with model instances ``iiwa`` and ``gripper``.
         cameras: Cameras by name.
-        camera_noise: Errors of their depth images, by name; a camera not named has none.
-        noise_seed: Seed of those errors.
         q_start: Joint positions at the start [rad], shape (7,).
         friction: Coulomb friction of the object.
         enforce_joint_limits: Whether the joints have end stops.
+        camera_noise: Errors of the depth images, by camera; a camera not named has none.
+        noise_seed: Seed of those errors.
     """
 
     plant: MultibodyPlantConfig
     directives: list[ModelDirective] = field(default_factory=list)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
-    noise_seed: int = 0
     q_start: np.ndarray = field(default_factory=lambda: np.zeros(7))
     friction: float = 0.8
     enforce_joint_limits: bool = True
+    camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
+    noise_seed: int = 0
 
 
 class _BodyState(LeafSystem):
