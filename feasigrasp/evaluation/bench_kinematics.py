@@ -7,7 +7,6 @@ conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Callable
 from importlib.util import find_spec
 
@@ -17,11 +16,9 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.bench_files import report_bench, timing_row
 from feasigrasp.evaluation.drake_arm import DrakeArm
 from feasigrasp.evaluation.kinematics_peers import eaik_nearest, pinocchio_kinematics
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
 from feasigrasp.evaluation.timing import cpu_time
 from feasigrasp.models.iiwa import POSITION_LIMITS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
@@ -91,23 +88,6 @@ def main(args: argparse.Namespace) -> int:
     with threadpool_limits(1):
         for name, preset, unit, factor, function in tqdm(cases(args.seed), desc="kinematics"):
             timing = cpu_time(function, 0.2 if args.quick else 2.0)
-            low, high = factor * timing.low, factor * timing.high
-            rows.append(Row(name, preset, factor * timing.median, low, high, unit, timing.n))
-    args.out.mkdir(parents=True, exist_ok=True)
-    with (args.out / "timings.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["name", "preset", "median", "low", "high", "unit", "repetitions"])
-        writer.writerows(
-            [row.name, row.preset, row.value, row.low, row.high, row.unit, row.n] for row in rows
-        )
-    write_summary(
-        args.out / "summary.json",
-        command=f"feasigrasp bench kinematics --seed {args.seed}" + " --quick" * args.quick,
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
-    )
-    print(format_rows(rows))
-    print(args.out / "summary.json")
+            rows.append(timing_row(name, preset, timing, unit, factor))
+    report_bench(args, "kinematics", rows)
     return 0

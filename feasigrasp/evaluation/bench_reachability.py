@@ -13,7 +13,6 @@ Timed on one thread unless a preset says otherwise; nothing is taken over from a
 from __future__ import annotations
 
 import argparse
-import csv
 import shutil
 import subprocess
 import sys
@@ -30,9 +29,8 @@ from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.evaluation.arguments import add_common_arguments
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.bench_files import report_bench, timing_row
+from feasigrasp.evaluation.result_files import Row
 from feasigrasp.evaluation.timing import Timing, cpu_time
 from feasigrasp.models import se3
 from feasigrasp.models.grasp_lookahead import judge_grasps
@@ -80,33 +78,10 @@ def main(args: argparse.Namespace) -> int:
         rows = _filter_rows(grasps, seconds) + _em_rows(args.seed, args.quick)
     if args.fit:
         rows.append(_fit_row(args))
-    args.out.mkdir(parents=True, exist_ok=True)
-    with (args.out / "timings.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["name", "preset", "median", "low", "high", "unit", "repetitions"])
-        writer.writerows(
-            [row.name, row.preset, row.value, row.low, row.high, row.unit, row.n] for row in rows
-        )
-    write_summary(
-        args.out / "summary.json",
-        command=f"feasigrasp bench reachability --seed {args.seed}"
-        + " --quick" * args.quick
-        + " --fit" * args.fit,
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
-        reachable_share=float(reachable),
-    )
     print(f"{reachable:.0%} of the {GRASPS} hand poses are reachable")
-    print(format_rows(rows))
-    print(args.out / "summary.json")
+    what = "reachability" + " --fit" * args.fit
+    report_bench(args, what, rows, reachable_share=float(reachable))
     return 0
-
-
-def _row(name: str, preset: str, timing: Timing, unit: str, factor: float) -> Row:
-    low, high = factor * timing.low, factor * timing.high
-    return Row(name, preset, factor * timing.median, low, high, unit, timing.n)
 
 
 def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
@@ -125,7 +100,7 @@ def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
             ),
         ]
     return [
-        _row(f"{_FILTER}.{method}", preset, cpu_time(function, seconds), "ms", 1e3)
+        timing_row(f"{_FILTER}.{method}", preset, cpu_time(function, seconds), "ms", 1e3)
         for method, preset, function in tqdm(cases, desc="filter")
     ]
 
@@ -156,7 +131,7 @@ def _em_rows(seed: int, quick: bool) -> list[Row]:
         times = wall(threads)
         timing = Timing(float(np.median(times)), times[0], times[-1], repetitions)
         preset = ", ".join(filter(None, (preset, size)))
-        rows.append(_row("bench.em_pass_s", preset, timing, "s", 1.0))
+        rows.append(timing_row("bench.em_pass_s", preset, timing, "s", 1.0))
     if find_spec("sklearn"):
         seconds = _scikit_learn_iteration(quaternions, positions, n, seed)
         preset = ", ".join(filter(None, ("peer:scikit-learn", size)))

@@ -7,7 +7,6 @@ conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
@@ -20,9 +19,8 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.bench_files import report_bench, timing_row
+from feasigrasp.evaluation.result_files import Row
 from feasigrasp.evaluation.shape_steps import (
     PRESETS,
     ValidationStep,
@@ -146,30 +144,10 @@ def main(args: argparse.Namespace) -> int:
     torch.set_num_threads(1)
     with threadpool_limits(1):
         timings = timed(partial_cloud(name, args.seed), args.seed, 0.2 if args.quick else 2.0)
-    rows = [
-        Row(name, preset, 1e3 * t.median, 1e3 * t.low, 1e3 * t.high, "ms", t.n)
-        for (name, preset), t in sorted(timings.items())
-    ]
+    rows = [timing_row(name, preset, t, "ms", 1e3) for (name, preset), t in sorted(timings.items())]
     for n in SIZES:
         own, peer = (timings[f"bench.gpdf_fit_ms.{n}", of] for of in ("default", "peer:potrf"))
         ratio = own.median / peer.median
         rows.append(Row(f"bench.gpdf_fit_over_potrf.{n}", "default", ratio, None, None, "", own.n))
-    args.out.mkdir(parents=True, exist_ok=True)
-    with (args.out / "timings.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["name", "preset", "median", "low", "high", "unit", "repetitions"])
-        writer.writerows(
-            [row.name, row.preset, row.value, row.low, row.high, row.unit, row.n] for row in rows
-        )
-    write_summary(
-        args.out / "summary.json",
-        command=f"feasigrasp bench shape --objects {args.objects} --seed {args.seed}"
-        + " --quick" * args.quick,
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
-    )
-    print(format_rows(rows))
-    print(args.out / "summary.json")
+    report_bench(args, f"shape --objects {args.objects}", rows)
     return 0

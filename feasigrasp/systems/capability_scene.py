@@ -22,7 +22,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.resources import model_path
-from feasigrasp.systems.meshcat_scene import LIGHTS
+from feasigrasp.systems.meshcat_scene import set_stage
 
 FloatArray = NDArray[np.float64]
 
@@ -65,14 +65,7 @@ def write_scene(
         meshcat.SetTransform(path, RigidTransform(point))
     meshcat.SetObject("/ground", Box(2.2, 2.2, 0.002), Rgba(0.86, 0.88, 0.9, 1.0))
     meshcat.SetTransform("/ground", RigidTransform([0.0, 0.0, -0.002]))
-    meshcat.SetProperty("/Background", "top_color", [0.80, 0.85, 0.90])
-    meshcat.SetProperty("/Background", "bottom_color", [0.97, 0.98, 0.99])
-    for clutter in ("/Grid", "/Axes"):
-        meshcat.SetProperty(clutter, "visible", False)
-    for light, intensity in LIGHTS.items():
-        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
-    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
-    meshcat.SetCameraPose(CAMERA, TARGET)
+    set_stage(meshcat, CAMERA, TARGET, ZOOM)
     filename.parent.mkdir(parents=True, exist_ok=True)
     filename.write_text(meshcat.StaticHtml())
 

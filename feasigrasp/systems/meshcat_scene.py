@@ -50,7 +50,7 @@ def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> st
     object_path = f"{PREFIX}/{station.object_body.scoped_name().get_full().replace('::', '/')}"
     meshcat.Delete(PREFIX)
     _make_translucent(station, object_path, meshcat)
-    _set_stage(meshcat)
+    set_stage(meshcat)
     return object_path
 
 
@@ -63,12 +63,18 @@ def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> N
         meshcat.SetProperty(f"{path}/<object>", "modulated_opacity", OBJECT_OPACITY)
 
 
-def _set_stage(meshcat: Meshcat) -> None:
+def set_stage(
+    meshcat: Meshcat,
+    camera: tuple[float, float, float] = CAMERA,
+    target: tuple[float, float, float] = TARGET,
+    zoom: float = ZOOM,
+) -> None:
+    """Background and lights of every view of the cell, and where it is seen from [m]."""
     meshcat.SetProperty("/Background", "top_color", [0.80, 0.85, 0.90])
     meshcat.SetProperty("/Background", "bottom_color", [0.97, 0.98, 0.99])
     for clutter in ("/Grid", "/Axes"):
         meshcat.SetProperty(clutter, "visible", False)
     for light, intensity in LIGHTS.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
-    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
-    meshcat.SetCameraPose(CAMERA, TARGET)
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", zoom)
+    meshcat.SetCameraPose(camera, target)
