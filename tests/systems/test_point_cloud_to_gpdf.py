@@ -192,5 +192,5 @@ def test_the_completion_stays_out_of_free_space():
 
 
 def test_an_unknown_preset_is_refused():
-    with pytest.raises(PointCloudError, match="'fast'.*'default' or 'paper'"):
+    with pytest.raises(PointCloudError, match="'fast'.*give default, paper"):
         PointCloudToGPDF(preset="fast")
