@@ -18,6 +18,7 @@ from tqdm import tqdm
 from feasigrasp.evaluation.arguments import add_common_arguments
 from feasigrasp.evaluation.drake_arm import DrakeArm
 from feasigrasp.evaluation.finished_parts import finish_part
+from feasigrasp.evaluation.ik_sources import format_source_table, ik_source_rows
 from feasigrasp.evaluation.provenance import git_revision
 from feasigrasp.evaluation.result_files import Row, write_summary
 from feasigrasp.evaluation.row_table import format_rows
@@ -146,13 +147,6 @@ def _mismatch_rows(
     ]
 
 
-def source_rows(seed: int, quick: bool) -> list[Row]:
-    """The three sources of inverse kinematics side by side."""
-    from feasigrasp.evaluation.ik_sources import ik_source_rows
-
-    return list(ik_source_rows(seed, quick))
-
-
 def _write(filename: Path, header: str, *columns: FloatArray) -> None:
     filename.parent.mkdir(parents=True, exist_ok=True)
     np.savetxt(
@@ -167,7 +161,7 @@ def main(args: argparse.Namespace) -> int:
         "forward": lambda: forward_rows(10_000, args.seed, args.out),
         "inverse": lambda: inverse_rows(n, args.seed, args.out),
         "collision": lambda: collision_rows(10 * n, args.seed, args.out),
-        "sources": lambda: source_rows(args.seed, args.quick),
+        "sources": lambda: ik_source_rows(args.seed, args.quick),
     }
     rows = []
     with tqdm(parts.items(), desc="kinematics", unit="part") as bar:
@@ -184,5 +178,6 @@ def main(args: argparse.Namespace) -> int:
         quick=args.quick,
     )
     print(format_rows(rows))
+    print(format_source_table(rows))
     print(args.out / "summary.json")
     return 0

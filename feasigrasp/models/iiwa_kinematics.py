@@ -123,13 +123,6 @@ def pose_jacobian_kernel(q, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def pose_kernel(q, X_FT, X_WT):  # type: ignore[no-untyped-def]
-    """Writes the tool pose alone."""
-    s, c = _sincos(q)
-    _pose_jacobian(s, c, X_FT, X_WT, None)
-
-
-@nb.njit(cache=True)
 def manipulability_kernel(q):  # type: ignore[no-untyped-def]
     """Yoshikawa's measure at any tool point, see `manipulability`."""
     s, c = _sincos(q)

@@ -1,4 +1,4 @@
-"""Single-precision kernels of a Riemannian mixture for blocks of poses: 3 ns a pose and component.
+"""Single-precision kernels of a Riemannian mixture for blocks of poses: 4 ns a pose and component.
 
 They serve millions of poses, where speed decides and an error of 1e-5 in a log density does not
 matter; `riemannian_kernels` has the exact ones for one pose at a time. What makes them fast:

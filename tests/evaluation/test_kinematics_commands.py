@@ -118,7 +118,7 @@ def test_finished_parts_are_kept_while_nothing_changed(tmp_path):
 
 def test_evaluate_writes_all_rows(tmp_path, monkeypatch, capsys):
     row = Row("kinematics.flow_refined_percent", "default", 99.0, 98.0, 99.5, "%", 10)
-    monkeypatch.setattr(evaluate, "source_rows", lambda seed, quick: [row])
+    monkeypatch.setattr(evaluate, "ik_source_rows", lambda seed, quick: [row])
     monkeypatch.setattr(evaluate, "inverse_rows", lambda n, seed, folder: [])
     monkeypatch.setattr(evaluate, "collision_rows", lambda n, seed, folder: [])
     assert evaluate.main(arguments(evaluate, tmp_path)) == 0

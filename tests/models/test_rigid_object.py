@@ -2,7 +2,6 @@
 
 import copy
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from feasigrasp.models.rigid_object import (
     load_objects,
     write_mesh,
 )
-
-YCB = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "ycb"
 
 
 def export(mesh, path):
@@ -199,10 +196,10 @@ def test_catalogue_beside_the_meshes_folder_gives_the_masses(tmp_path):
         assert (obj.name, obj.mass) == ("cube", 0.321)
 
 
-@pytest.mark.skipif(not YCB.is_dir(), reason=f"the YCB meshes are not at {YCB}")
-def test_ycb_objects_load_with_their_masses_and_inertias():
-    listed = {e["name"]: e for e in json.loads((YCB / "ycb.json").read_text())["objects"]}
-    objects = load_objects(YCB)
+def test_ycb_objects_load_with_their_masses_and_inertias(shared_data):
+    ycb = shared_data / "ycb"
+    listed = {e["name"]: e for e in json.loads((ycb / "ycb.json").read_text())["objects"]}
+    objects = load_objects(ycb)
     assert [o.name for o in objects] == sorted(listed)
     for obj in objects:
         entry = listed[obj.name]
