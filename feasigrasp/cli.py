@@ -48,9 +48,37 @@ COMMANDS = {
         "feasigrasp.evaluation.capability_picture",
         "draw what the arm can reach",
     ),
+    ("evaluate", "grasp-labels"): (
+        "feasigrasp.evaluation.evaluate_grasp_labels",
+        "try out in simulation what the labels of the grasp network call valid",
+    ),
+    ("evaluate", "sampler"): (
+        "feasigrasp.evaluation.evaluate_sampler",
+        "judge the grasps of objects that were never trained on",
+    ),
+    ("evaluate", "sampler-figures"): (
+        "feasigrasp.evaluation.sampler_figures",
+        "draw grasps before and after the filter, for the documentation",
+    ),
+    ("evaluate", "grasp-targets"): (
+        "feasigrasp.evaluation.study_grasp_targets",
+        "count how many means and medoids of grasp mixtures are grasps",
+    ),
     ("evaluate", "dynamic"): (
         "feasigrasp.evaluation.dynamic",
         "follow, grasp and lift moving objects",
+    ),
+    ("evaluate", "prediction"): (
+        "feasigrasp.evaluation.evaluate_prediction",
+        "compare the tracked and predicted motion of objects with the true one",
+    ),
+    ("evaluate", "rollout"): (
+        "feasigrasp.evaluation.evaluate_rollout",
+        "follow moving objects without physics, to tune controllers",
+    ),
+    ("evaluate", "gallery"): (
+        "feasigrasp.evaluation.gallery",
+        "record one replay per row of the dynamic table, and a page that links them",
     ),
     ("bench", "shape"): (
         "feasigrasp.evaluation.bench_shape",
@@ -64,6 +92,18 @@ COMMANDS = {
         "feasigrasp.evaluation.bench_reachability",
         "time the reachability filter and its fit",
     ),
+    ("bench", "safety"): (
+        "feasigrasp.evaluation.bench_safety",
+        "compare ways to keep the arm inside its limits and clear of everything",
+    ),
+    ("bench", "control"): (
+        "feasigrasp.evaluation.bench_control",
+        "time the controllers beside the paper's figures and their peers",
+    ),
+    ("bench", "sampler"): (
+        "feasigrasp.evaluation.bench_sampler",
+        "time the way from a cloud to grasps",
+    ),
     ("bench", "all"): (
         "feasigrasp.evaluation.bench_all",
         "run all benchmarks, one after the other",
@@ -76,6 +116,19 @@ COMMANDS = {
         "feasigrasp.evaluation.train_ik_flow",
         "train the flow that proposes inverse kinematics",
     ),
+    ("train", "sampler-data"): (
+        "feasigrasp.evaluation.sampler_data",
+        "make the training data of the grasp network",
+    ),
+    ("train", "sampler"): (
+        "feasigrasp.evaluation.train_sampler",
+        "train the network that proposes grasps",
+    ),
+}
+
+#: Commands without a group, likewise.
+SINGLE_COMMANDS = {
+    "report": ("feasigrasp.evaluation.report", "write what a folder of results says as Markdown"),
 }
 
 
@@ -115,6 +168,10 @@ def _make_parser() -> argparse.ArgumentParser:
         group_parser = group_parsers.add_parser(group, help=purpose, description=f"{purpose}.")
         group_parser.set_defaults(parser=group_parser)
         names[group] = group_parser.add_subparsers(metavar="WHAT")
+    for name, (module, purpose) in SINGLE_COMMANDS.items():
+        group_parsers.add_parser(name, help=purpose, add_help=False).set_defaults(
+            module=module, description=purpose, prog=f"feasigrasp {name}"
+        )
     for (group, name), (module, purpose) in COMMANDS.items():
         # The options, --help included, are those of the module's own parser.
         names[group].add_parser(name, help=purpose, add_help=False).set_defaults(

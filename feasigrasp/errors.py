@@ -27,3 +27,7 @@ class GraspError(FeasigraspError, ValueError):
 
 class ReachabilityError(FeasigraspError, ValueError):
     """An arm or a file that no reachable space can be made from."""
+
+
+class ControlError(FeasigraspError, ValueError):
+    """Options of a controller that contradict each other or the arm."""

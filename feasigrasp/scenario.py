@@ -84,6 +84,7 @@ class PerceptionConfig:
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
+        sampler: ``antipodal`` (model-free) or ``network`` (learned); see `make_sampler`.
         n_candidates: Grasp candidates drawn per update.
         n_grasps: Grasps kept per update.
     """
@@ -95,6 +96,7 @@ class PerceptionConfig:
     max_points: int = 320
     length_scale: float = 0.3
     voxel_size: float = 0.003
+    sampler: str = "antipodal"
     n_candidates: int = 800
     n_grasps: int = 64
 
@@ -140,11 +142,14 @@ class ControlConfig:
         controller: ``task`` (Riemannian mixture) or ``joint`` (distance field over IK solutions).
         mode: ``safe`` enforces limits and clearances, ``paper`` enforces nothing.
         period: Control period [s].
+        source: Where the joint-space controller's configurations come from: ``closed_form``,
+            ``flow`` (the IK flow) or ``dls`` (damped least squares).
     """
 
     controller: str = "task"
     mode: str = "safe"
     period: float = 0.005
+    source: str = "closed_form"
 
 
 def _default_plant() -> MultibodyPlantConfig:

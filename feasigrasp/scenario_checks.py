@@ -9,8 +9,10 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.depth_noise import DepthNoise
+from feasigrasp.models.grasp_samplers import METHODS as SAMPLERS
 from feasigrasp.models.pose_judge import METHODS
 from feasigrasp.models.shape_completion import PRESETS
+from feasigrasp.models.solution_sources import SOURCES
 
 if TYPE_CHECKING:
     from feasigrasp.scenario import Scenario
@@ -18,7 +20,9 @@ if TYPE_CHECKING:
 _CHOICES = {
     "control.controller": ("task", "joint"),
     "control.mode": ("safe", "paper"),
+    "control.source": SOURCES,
     "perception.preset": PRESETS,
+    "perception.sampler": SAMPLERS,
     "reachability.method": METHODS,
 }
 

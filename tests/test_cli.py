@@ -42,6 +42,16 @@ def test_every_command_is_a_module_of_a_known_group(group, name):
     assert group in cli.GROUPS
 
 
+@pytest.mark.parametrize("name", list(cli.SINGLE_COMMANDS))
+def test_a_command_without_a_group_has_its_help_too(name, capsys):
+    module = importlib.import_module(cli.SINGLE_COMMANDS[name][0])
+    assert callable(module.main) and name not in cli.GROUPS
+    with pytest.raises(SystemExit) as ended:
+        cli.main([name, "--help"])
+    assert ended.value.code == 0
+    assert f"feasigrasp {name}" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
@@ -50,7 +60,8 @@ def test_every_command_is_a_module_of_a_known_group(group, name):
         (["evaluate", "dynamic", "--sedes", "2"], "unrecognized arguments: --sedes 2"),
         (["evaluate", "dynamic", "--seeds", "0"], "0 is less than 1"),
         (["evaluate", "dynamic", "--jobs", "two"], "invalid positive value: 'two'"),
-        (["evaluate", "dynamic", "--mode", "brave"], "invalid choice: 'brave'"),
+        (["evaluate", "dynamic", "--study", "brave"], "invalid choice: 'brave'"),
+        (["report"], "the following arguments are required: DIR"),
         (["evaluate", "dynamic", "--scenarios", ","], "no name given"),
     ],
 )
@@ -66,6 +77,7 @@ def test_wrong_arguments_are_named(argv, message, capsys):
     [
         (["--scenarios", "ReachSquare"], "no scenario 'ReachSquare'"),
         (["--controllers", "magic"], "control.controller is 'magic'"),
+        (["--mode", "safe,brave"], "control.mode is 'brave'"),
         (["--objects", "teapot"], "'teapot' is neither a built-in object"),
         (["--scenario_text", "{objct: {}}"], "objct"),
         (["--seed", "-3"], "random_seed is -3"),

@@ -22,10 +22,12 @@ NAMES = (
     "ReachCircular",
     "ReachLinear",
     "ReachSinusoidal",
+    "ReachObstacle",
     "PaperCircular",
     "PaperLinear",
     "PaperSinusoidal",
 )
+PAPER = [name for name in NAMES if name.startswith("Paper")]
 TIMES = np.linspace(0.0, 20.9, 53)
 
 
@@ -53,13 +55,27 @@ def test_paper_motions_are_the_authors():
     for name, positions in expected.items():
         X = poses(load_scenario(FILE, name))
         np.testing.assert_allclose(X[:, :3, 3], np.transpose(positions), atol=1e-12, err_msg=name)
-        np.testing.assert_allclose(X[:, :3, :3], roll, atol=1e-12, err_msg=name)
+        turned = X[:, :3, :3] @ X[0, :3, :3].T
+        np.testing.assert_allclose(turned, roll, atol=1e-12, err_msg=name)
 
 
-@pytest.mark.parametrize("name", NAMES[3:])
-def test_paper_scenarios_last_one_lap_and_keep_the_gripper_open(name):
+@pytest.mark.parametrize("name", PAPER)
+def test_the_seed_turns_the_paper_s_object_about_the_vertical(name):
+    starts = [
+        make_motion(load_scenario(FILE, name, f"{{random_seed: {seed}}}")).pose(0.0)[:3, :3]
+        for seed in range(6)
+    ]
+    for R in starts:
+        np.testing.assert_allclose(R[:, 2], [0.0, 0.0, 1.0], atol=1e-12)
+    headings = np.array([np.arctan2(R[1, 0], R[0, 0]) for R in starts])
+    assert np.ptp(headings) > 1.0 and len(set(headings)) == 6
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_paper_scenarios_last_three_laps_and_keep_the_gripper_open(name):
     scenario = load_scenario(FILE, name)
-    assert scenario.simulation_duration == pytest.approx(2 * np.pi / 0.3)
+    assert scenario.simulation_duration == pytest.approx(3 * 2 * np.pi / 0.3)
+    assert scenario.plant_config.contact_model == "hydroelastic_with_fallback"
     assert scenario.q_start == [0, 30, 0, -60, 0, 90, 0]
     assert not scenario.grasp.close
 

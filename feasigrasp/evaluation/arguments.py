@@ -10,13 +10,13 @@ import joblib
 from feasigrasp.models.rigid_object import builtin_objects, find_objects
 
 
-def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: str) -> None:
+def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: str | None) -> None:
     """Adds ``--out --seed --jobs --objects --quick``.
 
     Args:
         parser: Parser of one command.
         out: Default folder of the results.
-        objects: Default objects, see `select_objects`.
+        objects: Default objects, see `select_objects`; None if they depend on other arguments.
     """
     parser.add_argument("--out", type=Path, default=Path(out), help="folder of the results")
     parser.add_argument("--seed", type=int, default=0, help="seed of the first repeat")
@@ -27,7 +27,7 @@ def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: 
         "--objects",
         default=objects,
         help="'builtin' for all built-in objects, a folder of meshes, or names and mesh files "
-        f"separated by commas (default: {objects})",
+        f"separated by commas (default: {objects or 'see the documentation of the command'})",
     )
     parser.add_argument("--quick", action="store_true", help="a sample, at most 3 minutes")
 

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import argparse
 
-from feasigrasp.evaluation import bench_kinematics, bench_reachability, bench_shape
+from feasigrasp.evaluation import (
+    bench_control,
+    bench_kinematics,
+    bench_reachability,
+    bench_safety,
+    bench_sampler,
+    bench_shape,
+)
 from feasigrasp.evaluation.arguments import add_common_arguments
 
 BENCHMARKS = {
     "shape": bench_shape,
     "kinematics": bench_kinematics,
     "reachability": bench_reachability,
+    "control": bench_control,
+    "safety": bench_safety,
+    "sampler": bench_sampler,
 }
 
 

@@ -44,7 +44,7 @@ def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
             np.concatenate([normals, end_normals[kept]]),
             spacing,
         )
-    return SurfacePoints(points, normals, gpdf.variance(points))
+    return SurfacePoints(points, normals, gpdf.variance)
 
 
 def _one_per_voxel(points: Array, normals: Array, size: float) -> tuple[Array, Array]:

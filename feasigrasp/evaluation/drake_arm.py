@@ -24,12 +24,16 @@ class DrakeArm:
     pair of our model: inside the joint limits they stay 3 cm apart.)
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, table: bool = False) -> None:
+        """The arm with its hand, on a table or by itself."""
         builder = RobotDiagramBuilder(time_step=0.001)
         builder.parser().package_map().Add("feasigrasp", str(model_path()))
         (arm,) = builder.parser().AddModels(str(model_path("iiwa", "iiwa7.urdf")))
         plant = builder.plant()
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("iiwa_link_0"))
+        if table:
+            (top,) = builder.parser().AddModels(str(model_path("iiwa", "table.urdf")))
+            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("table_top", top))
         # A body of its own, since the checker filters by bodies.
         hand = plant.AddRigidBody("hand", arm, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
         plant.WeldFrames(plant.GetFrameByName("iiwa_link_7"), hand.body_frame())
@@ -53,6 +57,11 @@ class DrakeArm:
         self._plant = self._checker.plant()
         self._flange = self._plant.GetFrameByName("iiwa_flange")
         self._context = self._plant.CreateDefaultContext()
+
+    @property
+    def checker(self) -> SceneGraphCollisionChecker:
+        """The collision checker, with plant and scene graph."""
+        return self._checker
 
     def pose_and_jacobian(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Flange poses (n, 4, 4) and Jacobians (n, 6, 7) of configurations (n, 7), one by one."""

@@ -1,4 +1,8 @@
-"""``feasigrasp evaluate dynamic``: scenarios x controllers x objects x seeds, and their figures."""
+"""``feasigrasp evaluate dynamic``: scenarios x controllers x modes x objects x seeds.
+
+Without options it runs everything behind the tables in ``docs/dynamic.md``; ``--study`` chooses a
+part of it. Every run is a file of its own: repeated, the command goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -7,116 +11,27 @@ import csv
 import json
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import joblib
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.dynamic_plan import PlannedRun, add_plan_arguments, plan
 from feasigrasp.evaluation.dynamic_summary import format_table, summary_rows
+from feasigrasp.evaluation.finished_runs import finished_records
 from feasigrasp.evaluation.isolated import run_isolated
-from feasigrasp.evaluation.provenance import git_revision, versions
+from feasigrasp.evaluation.provenance import git_revision
 from feasigrasp.evaluation.result_files import write_summary
-from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import Scenario, dump_scenario, load_scenario
-from feasigrasp.systems.dynamic_grasp import load_scenario_object
 
 Record = dict[str, Any]
-
-SCENARIOS = "ReachCircular,ReachLinear,ReachSinusoidal"
-OBJECTS = "mustard_bottle,soup_can,small_box"
-
-
-@dataclass(frozen=True)
-class PlannedRun:
-    """One run of the evaluation.
-
-    Attributes:
-        name: Name of the scenario.
-        object_name: Name of the object.
-        scenario: What to run, complete.
-    """
-
-    name: str
-    object_name: str
-    scenario: Scenario
-
-    @property
-    def id(self) -> str:
-        """Name of its result file, without suffix."""
-        control = self.scenario.control
-        seed = self.scenario.random_seed
-        return f"{self.name}-{self.object_name}-{control.controller}-{control.mode}-{seed}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    add_common_arguments(parser, out="out/dynamic", objects=OBJECTS)
-    parser.add_argument(
-        "--scenarios", type=names, default=names(SCENARIOS), help=f"default: {SCENARIOS}"
-    )
-    parser.add_argument("--controllers", type=names, default=["task", "joint"])
-    parser.add_argument("--seeds", type=positive, default=2, help="repeats, with seeds that count")
-    parser.add_argument("--mode", choices=("safe", "paper"), default="safe")
-    parser.add_argument(
-        "--scenario_file", type=Path, default=None, help="default: diagrams/dynamic.scenarios.yaml"
-    )
-    parser.add_argument("--scenario_text", help="YAML applied on top of every scenario")
-
-
-def plan(args: argparse.Namespace) -> list[PlannedRun]:
-    """The runs that the arguments ask for; with ``--quick``, one object and one seed of them.
-
-    Raises:
-        ScenarioError: Unknown scenario, key or value.
-        MeshError: Unknown object, or one that cannot be simulated.
-    """
-    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    objects = list(select_objects(args.objects).items())
-    seeds = range(args.seed, args.seed + args.seeds)
-    if args.quick:
-        objects, seeds = objects[:1], seeds[:1]
-    runs = []
-    for object_name, model in objects:
-        for name in args.scenarios:
-            for controller in args.controllers:
-                for seed in seeds:
-                    choice = {
-                        "random_seed": seed,
-                        "object": {"model": model},
-                        "control": {"controller": controller, "mode": args.mode},
-                    }
-                    scenario = load_scenario(filename, name, args.scenario_text, json.dumps(choice))
-                    runs.append(PlannedRun(name, object_name, scenario))
-        load_scenario_object(runs[-1].scenario)  # a wrong mesh is told now, not run by run
-    return runs
-
-
-def finished_records(
-    runs: Sequence[PlannedRun], folder: Path, revision: str | None
-) -> dict[str, Record]:
-    """The records in a folder that need no repetition, by id of the run.
-
-    A record counts if it came from the same scenario (object, seed, controller and mode included),
-    the same revision of the code and the same versions, and if its process did not crash.
-    """
-    expected = {"git": revision, "versions": versions()}
-    finished = {}
-    for planned in runs:
-        try:
-            record = json.loads((folder / f"{planned.id}.json").read_text())
-        except (FileNotFoundError, json.JSONDecodeError):
-            continue
-        wanted = expected | {
-            "scenario": planned.name,
-            "scenario_yaml": dump_scenario(planned.scenario),
-        }
-        crashed = record.get("timings", {}).get("wall_s") is None
-        if not crashed and all(record.get(key) == value for key, value in wanted.items()):
-            finished[planned.id] = record
-    return finished
+    add_common_arguments(parser, out="out/dynamic", objects=None)
+    add_plan_arguments(parser)
 
 
 def run_all(runs: Sequence[PlannedRun], folder: Path, jobs: int) -> Iterator[Record]:
@@ -188,10 +103,11 @@ def main(args: argparse.Namespace) -> int:
 
 def _command(args: argparse.Namespace) -> str:
     options = {
+        "--study": args.study if args.scenarios is None else None,
+        "--scenarios": ",".join(args.scenarios or ()) or None,
         "--objects": args.objects,
-        "--scenarios": ",".join(args.scenarios),
         "--controllers": ",".join(args.controllers),
-        "--mode": args.mode,
+        "--mode": ",".join(args.mode or ()) or None,
         "--seed": args.seed,
         "--seeds": args.seeds,
         "--scenario_file": args.scenario_file,

@@ -30,7 +30,9 @@ _THREAD_VARIABLES = (
 )
 
 
-def run_isolated(scenario: Scenario, name: str, filename: Path) -> dict[str, Any]:
+def run_isolated(
+    scenario: Scenario, name: str, filename: Path, *, replay: Path | None = None
+) -> dict[str, Any]:
     """Runs a scenario in its own single-threaded process and writes its record.
 
     However the process ends, there is a record: one that did not finish has its ``error``, and its
@@ -40,12 +42,18 @@ def run_isolated(scenario: Scenario, name: str, filename: Path) -> dict[str, Any
         scenario: What to run.
         name: Its name, for the record.
         filename: Where the record goes, as JSON.
+        replay: Where a self-contained HTML replay goes; None for none.
 
     Returns:
         The record, as `feasigrasp.evaluation.run.run` makes it.
     """
     filename.unlink(missing_ok=True)
-    order = {"name": name, "scenario": dump_scenario(scenario), "filename": str(filename)}
+    order = {
+        "name": name,
+        "scenario": dump_scenario(scenario),
+        "filename": str(filename),
+        "replay": str(replay) if replay else None,
+    }
     environment = os.environ | dict.fromkeys(_THREAD_VARIABLES, "1")
     with tempfile.TemporaryFile("w+") as messages:
         process = subprocess.Popen(
@@ -84,9 +92,10 @@ def main() -> int:
     order = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
     scenario = parse_scenario(order["scenario"])
-    filename = Path(order["filename"])
+    filename, replay = Path(order["filename"]), order["replay"]
     try:
-        write_result(run(scenario, order["name"]), filename)
+        result = run(scenario, order["name"], replay=Path(replay) if replay else None)
+        write_result(result, filename)
     except Exception as error:
         traceback.print_exc()
         text = f"{type(error).__name__}: {error}"

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from feasigrasp.evaluation.grasp_tracking import tracking_metrics
+from feasigrasp.evaluation.motion_limits import JointTicks, limit_metrics
+from feasigrasp.models import se3
 from feasigrasp.models.grasp_sequence import Phase
-from feasigrasp.systems.metrics import SAMPLE_NAMES
+from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
 
 FloatArray = NDArray[np.float64]
 
@@ -37,14 +40,21 @@ METRICS: dict[str, Metric] = {
     "self_collision_percent": Metric("%", 0.0, 100.0),
     "joint_limit_violation_percent": Metric("%", 0.0, 100.0),
     "velocity_limit_violation_percent": Metric("%", 0.0, 100.0),
+    "acceleration_limit_violation_percent": Metric("%", 0.0, 100.0),
     "manipulability_mean": Metric("m^3", 0.0),
     "gripper_object_distance_cm_mean": Metric("cm", 0.0),
     "gripper_object_distance_cm_median": Metric("cm", 0.0),
     "grasp_position_error_mm_median": Metric("mm", 0.0),
     "grasp_angle_error_deg_median": Metric("deg", 0.0, 180.0),
+    "tracked_percent": Metric("%", 0.0, 100.0),
+    "settling_time_s": Metric("s", 0.0),
+    "grasp_switches": Metric("1", 0.0),
     "no_grasp_percent": Metric("%", 0.0, 100.0),
     "self_distance_min_mm": Metric("mm"),
     "limit_margin_min_deg": Metric("deg"),
+    "velocity_peak_percent": Metric("%", 0.0),
+    "acceleration_peak_percent": Metric("%", 0.0),
+    "obstacle_distance_min_mm": Metric("mm"),
     "grasp_held": Metric("bool"),
     "slip_mm": Metric("mm", 0.0),
     "lift_cm": Metric("cm"),
@@ -54,62 +64,76 @@ METRICS: dict[str, Metric] = {
 }
 
 
-def _median(values: FloatArray) -> float | None:
-    values = values[np.isfinite(values)]
-    return float(np.median(values)) if len(values) else None
-
-
-def summarize(samples: FloatArray, *, closes: bool) -> dict[str, float | bool | None]:
+def summarize(
+    samples: FloatArray,
+    *,
+    closes: bool,
+    ticks: JointTicks | None = None,
+    obstacle_distance: FloatArray | None = None,
+) -> dict[str, float | bool | None]:
     """The metrics of one run; ``docs/results_schema.md`` defines every one.
 
     Args:
         samples: One row per entry of `SAMPLE_NAMES`, one column per sample, shape (s, n).
         closes: Whether the scenario closes the gripper; if not, ``grasp_held`` is None.
+        ticks: Joint velocities at the control rate; without them, speeds are those of the samples
+            and there is nothing to say about accelerations.
+        obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
 
     Returns:
         A figure for each of `METRICS`; None where it does not apply.
     """
+    result: dict[str, float | bool | None] = dict.fromkeys(METRICS)
+    if closes:
+        result["grasp_held"] = False
     if samples.shape[1] == 0:
-        return dict.fromkeys(METRICS) | {"grasp_held": False if closes else None}
+        return result
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))
-    p_HO = np.stack([x["p_HO_x"], x["p_HO_y"], x["p_HO_z"]])
-    p_WO = np.stack([x["p_WO_x"], x["p_WO_y"], x["p_WO_z"]])
-    distance = np.linalg.norm(p_HO, axis=0)
+    p_HO, p_WO = _vector(x, "p_HO"), _vector(x, "p_WO")
+    distance = np.linalg.norm(p_HO, axis=1)
     approach = x["phase"] == Phase.APPROACH
-    released = x["phase"] > Phase.CLOSE
-    result: dict[str, float | bool | None] = {
+    result |= {
         "self_collision_percent": 100.0 * float(np.mean(x["self_collision"])),
         "joint_limit_violation_percent": 100.0 * float(np.mean(x["limit_margin"] < 0.0)),
         "velocity_limit_violation_percent": 100.0 * float(np.mean(x["velocity_ratio"] > 1.0)),
         "manipulability_mean": float(x["manipulability"].mean()),
         "gripper_object_distance_cm_mean": 100.0 * float(distance.mean()),
         "gripper_object_distance_cm_median": 100.0 * float(np.median(distance)),
-        "grasp_position_error_mm_median": _scaled(
-            _median(x["grasp_position_error"][approach]), 1e3
-        ),
-        "grasp_angle_error_deg_median": _scaled(
-            _median(x["grasp_angle_error"][approach]), math.degrees(1.0)
+        "grasp_position_error_mm_median": _median(x["grasp_position_error"][approach], 1e3),
+        "grasp_angle_error_deg_median": _median(
+            x["grasp_angle_error"][approach], math.degrees(1.0)
         ),
         "no_grasp_percent": 100.0 * float(np.mean(np.isnan(x["grasp_position_error"]))),
         "self_distance_min_mm": 1e3 * float(x["self_distance"].min()),
         "limit_margin_min_deg": math.degrees(float(x["limit_margin"].min())),
-        "grasp_held": None,
-        "slip_mm": None,
-        "lift_cm": None,
     }
-    if closes:
-        result["grasp_held"] = False
-        if released.any():
-            start = int(np.argmax(released))
-            slip = np.linalg.norm(p_HO[:, start:] - p_HO[:, start, None], axis=0)
-            result["slip_mm"] = 1e3 * float(slip.max())
-            result["lift_cm"] = 100.0 * float(p_WO[2, -1] - p_WO[2, start])
-            done = bool(x["phase"][-1] == Phase.DONE)
-            result["grasp_held"] = done and float(slip.max()) < HELD_TOLERANCE
-    for axis, value in zip("xyz", p_WO[:, -1], strict=True):
+    X_OH = se3.make_pose(se3.so3_exp(_vector(x, "r_OH")), np.zeros(3))
+    X_OH[:, :3, 3] = -np.einsum("nij,nj->ni", X_OH[:, :3, :3], p_HO)
+    result |= tracking_metrics(
+        x["grasp_position_error"], x["grasp_angle_error"], X_OH, approach, SAMPLE_PERIOD
+    )
+    if ticks is not None and len(ticks.commanded):
+        result |= limit_metrics(ticks)
+    if obstacle_distance is not None and len(obstacle_distance):
+        nearest = float(np.min(obstacle_distance))
+        result["obstacle_distance_min_mm"] = 1e3 * nearest if math.isfinite(nearest) else None
+    released = x["phase"] > Phase.CLOSE
+    if closes and released.any():
+        start = int(np.argmax(released))
+        slip = np.linalg.norm(p_HO[start:] - p_HO[start], axis=1)
+        result["slip_mm"] = 1e3 * float(slip.max())
+        result["lift_cm"] = 100.0 * float(p_WO[-1, 2] - p_WO[start, 2])
+        done = bool(x["phase"][-1] == Phase.DONE)
+        result["grasp_held"] = done and float(slip.max()) < HELD_TOLERANCE
+    for axis, value in zip("xyz", p_WO[-1], strict=True):
         result[f"object_end_{axis}_m"] = float(value)
     return result
 
 
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
+def _vector(x: dict[str, FloatArray], name: str) -> FloatArray:
+    return np.stack([x[f"{name}_{axis}"] for axis in "xyz"], axis=1)
+
+
+def _median(values: FloatArray, factor: float) -> float | None:
+    values = values[np.isfinite(values)]
+    return factor * float(np.median(values)) if len(values) else None

@@ -15,12 +15,16 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.metrics import METRICS, summarize
+from feasigrasp.evaluation.motion_limits import JointTicks
 from feasigrasp.evaluation.provenance import git_revision, machine, versions
 from feasigrasp.evaluation.replay import start_recording, write_replay
 from feasigrasp.evaluation.result_files import write_json
 from feasigrasp.models.grasp_sequence import Phase
+from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.scenario import Scenario, dump_scenario
 from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_dynamic_grasp
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +38,8 @@ class RunResult:
     """
 
     record: dict[str, Any]
-    times: NDArray[np.float64]
-    samples: NDArray[np.float64]
+    times: FloatArray
+    samples: FloatArray
 
 
 def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> RunResult:
@@ -59,7 +63,7 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         diagram = make_dynamic_grasp(scenario, meshcat)
         simulator = Simulator(diagram)
         ApplySimulatorConfig(scenario.simulator_config, simulator)
-        simulator.set_monitor(lambda context: _stop_when_done(diagram, context))
+        simulator.set_monitor(_StopWhenDone(diagram))
         started = time.perf_counter()
         error = _simulate(simulator, scenario.simulation_duration)
         ended = time.perf_counter()
@@ -67,9 +71,7 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
             write_replay(meshcat, replay)
 
     context = simulator.get_context()
-    logger = diagram.GetSubsystemByName("log(metrics)")
-    log = logger.FindLog(context)
-    metrics = summarize(log.data(), closes=scenario.grasp.close)
+    times, samples, metrics = _measured(diagram, context, scenario)
     if error is not None and metrics["grasp_held"] is not None:
         metrics["grasp_held"] = False
     simulated = context.get_time()
@@ -84,7 +86,7 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         "error": error,
         "scenario_yaml": dump_scenario(scenario),
     }
-    return RunResult(record, log.sample_times().copy(), log.data().copy())
+    return RunResult(record, times, samples)
 
 
 def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
@@ -102,6 +104,26 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
 def write_result(result: RunResult, filename: Path) -> None:
     """Writes the record as JSON."""
     write_json(result.record, filename)
+
+
+def _measured(
+    diagram: Diagram, context: Context, scenario: Scenario
+) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
+    """Times and samples of the metrics' log, and the metrics of all logs."""
+
+    def log(name: str) -> tuple[FloatArray, FloatArray]:
+        found = diagram.GetSubsystemByName(f"log({name})").FindLog(context)
+        return found.sample_times().copy(), found.data().copy()
+
+    times, samples = log("metrics")
+    commanded, measured = (log(name)[1][NUM_JOINTS:].T for name in ("drive", "arm"))
+    metrics = summarize(
+        samples,
+        closes=scenario.grasp.close,
+        ticks=JointTicks(commanded, measured, scenario.control.period),
+        obstacle_distance=log("obstacle_distance")[1],
+    )
+    return times, samples, metrics
 
 
 def _origin(scenario: Scenario, name: str) -> dict[str, Any]:
@@ -126,10 +148,20 @@ def _simulate(simulator: Simulator, duration: float) -> str | None:
     return None
 
 
-def _stop_when_done(diagram: Diagram, context: Context) -> EventStatus:
-    sequencer = diagram.GetSubsystemByName("sequencer")
-    state = sequencer.state(sequencer.GetMyContextFromRoot(context))
-    # One sample later than the end, so that the log shows it.
-    if state.phase == Phase.DONE and context.get_time() >= state.since + LOG_PERIOD:
-        return EventStatus.ReachedTermination(sequencer, "the grasp is over")
-    return EventStatus.DidNothing()
+class _StopWhenDone:
+    """A monitor that ends the run when the grasp is over; it looks twice per sample."""
+
+    def __init__(self, diagram: Diagram) -> None:
+        self._sequencer = diagram.GetSubsystemByName("sequencer")
+        self._next = 0.0
+
+    def __call__(self, context: Context) -> EventStatus:
+        time = context.get_time()
+        if time < self._next:
+            return EventStatus.DidNothing()
+        self._next = time + 0.5 * LOG_PERIOD
+        state = self._sequencer.state(self._sequencer.GetMyContextFromRoot(context))
+        # One sample later than the end, so that the log shows it.
+        if state.phase == Phase.DONE and time >= state.since + LOG_PERIOD:
+            return EventStatus.ReachedTermination(self._sequencer, "the grasp is over")
+        return EventStatus.DidNothing()

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.grasp_filter import COSINE_STEPS, MARGIN, filter_grasps
+from feasigrasp.models.grasp_filter import MARGIN, filter_grasps
+from feasigrasp.models.grasp_thinning import thin_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 
@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 _RAYS_PER_PAIR = 5
 #: First point looked at on the way through the object; thinner walls are not seen [m].
 _ENTRY = 0.002
-#: Grasps closer than this to a better one are copies of it.
-_SAME_POSITION, _SAME_ANGLE = 0.010, np.deg2rad(20.0)
+#: Cosines between opposed normals by which pairs are chosen, strictest first.
+_COSINE_STEPS = (-0.95, -0.9, -0.8, -0.7)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +58,7 @@ class AntipodalSampler:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
         X_OG, width, no_exit = self.candidates(gpdf)
         grasps = filter_grasps(gpdf, X_OG, width, self.gripper)
-        grasps = grasps.select(_distinct(grasps, self.n_grasps), "near copy")
-        if no_exit:
-            rejected = {"too wide": no_exit, **grasps.rejected}
-            rejected["too wide"] = no_exit + grasps.rejected.get("too wide", 0)
-            grasps = GraspSet(grasps.X_OG, grasps.width, grasps.score, rejected)
-        return grasps
+        return thin_grasps(grasps, self.n_grasps).counted({"too wide": no_exit})
 
     def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, int]:
         """Unfiltered grasps.
@@ -99,7 +94,7 @@ def _spread(first: Array, cosine: Array, count: int) -> NDArray[np.int64]:
 
     Taking those with the best cosine instead would crowd them on one well-formed part.
     """
-    for limit in COSINE_STEPS:
+    for limit in _COSINE_STEPS:
         opposed = np.flatnonzero(cosine <= limit)
         if len(opposed) >= count:
             return opposed[farthest_points(first[opposed], count)]
@@ -118,33 +113,3 @@ def _frames(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:
     x = np.broadcast_to(b[:, None], z.shape)
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
-
-def _distinct(grasps: GraspSet, count: int) -> NDArray[np.int64]:
-    """Indices of at most ``count`` grasps, best first, none a near copy of a better one."""
-    chosen = np.empty(count, dtype=np.int64)
-    return chosen[: _distinct_kernel(grasps.X_OG, chosen)]
-
-
-@njit(cache=True)
-def _distinct_kernel(X_OG, chosen):  # type: ignore[no-untyped-def]
-    """Writes the indices and returns their number; a grasp and its flip about z are the same."""
-    n = 0
-    for i in range(len(X_OG)):
-        copy = False
-        for j in chosen[:n]:
-            square, xx, yy, zz = 0.0, 0.0, 0.0, 0.0
-            for k in range(3):
-                square += (X_OG[i, k, 3] - X_OG[j, k, 3]) ** 2
-                xx += X_OG[i, k, 0] * X_OG[j, k, 0]
-                yy += X_OG[i, k, 1] * X_OG[j, k, 1]
-                zz += X_OG[i, k, 2] * X_OG[j, k, 2]
-            angle = np.arccos(min(1.0, max(-1.0, (abs(xx + yy) + zz - 1.0) / 2.0)))
-            if square / _SAME_POSITION**2 + (angle / _SAME_ANGLE) ** 2 <= 1.0:
-                copy = True
-                break
-        if not copy:
-            chosen[n] = i
-            n += 1
-            if n == len(chosen):
-                break
-    return n

@@ -112,7 +112,7 @@ def closest_parameters(a0, a1, b0, b1):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _add_lever(point, normal, low, high, R, p, gradient):  # type: ignore[no-untyped-def]
+def add_lever(point, normal, low, high, R, p, gradient):  # type: ignore[no-untyped-def]
     """Writes how joints low+1 to high move a point along a direction into ``gradient`` (7,)."""
     for j in range(low, high):
         # The joint's axis is a column of its link's rotation, which the joint leaves as it is.
@@ -170,7 +170,7 @@ def gradients_kernel(q, model, distance, gradient):  # type: ignore[no-untyped-d
             continue
         normal = -d[0] / length, -d[1] / length, -d[2] / length
         c2 = step(b0, t, minus(b1, b0))
-        _add_lever(c2, normal, model.link[i], model.link[j], R, p, gradient[k])
+        add_lever(c2, normal, model.link[i], model.link[j], R, p, gradient[k])
 
 
 @njit(cache=True)
@@ -187,6 +187,6 @@ def table_kernel(q, model, height, clearance, gradient):  # type: ignore[no-unty
         c = model.movers[k]
         for e in range(2):
             clearance[k, e] = ends[c, e, 2] - model.radius[c] - height
-            _add_lever(
+            add_lever(
                 end_point(ends, c, e), (0.0, 0.0, 1.0), 0, model.link[c], R, p, gradient[k, e]
             )

@@ -130,8 +130,7 @@ class Gpdf:
         grid = np.stack(np.meshgrid(*axes.T, indexing="ij"), axis=-1).reshape(-1, 3)
         _, points, normals, residual = self._march(grid, steps)
         reached = np.abs(residual) < tolerance
-        points = points[reached]
-        return SurfacePoints(points, normals[reached], self.variance(points))
+        return SurfacePoints(points[reached], normals[reached], self.variance)
 
     @cached_property
     def completion(self) -> SurfacePoints:
@@ -173,20 +172,34 @@ class Gpdf:
         Returns:
             Shape (m,), True where a point of the body is too close or inside.
         """
-        centred = np.array(poses, dtype=float, order="C")
+        return self.clearance(poses, body_points, margin, margin)[0] < margin
+
+    def clearance(
+        self, poses: ArrayLike, body_points: ArrayLike, far: float, near: float = 0.0
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """How close a rigid body comes to the completed surface.
+
+        Args:
+            poses: Poses of the body in the field's frame, shape (m, 4, 4).
+            body_points: Points on the body in its own frame, shape (k, 3) [m].
+            far: Beyond this distance nobody asks how far it is [m].
+            near: A body closer than this is not looked at further [m].
+
+        Returns:
+            Least refined distance (m,), negative inside and ``far`` at most [m], and the index of
+            the body point that has it, -1 where it is far, shape (m,). Of bodies closer than
+            ``near``, those of the first such point.
+        """
+        centred = np.array(poses, dtype=float, order="C").reshape(-1, 4, 4)
         centred[:, :3, 3] -= self.center
         reach = self.completion.points - self.center
-        box = np.stack([reach.min(axis=0) - margin, reach.max(axis=0) + margin])
+        box = np.stack([reach.min(axis=0) - far, reach.max(axis=0) + far])
         body = np.array(body_points, dtype=float, order="C")
-        hits = kernels.first_hits(
-            self._tiles,
-            self.length_scale,
-            centred,
-            body[farthest_points(body, len(body))],  # coarse to fine clears most points
-            box,
-            margin,
+        order = farthest_points(body, len(body))  # coarse to fine clears most points
+        distance, index = kernels.closest_points(
+            self._tiles, self.length_scale, centred, body[order], box, far, near
         )
-        return hits >= 0
+        return distance, np.where(index < 0, -1, order[index])
 
     @cached_property
     def _tiles(self) -> Array:

@@ -91,19 +91,24 @@ def refine(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_hits(
+def closest_points(
     tiles: Array,
     length_scale: float,
     poses: Array,
     body_points: Array,
     box: Array,
-    margin: float,
-) -> NDArray[np.int64]:
-    """Which point of a posed body comes closer to the surface than ``margin``, -1 for none.
+    far: float,
+    near: float,
+) -> tuple[Array, NDArray[np.int64]]:
+    """How close each posed body comes to the surface, at most ``far``, and which point of it does.
 
-    The raw distance underestimates outside. So a raw value above the margin clears its point, and
-    every other body point within the rest of that distance; a positive one below the margin is
-    refined by two Newton steps. Points outside ``box`` (2, 3) are free.
+    The raw distance underestimates outside. So a raw value clears its point, and every other body
+    point within the rest of that distance, if it exceeds the least distance found so far; lower
+    positive ones are refined by two Newton steps. Once a point is closer than ``near`` the others
+    are not looked at. Points outside ``box`` (2, 3) are far.
+
+    Returns:
+        Distances (m,), and indices of body points (m,), -1 where all are far.
     """
     work = make_workspace()
     k = len(body_points)
@@ -114,13 +119,14 @@ def first_hits(
             v = body_points[i, 1] - body_points[j, 1]
             w = body_points[i, 2] - body_points[j, 2]
             apart[i, j] = np.sqrt(u * u + v * v + w * w)
-    out = np.full(len(poses), -1)
-    cleared = np.empty(k, dtype=np.bool_)
+    distance = np.full(len(poses), far)
+    index = np.full(len(poses), -1)
+    least = np.empty(k)  # a lower bound for every body point
     for i in range(len(poses)):
         X = poses[i]
-        cleared[:] = False
+        least[:] = -np.inf
         for j in range(k):
-            if cleared[j]:
+            if least[j] >= distance[i]:
                 continue
             u, v, w = body_points[j, 0], body_points[j, 1], body_points[j, 2]
             x = X[0, 0] * u + X[0, 1] * v + X[0, 2] * w + X[0, 3]
@@ -137,8 +143,8 @@ def first_hits(
                 continue
             travelled = value_at(tiles, work, length_scale, x, y, z)
             for other in range(j + 1, k):
-                cleared[other] |= apart[j, other] < travelled - margin
-            if 0.0 <= travelled < margin:
+                least[other] = max(least[other], travelled - apart[j, other])
+            if 0.0 <= travelled < distance[i]:
                 travelled = 0.0
                 for _ in range(2):
                     d, gx, gy, gz = value_and_gradient_at(tiles, work, length_scale, x, y, z)
@@ -147,10 +153,11 @@ def first_hits(
                     travelled += length
                     step = length / max(slope, 1e-12)
                     x, y, z = x - step * gx, y - step * gy, z - step * gz
-            if travelled < margin:
-                out[i] = j
-                break
-    return out
+            if travelled < distance[i]:
+                distance[i], index[i] = travelled, j
+                if travelled < near:
+                    break
+    return distance, index
 
 
 @njit(cache=True, nogil=True)

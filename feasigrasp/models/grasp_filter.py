@@ -3,32 +3,48 @@
 Choi & Figueroa (arXiv 2311.02576, "Data-driven grasp sampler"): gripper points must lie outside
 the surface, and the normals at the two contacts must oppose each other. Here the second contact is
 ``c2 = c1 + w b`` with b pointing from c1 into the object; the authors' script forgets the
-translation in that look-up.
+translation in that look-up. Beyond the paper, the margin of the hand grows with the uncertainty of
+the surface beside it, and what is left is scored by the probability that it is a true grasp.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.grasp_certainty import (
+    FAR,
+    clearance_certainty,
+    contact_certainty,
+    joint_certainty,
+    surface_deviation,
+)
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.shape_completion import CompletedField
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 #: Cosines between opposed contact normals that are tried one after the other.
-COSINE_STEPS = (-0.95, -0.9, -0.8, -0.7)
+COSINE_STEPS = (-0.8, -0.7, -0.6)
 #: A contact further than this from the surface touches nothing [m].
 CONTACT_TOLERANCE = 0.005
-#: Least distance of the open hand from the completed surface [m].
-MARGIN = 0.003
+#: Least distance of the open hand from completed surface that was seen [m], and by how much of the
+#: predicted deviation of the surface it grows.
+MARGIN, MARGIN_GROWTH = 0.003, 0.5
+#: In walls thinner than this the field's normals may point to either side [m]: there only a network
+#: can tell whether two contacts oppose each other.
+THIN_WALL = 0.010
 #: Lever arm from the object's centre to the contact line at which the score has dropped to 1/e [m].
-LEVER_LENGTH = 0.05
-#: Distance from the nearest observed point at which certainty has dropped to 1/e [m].
-UNSEEN_LENGTH = 0.02
+LEVER_LENGTH = 0.3
+_FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def filter_grasps(
@@ -37,57 +53,87 @@ def filter_grasps(
     width: ArrayLike,
     gripper: ParallelGripper,
     *,
+    prior: ArrayLike | None = None,
     margin: float = MARGIN,
     cosine_steps: Sequence[float] = COSINE_STEPS,
     enough: int = 10,
+    table: ArrayLike | None = None,
 ) -> GraspSet:
     """Keeps the grasps that fit the hand, hold the object and collide with nothing.
+
+    A grasp and its 180-degree flip are the same grasp, and whoever takes it chooses between them:
+    the hand has to be clear of the object either way round. A table may block one way; then the
+    other one is handed on.
 
     Args:
         gpdf: Distance field in frame O.
         X_OG: Candidate grasp frames, shape (n, 4, 4).
         width: Distance between the contacts, shape (n,) [m].
         gripper: The hand; it approaches fully open.
+        prior: Probability that the contacts are good, as a network tells it, shape (n,), to be
+            weighed with what the field tells; with it, walls thinner than `THIN_WALL` are left to
+            the network.
         margin: Least distance of the open hand from the surface, and of either pad on its side
-            of the object [m].
+            of the object [m]. Beside surface that was not seen it grows with the predicted error.
         cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
             weaker one is used only while fewer than ``enough`` grasps pass.
         enough: See ``cosine_steps``.
+        table: A plane that the hand has to stay above by the margin: unit normal n in O and
+            offset h, shape (4,) [m]; points with ``n . p > h`` are above.
 
     Returns:
         The survivors, best first, with the number of candidates dropped for each reason: "too
-        wide", "off the surface", "nothing between the pads", "not antipodal", "gripper collides".
+        wide", "off the surface", "nothing between the pads", "not antipodal", "gripper collides",
+        "hits the table". The score is the estimated probability that the grasp is truly valid,
+        slightly less for long lever arms; the ``id`` is the number of the candidate.
 
     Raises:
-        GraspError: If poses and widths do not match.
+        GraspError: If poses, widths and priors do not match, or the table is no plane.
     """
     poses = np.array(X_OG, dtype=float).reshape(-1, 4, 4)
-    candidates = GraspSet(poses, np.array(width, dtype=float), np.zeros(len(poses)))
+    told = np.ones(len(poses)) if prior is None else np.array(prior, dtype=float)
+    candidates = GraspSet(poses, np.array(width, dtype=float), told, {}, np.arange(len(poses)))
+    plane = None if table is None else _checked_plane(table)
     if len(candidates) == 0:
         return candidates
 
     candidates = candidates.select(candidates.width <= gripper.max_opening - 2 * margin, "too wide")
+    if plane is not None:
+        candidates = _above_table(candidates, plane, gripper, margin)
     pairs, pair_of = _contact_pairs(candidates)
-    on_surface, holding = _touching(gpdf, pairs), _holding(gpdf, pairs)
-    cosine = contact_cosine(gpdf, pairs)
+    thin = (pairs.width < THIN_WALL) & (prior is not None)
+    cosine = np.where(thin, -1.0, contact_cosine(gpdf, pairs))
     checks = {
-        "off the surface": on_surface[pair_of],
-        "nothing between the pads": holding[pair_of],
+        "off the surface": _touching(gpdf, pairs, thin)[pair_of],
+        "nothing between the pads": (thin | _holding(gpdf, pairs))[pair_of],
         "not antipodal": (cosine <= max(cosine_steps))[pair_of],
     }
     candidates, pair_of = _apply(candidates, pair_of, checks)
-    hand = gripper.surface_points(gripper.max_opening)
-    free = ~gpdf.touches(candidates.X_OG, hand, margin)
+    left, pair_of = np.unique(pair_of, return_inverse=True)
+    pairs, cosine, pair_of = pairs.select(left), cosine[left], pair_of.reshape(-1)
+
+    clearance, deviation = hand_clearance(gpdf, candidates.X_OG, gripper, margin)
+    free = clearance >= margin + MARGIN_GROWTH * deviation
+    if np.count_nonzero(free) < enough and isinstance(gpdf, CompletedField):
+        clearance = np.where(free, clearance, _seen_clearance(gpdf, candidates.X_OG, gripper))
+        free = clearance >= margin + MARGIN_GROWTH * deviation
+    certain = clearance_certainty(clearance, deviation)[free]
     candidates, pair_of = _apply(candidates, pair_of, {"gripper collides": free})
 
     for limit in sorted(cosine_steps):
         if np.count_nonzero(cosine[pair_of] <= limit) >= enough:
             break
     opposed = cosine[pair_of] <= limit
+    certain = certain[opposed]
     candidates, pair_of = _apply(candidates, pair_of, {"not antipodal": opposed})
     left, pair_of = np.unique(pair_of, return_inverse=True)
-    score = _score(gpdf, pairs.select(left), cosine[left])[pair_of]
-    ranked = GraspSet(candidates.X_OG, candidates.width, score, candidates.rejected)
+    pairs, pair_of = pairs.select(left), pair_of.reshape(-1)
+    contact = contact_certainty(gpdf, pairs)[pair_of]
+    if prior is not None:
+        joint = joint_certainty(candidates.score, contact)
+        contact = np.where(candidates.width < THIN_WALL, candidates.score, joint)
+    score = contact * certain * _leverage(gpdf, pairs)[pair_of]
+    ranked = replace(candidates, score=score)
     return ranked.select(np.argsort(-score, kind="stable"))
 
 
@@ -112,7 +158,54 @@ def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
     return np.maximum(pair, np.maximum(at_first, at_second))
 
 
-def _contact_pairs(grasps: GraspSet) -> tuple[GraspSet, NDArray[np.intp]]:
+def hand_clearance(
+    gpdf: Gpdf, X_OG: ArrayLike, gripper: ParallelGripper, near: float = 0.0
+) -> tuple[Array, Array]:
+    """How close the whole open hand comes to the surface, the worse way round.
+
+    Args:
+        gpdf: Distance field in frame O.
+        X_OG: Grasp frames, shape (n, 4, 4).
+        gripper: The hand.
+        near: A hand closer than this collides; how much closer it is does not matter [m].
+
+    Returns:
+        Least distance (n,), at most `FAR` [m], and the predicted deviation of the surface where
+        the hand is closest, shape (n,) [m].
+    """
+    poses = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
+    hand = _either_way_round(gripper)
+    clearance, closest = gpdf.clearance(poses, hand, FAR, near)
+    deviation = np.zeros(len(poses))
+    at = np.flatnonzero(closest >= 0)
+    points = np.einsum("nij,nj->ni", poses[at, :3, :3], hand[closest[at]]) + poses[at, :3, 3]
+    deviation[at] = surface_deviation(gpdf, points)
+    return clearance, deviation
+
+
+def _seen_clearance(gpdf: CompletedField, X_OG: Array, gripper: ParallelGripper) -> Array:
+    """As the clearance of `hand_clearance`, but what lies in known free space counts as far, (n,).
+
+    The field fills bowls and cups; a finger may enter them where the camera has seen the inside.
+    Raw distances, which are less than the true ones outside.
+    """
+    hand = _either_way_round(gripper)
+    points = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
+    points = points.reshape(-1, 3)
+    clearance = np.full(len(points), FAR)
+    possible = gpdf.possible(points)
+    clearance[possible] = np.minimum(gpdf.distance(points[possible]), FAR)
+    return clearance.reshape(len(X_OG), len(hand)).min(axis=1, initial=FAR)
+
+
+def _either_way_round(gripper: ParallelGripper) -> Array:
+    """Points on the open hand and on its flip, without those that coincide, shape (k, 3) [m]."""
+    hand = gripper.surface_points(gripper.max_opening)
+    hand = np.concatenate([hand, hand @ _FLIP[:3, :3]])
+    return np.asarray(hand[np.sort(np.unique(hand.round(9), axis=0, return_index=True)[1])])
+
+
+def _contact_pairs(grasps: GraspSet) -> tuple[GraspSet, Indices]:
     """One grasp per contact pair, and which of them each grasp belongs to.
 
     Grasps that differ in their approach only share their contacts, and what depends on contacts
@@ -124,8 +217,8 @@ def _contact_pairs(grasps: GraspSet) -> tuple[GraspSet, NDArray[np.intp]]:
 
 
 def _apply(
-    grasps: GraspSet, pair_of: NDArray[np.intp], checks: Mapping[str, NDArray[np.bool_]]
-) -> tuple[GraspSet, NDArray[np.intp]]:
+    grasps: GraspSet, pair_of: Indices, checks: Mapping[str, Mask]
+) -> tuple[GraspSet, Indices]:
     """Drops the grasps that fail; each is counted under the first check that it fails."""
     passed = np.ones(len(grasps), dtype=bool)
     for reason, check in checks.items():
@@ -134,14 +227,36 @@ def _apply(
     return grasps, pair_of[passed]
 
 
-def _touching(gpdf: Gpdf, pairs: GraspSet) -> NDArray[np.bool_]:
-    """Whether both contacts lie on the completed surface."""
-    first, second = contacts(pairs)
-    off = np.maximum(np.abs(gpdf.distance(first)), np.abs(gpdf.distance(second)))
+def _above_table(
+    grasps: GraspSet, plane: Array, gripper: ParallelGripper, margin: float
+) -> GraspSet:
+    """The grasps whose hand is above a plane, turned by half a turn where that is what it takes."""
+    hand = gripper.surface_points(gripper.max_opening)
+    heights = []
+    for way in (hand, hand @ _FLIP[:3, :3]):
+        points = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, :3], way) + grasps.X_OG[:, None, :3, 3]
+        heights.append((points @ plane[:3] - plane[3]).min(axis=1))
+    as_is, flipped = heights[0] >= margin, heights[1] >= margin
+    turn = ~as_is & flipped
+    poses = np.where(turn[:, None, None], grasps.X_OG @ _FLIP, grasps.X_OG)
+    return replace(grasps, X_OG=poses).select(as_is | flipped, "hits the table")
+
+
+def _checked_plane(table: ArrayLike) -> Array:
+    plane: Array = np.array(table, dtype=float)
+    if plane.shape != (4,) or not abs(np.linalg.norm(plane[:3]) - 1.0) < 1e-6:
+        raise GraspError(f"table = {plane}; give a unit normal and an offset in metres, shape (4,)")
+    return plane
+
+
+def _touching(gpdf: Gpdf, pairs: GraspSet, thin: Mask) -> Mask:
+    """Whether both contacts, in thin walls one of them, lie on the completed surface."""
+    first, second = (np.abs(gpdf.distance(contact)) for contact in contacts(pairs))
+    off = np.where(thin, np.minimum(first, second), np.maximum(first, second))
     return off <= CONTACT_TOLERANCE
 
 
-def _holding(gpdf: Gpdf, pairs: GraspSet) -> NDArray[np.bool_]:
+def _holding(gpdf: Gpdf, pairs: GraspSet) -> Mask:
     """Whether some part of the line between the contacts is inside the object."""
     first, second = contacts(pairs)
     share = np.array([0.2, 0.5, 0.8])[None, :, None]
@@ -149,17 +264,8 @@ def _holding(gpdf: Gpdf, pairs: GraspSet) -> NDArray[np.bool_]:
     return gpdf.distance(between.reshape(-1, 3)).reshape(-1, 3).min(axis=1) < 0.0
 
 
-def _score(gpdf: Gpdf, grasps: GraspSet, cosine: Array) -> Array:
-    """Opposition, short lever arm and certainty of the contacts as one number in [0, 1].
-
-    A product, so that none makes up for another: a firm grip far from the centre still slips.
-    """
-    first, second = contacts(grasps)
-    to_centre = gpdf.completion.points.mean(axis=0) - grasps.X_OG[:, :3, 3]
-    lever = np.linalg.norm(np.cross(to_centre, grasps.X_OG[:, :3, 0]), axis=1)
-    unseen = np.maximum(gpdf.variance(first), gpdf.variance(second))
-    # At a distance rho from the nearest observed point the variance is about 2 rho / l.
-    rho = 0.5 * gpdf.length_scale * unseen
-    opposition = np.clip(-cosine, 0.0, 1.0)
-    certainty = 0.5 + 0.5 * np.exp(-rho / UNSEEN_LENGTH)
-    return opposition * np.exp(-lever / LEVER_LENGTH) * certainty
+def _leverage(gpdf: Gpdf, pairs: GraspSet) -> Array:
+    """Falls with the lever arm of the object's weight: a firm grip far from its centre slips."""
+    to_centre = gpdf.completion.points.mean(axis=0) - pairs.X_OG[:, :3, 3]
+    lever = np.linalg.norm(np.cross(to_centre, pairs.X_OG[:, :3, 0]), axis=1)
+    return np.exp(-lever / LEVER_LENGTH)

@@ -28,6 +28,8 @@ class Funnel:
         closing_tolerance: Error along the closing direction without standoff [m].
         width_tolerance: Error along the width of the fingers without standoff [m].
         angular_tolerance: Angle error without standoff [rad].
+        closing_axis_share: What a turn about the closing direction counts as an angle error: the
+            fingers stay beside the object, and only the palm goes round it.
     """
 
     max_standoff: float = 0.10
@@ -36,6 +38,7 @@ class Funnel:
     closing_tolerance: float = 0.008
     width_tolerance: float = 0.015
     angular_tolerance: float = 0.2
+    closing_axis_share: float = 1.0
 
     @cached_property
     def parameters(self) -> FloatArray:
@@ -48,6 +51,7 @@ class Funnel:
                 self.closing_tolerance,
                 self.width_tolerance,
                 self.angular_tolerance,
+                self.closing_axis_share,
             ]
         )
 
@@ -63,6 +67,19 @@ def _angle_between(X_OA, X_OB):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
+def _closing_axis_factor(X_OA, X_OB, share):  # type: ignore[no-untyped-def]
+    """By what the angle between poses shrinks if its part about the x-axis of A counts less."""
+    x = y = z = 0.0
+    for i in range(3):
+        x += X_OA[i, 2] * X_OB[i, 1] - X_OA[i, 1] * X_OB[i, 2]
+        y += X_OA[i, 0] * X_OB[i, 2] - X_OA[i, 2] * X_OB[i, 0]
+        z += X_OA[i, 1] * X_OB[i, 0] - X_OA[i, 0] * X_OB[i, 1]
+    across = y * y + z * z
+    total = x * x + across
+    return np.sqrt((share * share * x * x + across) / total) if total > 1e-12 else 1.0
+
+
+@nb.njit(cache=True)
 def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
     """How far hand H must stay behind grasp G along its approach direction [m]."""
     px = py = 0.0
@@ -72,6 +89,8 @@ def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
         py += X_OG[i, 1] * d
     lateral = np.hypot(max(0.0, abs(px) - funnel[3]), max(0.0, abs(py) - funnel[4]))
     angle = _angle_between(X_OG, X_OH)
+    if funnel[6] != 1.0:
+        angle *= _closing_axis_factor(X_OG, X_OH, funnel[6])
     standoff = funnel[1] * lateral + funnel[2] * max(0.0, angle - funnel[5])
     return min(funnel[0], standoff)
 

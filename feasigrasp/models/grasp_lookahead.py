@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models import se3
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.pose_judge import REASONS, PoseJudge
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.reachability_kernels import REACHABLE
+from feasigrasp.models.twist_estimator import MotionEstimate, future_poses
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +50,7 @@ def judge_grasps(
     horizon: float = 1.0,
     n_best: int = 24,
     score_share: float = 0.6,
+    motion: MotionEstimate | None = None,
 ) -> JudgedGrasps:
     """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
 
@@ -58,10 +59,10 @@ def judge_grasps(
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
         judge: Says which hand poses can be reached.
-        horizon: Look-ahead [s]; 0 for none. The object moves on with its twist; a grasp is judged
-            after each quarter of it.
+        horizon: Look-ahead [s]; 0 for none. A grasp is judged after each quarter of it.
         n_best: How many are kept at most, the best scores first.
         score_share: Grasps that score less than this share of the best one in reach are left out.
+        motion: Predicts the object's poses; without it, the object moves on with its twist.
 
     Returns:
         The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
@@ -70,7 +71,7 @@ def judge_grasps(
     both = grasps.with_twins()
     order = np.argsort(-both.score, kind="stable")
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
-    X_later = np.array([se3.extrapolate(X_WO, V_WO, t) for t in times]).reshape(-1, 4, 4)
+    X_later = future_poses(motion, X_WO, V_WO, times)
     verdicts = np.full(len(both), BETTER, dtype=object)
     kept: list[int] = []
     start, size = 0, _CHUNK
@@ -88,12 +89,9 @@ def judge_grasps(
         enough = score_share * both.score[kept[0]]
         kept = [i for i in kept if both.score[i] >= enough]
     verdicts[kept] = KEPT
-    counts = Counter(grasps.rejected)
-    counts.update(Counter(reason for reason in verdicts if reason != KEPT))
-    chosen = both.select(np.array(kept, dtype=int))
-    return JudgedGrasps(
-        GraspSet(chosen.X_OG, chosen.width, chosen.score, counts), tuple(verdicts.tolist())
-    )
+    counts = Counter(reason for reason in verdicts if reason != KEPT)
+    chosen = both.select(np.array(kept, dtype=int)).counted(counts)
+    return JudgedGrasps(chosen, tuple(verdicts.tolist()))
 
 
 def reachable_grasps(

@@ -1,13 +1,16 @@
 """A Riemannian mixture over grasps that remembers which grasps it was fitted to.
 
-The mean of a component is often no grasp at all. The hand therefore steers to a *member* of a
-component: the one closest to it. Unlike the mean, or the most likely member, this target stays the
-same when the mixture is fitted anew to a slightly different set of reachable grasps.
+The mean of a component is often no grasp at all. Targets of the hand are therefore *members* of
+components: the medoid, a component's most plausible grasp, or the member closest to the hand.
+
+The mixture is fitted anew whenever the set of reachable grasps changes. So that a hand which
+follows it does not notice, EM goes on from the mixture before, components keep their identity, and
+a medoid stays as long as it is about as plausible as the best member.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numba as nb
@@ -16,12 +19,24 @@ from numpy.typing import NDArray
 
 from feasigrasp.models.grasp_funnel import grasp_errors_kernel
 from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.riemannian_mixture import RiemannianMixture, fit_riemannian_mixture
+from feasigrasp.models.riemannian_fit import fit_best_mixture
+from feasigrasp.models.riemannian_mixture import RiemannianMixture
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: Metres that count as much as one radian in comparing hand poses.
 LENGTH_PER_RADIAN = 0.1
+#: No grasp lies farther than this from all means, so that no component straddles twins [rad].
+MAX_ROTATION = np.deg2rad(75.0)
+#: A component is the one before if its mean moved less than this, in metres.
+SAME_COMPONENT = 0.05
+#: A mixture explains a grasp whose squared Mahalanobis distance to a component is below this (it
+#: is for all but 1 in 25,000 grasps that a component made); if it explains less than half of the
+#: grasps, there is nothing to go on from.
+EXPLAINED = 30.0
+#: A medoid gives way to a member that is e to this more plausible.
+MEDOID_HYSTERESIS = 1.0
 
 
 @nb.njit(cache=True)
@@ -46,17 +61,41 @@ class GraspMixture:
         mixture: Density over hand poses in the object frame, K components.
         X_OG: The grasps, shape (n, 4, 4) [m].
         component: Most responsible component of each grasp, shape (n,).
+        medoid: Index of the grasp that stands for each component, shape (K,); by default the most
+            likely one.
+        identity: A number that stays with a component through refits, shape (K,).
+        targets: The mixture with its means moved to the medoids: its maxima are grasps.
     """
 
     mixture: RiemannianMixture
     X_OG: FloatArray
-    component: NDArray[np.intp]
+    component: IntArray
+    medoid: IntArray | None = None
+    identity: IntArray | None = None
+    targets: RiemannianMixture = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Fills in what follows from the rest."""
+        if self.medoid is None:
+            object.__setattr__(self, "medoid", self.mixture.medoids(self.X_OG))
+        if self.identity is None:
+            object.__setattr__(self, "identity", np.arange(len(self.mixture)))
+        targets = RiemannianMixture(
+            self.mixture.weights, self.X_OG[self.medoid], self.mixture.covariances
+        )
+        object.__setattr__(self, "targets", targets)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> GraspMixture:
         """Immutable, so a copy is itself."""
         return self
 
-    def closest_members(self, X_OH: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def transformed(self, X_PO: FloatArray) -> GraspMixture:
+        """The same grasps and components in another frame P: means moved, covariances as before."""
+        X_PG = np.asarray(X_PO) @ self.X_OG
+        moved = self.mixture.transformed(X_PO)
+        return GraspMixture(moved, X_PG, self.component, self.medoid, self.identity)
+
+    def closest_members(self, X_OH: FloatArray) -> tuple[IntArray, IntArray]:
         """The grasp of each component that is closest to the hand.
 
         Args:
@@ -73,12 +112,72 @@ class GraspMixture:
 
 
 def fit_grasp_mixture(
-    grasps: GraspSet, n_components: int, rng: np.random.Generator
+    grasps: GraspSet,
+    max_components: int,
+    rng: np.random.Generator,
+    previous: GraspMixture | None = None,
 ) -> GraspMixture:
-    """Fits a mixture of at most ``n_components`` to at least one grasp."""
-    # The hand steers to members, not to means: a rough fit does, twenty times a second.
-    mixture = fit_riemannian_mixture(
-        grasps.X_OG, n_components, rng, max_iterations=5, tolerance=1e-2
+    """Fits a mixture to at least one grasp, with as many components as BIC asks for.
+
+    Args:
+        grasps: Hand poses in the object frame. A grasp and its 180-degree flip are two of them,
+            which never share a component.
+        max_components: Most components.
+        rng: Source of randomness of the seeds.
+        previous: The mixture before, which EM starts from.
+    """
+    start = None
+    if previous is not None and _explains(previous.mixture, grasps.X_OG):
+        start = previous.mixture
+    mixture = fit_best_mixture(
+        grasps.X_OG,
+        rng,
+        max_components,
+        start=start,
+        max_rotation=MAX_ROTATION,
+        max_iterations=20,
+        tolerance=1e-3,
     )
-    component = np.argmax(mixture.responsibilities(grasps.X_OG), axis=1)
-    return GraspMixture(mixture, grasps.X_OG, component)
+    log_density = mixture.component_log_densities(grasps.X_OG)
+    component = np.argmax(log_density + mixture.parameters[0], axis=1)
+    # The most plausible member: likely, and of a high score.
+    plausible = log_density + np.log(np.maximum(grasps.score, 1e-3))[:, None]
+    plausible[component[:, None] != np.arange(len(mixture))] -= 1e3
+    if previous is None:
+        return GraspMixture(mixture, grasps.X_OG, component, np.argmax(plausible, axis=0))
+    identity, before = _identities(mixture, previous)
+    assert previous.medoid is not None
+    for k in np.flatnonzero(before >= 0):
+        X_OM = previous.X_OG[previous.medoid[before[k]]]
+        stays = np.abs(grasps.X_OG - X_OM).max(axis=(1, 2)) < 1e-9
+        plausible[stays, k] += MEDOID_HYSTERESIS
+    return GraspMixture(mixture, grasps.X_OG, component, np.argmax(plausible, axis=0), identity)
+
+
+def _explains(mixture: RiemannianMixture, X_OG: FloatArray) -> bool:
+    """Whether at least half of the grasps are where the mixture expects some."""
+    log_normalisers = mixture.parameters[4]
+    squares = 2.0 * (log_normalisers - mixture.component_log_densities(X_OG))
+    return bool(np.median(squares.min(axis=1)) < EXPLAINED)
+
+
+def _identities(mixture: RiemannianMixture, previous: GraspMixture) -> tuple[IntArray, IntArray]:
+    """Identities (K,) of components, and which one of the previous each of them was; -1 for none.
+
+    The closest pairs of means are matched first; what is left gets new numbers.
+    """
+    assert previous.identity is not None
+    distance = np.empty((len(mixture), len(previous.mixture)))
+    for i, mean in enumerate(mixture.means):
+        errors = np.empty((len(previous.mixture), 2))
+        grasp_errors_kernel(previous.mixture.means, mean, errors)
+        distance[i] = errors[:, 0] + LENGTH_PER_RADIAN * errors[:, 1]
+    before = np.full(len(mixture), -1)
+    while distance.min() < SAME_COMPONENT:
+        k, j = np.unravel_index(np.argmin(distance), distance.shape)
+        before[k] = j
+        distance[k], distance[:, j] = np.inf, np.inf
+    identity = np.where(before >= 0, previous.identity[before], -1)
+    new = np.flatnonzero(before < 0)
+    identity[new] = previous.identity.max() + 1 + np.arange(len(new))
+    return identity, before

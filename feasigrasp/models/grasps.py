@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: Any grasp sampler, model-free or learned: a distance field in, filtered grasps out.
 GraspSamplerFn = Callable[["Gpdf"], "GraspSet"]
+#: The ``id`` of a grasp that has not been compared with an earlier set.
+UNKNOWN = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +34,16 @@ class GraspSet:
         width: Distance between the two contact points, shape (n,) [m].
         score: Higher is better, in [0, 1], shape (n,).
         rejected: How many candidates each filter removed, by reason.
+        id: Who is who in successive sets of one object, shape (n,): a grasp keeps its number as
+            long as it is found again (see ``grasp_matching``). `UNKNOWN` for grasps that no earlier
+            set was compared with; a grasp and its flip have the same number.
     """
 
     X_OG: NDArray[np.float64]
     width: NDArray[np.float64]
     score: NDArray[np.float64]
     rejected: Mapping[str, int] = field(default_factory=dict)
+    id: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         """Freezes the arrays and checks that they agree."""
@@ -53,7 +59,15 @@ class GraspSet:
             raise GraspError(
                 "GraspSet: NaN or infinity in poses, widths or scores; drop them first."
             )
-        for name, array in (("X_OG", X_OG), ("width", width), ("score", score)):
+        id_: NDArray[np.int64] = np.array(self.id, dtype=np.int64).reshape(-1)
+        if len(id_) == 0:
+            id_ = np.full(len(width), UNKNOWN, dtype=np.int64)
+        if len(id_) != len(width):
+            raise GraspError(
+                f"GraspSet: {len(width)} grasps and {len(id_)} ids; give one per grasp."
+            )
+        content = {"X_OG": X_OG, "width": width, "score": score, "id": id_}
+        for name, array in content.items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         object.__setattr__(self, "rejected", MappingProxyType(dict(self.rejected)))
@@ -73,13 +87,19 @@ class GraspSet:
 
     def select(self, keep: NDArray[Any], reason: str | None = None) -> GraspSet:
         """The grasps that ``keep`` (mask or indices) names; the others counted under ``reason``."""
-        chosen = GraspSet(self.X_OG[keep], self.width[keep], self.score[keep], self.rejected)
+        chosen = GraspSet(
+            self.X_OG[keep], self.width[keep], self.score[keep], self.rejected, self.id[keep]
+        )
         dropped = len(self) - len(chosen)
-        if reason is None or dropped <= 0:
-            return chosen
+        return chosen if reason is None else chosen.counted({reason: max(dropped, 0)})
+
+    def counted(self, dropped: Mapping[str, int]) -> GraspSet:
+        """The same grasps with further candidates counted as rejected, by reason."""
         counts = dict(self.rejected)
-        counts[reason] = counts.get(reason, 0) + dropped
-        return GraspSet(chosen.X_OG, chosen.width, chosen.score, counts)
+        for reason, number in dropped.items():
+            if number:
+                counts[reason] = counts.get(reason, 0) + number
+        return replace(self, rejected=counts)
 
     def with_twins(self) -> GraspSet:
         """Adds the 180-degree flip about z of every grasp: the same grasp, another hand pose."""
@@ -89,4 +109,5 @@ class GraspSet:
             np.tile(self.width, 2),
             np.tile(self.score, 2),
             self.rejected,
+            np.tile(self.id, 2),
         )

@@ -118,8 +118,7 @@ def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]
     finger, so the finger's corners stand out of it by less than its radius of ``finger_width/2``.
     """
     gripper = gripper or ParallelGripper()
-    X_7G = gripper.X_FG.copy()
-    X_7G[2, 3] += FLANGE_HEIGHT - JOINT_HEIGHTS[6]
+    X_7G = _link_to_grasp(gripper)
 
     def capsule(body: int, a: list[float], b: list[float], radius: float) -> Capsule:
         ends = np.array([a, b]) @ X_7G[:3, :3].T + X_7G[:3, 3]
@@ -142,6 +141,20 @@ def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]
         capsule(RIGHT_FINGER, [-x, 0, gripper.heel], [-x, 0, top], finger),
         capsule(CAMERA, [-length / 2, y, z], [length / 2, y, z], height / np.sqrt(2)),
     )
+
+
+def hand_points(gripper: ParallelGripper | None = None) -> NDArray[np.float64]:
+    """Points on the outside of the opened hand in the frame of link 7, shape (k, 3) [m]."""
+    gripper = gripper or ParallelGripper()
+    X_7G = _link_to_grasp(gripper)
+    return gripper.surface_points(gripper.max_opening) @ X_7G[:3, :3].T + X_7G[:3, 3]
+
+
+def _link_to_grasp(gripper: ParallelGripper) -> NDArray[np.float64]:
+    """X_7G, the grasp frame on link 7."""
+    X_7G = gripper.X_FG.copy()
+    X_7G[2, 3] += FLANGE_HEIGHT - JOINT_HEIGHTS[6]
+    return X_7G
 
 
 def capsule_model(

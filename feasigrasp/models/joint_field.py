@@ -1,9 +1,14 @@
-"""Distance field over joint configurations (paper section IV-D.2).
+"""Distance field over joint configurations (paper section IV-D.2), with a price on each of them.
 
 The same Gaussian process as for shapes, with the kernel ``exp(-|q - q_i| / l)``, over the inverse
 kinematics solutions q_i of many grasps: its distance ``d = -l ln o`` is a potential with one
 equilibrium per solution. The length scale follows the spacing of the solutions, since neighbours
 that are closer than l blend into one equilibrium that is no solution.
+
+The paper fits ``o(q_i) = 1``, so that ``d(q_i) = 0``. Here ``d(q_i) = c_i``, what it will cost to
+be there [rad]: far from all solutions ``d = min_i (|q - q_i| + c_i)``, smoothly. With all c_i = 0
+it is the paper's field. A solution with ``c_i > c_j + |q_i - q_j|`` is never worth going to: its
+cost is taken as the right-hand side, so that the field passes through it as if it were not there.
 """
 
 from __future__ import annotations
@@ -12,52 +17,182 @@ from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models.fast_exp import fast_exp
 
 FloatArray = NDArray[np.float64]
 
 #: Bounds of the length scale [rad], and its ratio to the median nearest-neighbour spacing.
 MIN_LENGTH_SCALE, MAX_LENGTH_SCALE, SPACING_RATIO = 0.03, 0.2, 0.4
+#: Variance of the noise that keeps the matrix of solutions that coincide regular.
+NOISE_VARIANCE = 1e-6
+#: The weights that say which solution counts decay so many times faster than the field: where a
+#: solution is an equilibrium, its weight is 1 and the others' are nothing.
+SHARPNESS = 4.0
+
+_FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@nb.njit(cache=True)
-def _distances(q):  # type: ignore[no-untyped-def]
+@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+def distances_kernel(q, r):  # type: ignore[no-untyped-def]
+    """Writes the distances |q_i - q_j|, i > j, into the lower triangle of ``r`` (n, n)."""
     n = len(q)
-    distance = np.zeros((n, n))
+    columns = np.empty((7, n))
+    for k in range(7):
+        for i in range(n):
+            columns[k, i] = q[i, k]
     for i in range(n):
+        row = r[i]
         for j in range(i):
-            square = 0.0
-            for k in range(7):
-                square += (q[i, k] - q[j, k]) ** 2
-            distance[i, j] = distance[j, i] = np.sqrt(square)
-    return distance
+            row[j] = 0.0
+        for k in range(7):
+            column, here = columns[k], columns[k, i]
+            for j in range(i):
+                offset = here - column[j]
+                row[j] += offset * offset
+        for j in range(i):
+            row[j] = np.sqrt(row[j])
 
 
 @nb.njit(cache=True)
-def _length_scale(distance):  # type: ignore[no-untyped-def]
-    n = len(distance)
+def length_scale_kernel(r):  # type: ignore[no-untyped-def]
+    """The length scale for distances (n, n), of which the lower triangle is read."""
+    n = len(r)
+    if n < 2:
+        return MAX_LENGTH_SCALE
     nearest = np.full(n, np.inf)
     for i in range(n):
-        for j in range(n):
-            if i != j:
-                nearest[i] = min(nearest[i], distance[i, j])
+        for j in range(i):
+            nearest[i] = min(nearest[i], r[i, j])
+            nearest[j] = min(nearest[j], r[i, j])
     return min(max(SPACING_RATIO * np.median(nearest), MIN_LENGTH_SCALE), MAX_LENGTH_SCALE)
 
 
+@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+def lowest_costs_kernel(r, cost, lowest):  # type: ignore[no-untyped-def]
+    """Writes ``min_j (c_j + |q_i - q_j|)``; returns the least cost."""
+    n = len(cost)
+    least = np.inf
+    for i in range(n):
+        lowest[i] = cost[i]
+        least = min(least, cost[i])
+    for i in range(n):
+        row, mine, best = r[i], cost[i], lowest[i]
+        for j in range(i):
+            best = min(best, cost[j] + row[j])
+            lowest[j] = min(lowest[j], mine + row[j])
+        lowest[i] = best
+    return least
+
+
+@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _exponentials(r, length_scale):  # type: ignore[no-untyped-def]
+    """Replaces the distances by the kernel's values."""
+    scale = -1.0 / length_scale
+    for i in range(len(r)):
+        row = r[i]
+        for j in range(i):
+            row[j] = fast_exp(scale * row[j])
+
+
+@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _solve(K, diagonal, x):  # type: ignore[no-untyped-def]
+    """Replaces x by ``(K + diagonal I)^-1 x``; K (n, n), lower triangle, becomes its factor.
+
+    By rows, so that the inner loops run over contiguous memory: up to a hundred solutions this is
+    quicker than a call of LAPACK, and no second thread can come of it.
+    """
+    n = len(x)
+    for i in range(n):
+        row = K[i]
+        pivot, y = diagonal, x[i]
+        for j in range(i):
+            other = K[j]
+            dot = row[j]
+            for k in range(j):
+                dot -= row[k] * other[k]
+            row[j] = dot * other[j]  # the diagonal holds the reciprocals
+        for k in range(i):
+            pivot -= row[k] * row[k]
+            y -= row[k] * x[k]
+        row[i] = 1.0 / np.sqrt(max(pivot, 1e-12))
+        x[i] = y * row[i]
+    for i in range(n - 1, -1, -1):
+        row = K[i]
+        x[i] *= row[i]
+        y = x[i]
+        for k in range(i):
+            x[k] -= row[k] * y
+
+
 @nb.njit(cache=True)
-def _weights(distance, length_scale, noise_variance):  # type: ignore[no-untyped-def]
-    """(K + s2 I)^-1 1."""
-    K = np.exp(-distance / length_scale)
-    for i in range(len(K)):
-        K[i, i] += noise_variance
-    return np.linalg.solve(K, np.ones(len(K)))
+def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):  # type: ignore[no-untyped-def]
+    """Fits the field to solutions at distances ``r`` (n, n), which are used up.
+
+    Writes the costs as they count, ``lowest`` (n,), and the weights ``beta`` (n,):
+    ``o(q) = sum_i beta_i exp(-(|q - q_i| + c_i) / l)``. In that form nothing underflows: the
+    weights of the process are ``beta_i exp(-c_i / l)``.
+    """
+    least = lowest_costs_kernel(r, cost, lowest)
+    _exponentials(r, length_scale)
+    for i in range(len(cost)):
+        beta[i] = np.exp((least - lowest[i]) / length_scale)
+    _solve(r, 1.0 + noise_variance, beta)
+    for i in range(len(cost)):
+        beta[i] *= np.exp((lowest[i] - least) / length_scale)
+
+
+@nb.njit(cache=True)
+def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):  # type: ignore[no-untyped-def]
+    """Writes grad d (7,) and the weights (n,) of the solutions; returns d and the way left.
+
+    All terms are relative to the largest one (log-sum-exp). The way left is ``d`` less the cost of
+    the solutions that count: zero at each of them.
+    """
+    n = len(nodes)
+    nearest = np.inf
+    for i in range(n):
+        square = 0.0
+        for k in range(7):
+            square += (q[k] - nodes[i, k]) ** 2
+        weights[i] = np.sqrt(square)
+        nearest = min(nearest, weights[i] + lowest[i])
+    o = total = mean_cost = soft = 0.0
+    gradient[:] = 0.0
+    for i in range(n):
+        r = weights[i]
+        decay = np.exp((nearest - r - lowest[i]) / length_scale)
+        term = beta[i] * decay
+        o += term
+        soft += decay
+        for k in range(7):
+            gradient[k] += term / max(r, 1e-12) * (q[k] - nodes[i, k])
+        decay = decay * decay
+        weights[i] = decay * decay
+        total += weights[i]
+        mean_cost += weights[i] * lowest[i]
+    if o <= 1e-12 * soft:
+        # Only rounding of a nearly singular matrix leads here.
+        o = total
+        gradient[:] = 0.0
+        for i in range(n):
+            offset = q - nodes[i]
+            gradient += weights[i] * offset / max(np.linalg.norm(offset), 1e-12)
+    for i in range(n):
+        weights[i] /= total
+    for k in range(7):
+        gradient[k] /= o
+    d = nearest - length_scale * np.log(o)
+    return d, d - mean_cost / total
 
 
 def spacing_length_scale(q: FloatArray) -> float:
     """Clip(0.4 x median nearest-neighbour distance, 0.03, 0.2) [rad] for q, shape (n, 7)."""
-    if len(q) < 2:
-        return MAX_LENGTH_SCALE
-    return _length_scale(_distances(q))
+    q = np.ascontiguousarray(q, dtype=float)
+    r = np.empty((len(q), len(q)))
+    distances_kernel(q, r)
+    return float(length_scale_kernel(r))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +200,19 @@ class JointField:
     """Distance field over configurations.
 
     Attributes:
-        q: Configurations at distance zero, shape (n, 7) [rad].
-        alpha: Weights ``(K + s2 I)^-1 1``, shape (n,).
+        q: Configurations, shape (n, 7) [rad].
+        cost: The field's value at each of them, shape (n,) [rad].
+        beta: Weights, see `fit_kernel`, shape (n,).
         length_scale: l [rad].
     """
 
     q: FloatArray
-    alpha: FloatArray
+    cost: FloatArray
+    beta: FloatArray
     length_scale: float
 
-    def evaluate(self, q: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    def evaluate(self, q: ArrayLike) -> tuple[float, FloatArray, FloatArray]:
         """Distance, its gradient, and how much each solution counts, at one configuration.
-
-        The occupancy is evaluated relative to its largest term, so that nothing underflows far
-        from all solutions (o itself is exp(-100) at 3 rad with l = 0.03).
 
         Args:
             q: Joint positions [rad], shape (7,).
@@ -87,29 +221,53 @@ class JointField:
             d [rad]; grad d, shape (7,); non-negative weights of the solutions, summing to 1,
             shape (n,).
         """
-        offset = q - self.q
-        r = np.sqrt(np.einsum("ij,ij->i", offset, offset))
-        nearest = float(r.min())
-        decay = np.exp((nearest - r) / self.length_scale)
-        terms = self.alpha * decay
-        o = float(terms.sum())
-        weights = decay / decay.sum()
-        if o <= 0.0:
-            # Noise-free weights keep o positive; guard against a nearly singular K all the same.
-            terms, o = weights, 1.0
-        d = nearest - self.length_scale * np.log(o)
-        gradient = (terms / np.maximum(r, 1e-12)) @ offset / o
-        return float(d), gradient, weights
+        d, _, gradient, weights = self._evaluate(q)
+        return d, gradient, weights
+
+    def way_left(self, q: ArrayLike) -> float:
+        """How far it is to the solutions that count [rad]: d without their costs."""
+        return self._evaluate(q)[1]
+
+    def _evaluate(self, q: ArrayLike) -> tuple[float, float, FloatArray, FloatArray]:
+        gradient, weights = np.empty(7), np.empty(len(self.q))
+        d, left = evaluate_kernel(
+            np.ascontiguousarray(q, dtype=float),
+            self.q,
+            self.cost,
+            self.beta,
+            self.length_scale,
+            gradient,
+            weights,
+        )
+        return float(d), float(left), gradient, weights
 
 
 def fit_joint_field(
-    q: FloatArray, length_scale: float | None = None, noise_variance: float = 1e-6
+    q: ArrayLike,
+    length_scale: float | None = None,
+    cost: ArrayLike | None = None,
+    noise_variance: float = NOISE_VARIANCE,
 ) -> JointField:
-    """Fits the field to configurations q, shape (n, 7) [rad]; l from their spacing by default."""
-    q = np.array(q, dtype=float).reshape(-1, 7)
-    if len(q) == 0:
+    """Fits the field to configurations.
+
+    Args:
+        q: Configurations, shape (n, 7) [rad].
+        length_scale: l [rad]; from their spacing by default.
+        cost: What it costs to be at each, shape (n,) [rad]; nothing by default, as in the paper.
+        noise_variance: Added to the diagonal.
+
+    Raises:
+        ValueError: There is no configuration, or there are not as many costs.
+    """
+    nodes = np.array(q, dtype=float).reshape(-1, 7)
+    if len(nodes) == 0:
         raise ValueError("a joint field needs at least one configuration; got none")
-    distance = _distances(q)
+    costs = np.zeros(len(nodes)) if cost is None else np.array(cost, dtype=float).reshape(-1)
+    if len(costs) != len(nodes):
+        raise ValueError(f"{len(costs)} costs for {len(nodes)} configurations; give one for each")
+    r, lowest, beta = np.empty((len(nodes),) * 2), np.empty(len(nodes)), np.empty(len(nodes))
+    distances_kernel(nodes, r)
     if length_scale is None:
-        length_scale = _length_scale(distance) if len(q) > 1 else MAX_LENGTH_SCALE
-    return JointField(q, _weights(distance, length_scale, noise_variance), length_scale)
+        length_scale = float(length_scale_kernel(r))
+    fit_kernel(r, costs, length_scale, noise_variance, lowest, beta)
+    return JointField(nodes, lowest, beta, length_scale)

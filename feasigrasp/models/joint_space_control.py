@@ -2,31 +2,36 @@
 
 The arm descends the distance field over the solutions, ``qd = -k d grad d``, while the solutions
 move with the object. Added to the paper's law: each solution's own velocity is fed forward, so that
-the arm does not lag; the solutions follow the funnel into their grasps; and a QP keeps limits and
-clearances, which the field alone does not.
+the arm does not lag; solutions keep their identity, so that the field moves smoothly; the field has
+at every solution the value of what it will cost to be there; the solutions follow the funnel into
+their grasps; and a QP keeps limits and clearances, which the field alone does not.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models import se3
-from feasigrasp.models.damped_least_squares import (
-    damped_least_squares_kernel,
-    damped_velocity_kernel,
+from feasigrasp.models.grasp_funnel import Funnel
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
+from feasigrasp.models.joint_field import (
+    NOISE_VARIANCE,
+    distances_kernel,
+    evaluate_kernel,
+    fit_kernel,
 )
-from feasigrasp.models.grasp_funnel import Funnel, funnel_targets
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_jacobian_kernel
-from feasigrasp.models.joint_field import fit_joint_field
+from feasigrasp.models.obstacle_grid import ObstacleGrid
 from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity
+from feasigrasp.models.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.se3_kernels import inverse_kernel
+from feasigrasp.models.solution_outlook import Outlook
+from feasigrasp.models.solution_search import SolutionOptions, SolutionSearch
+from feasigrasp.models.solutions import Solutions, feed_forward_kernel, place_kernel
+from feasigrasp.models.twist_estimator import MotionEstimate, future_poses
 
 FloatArray = NDArray[np.float64]
 
@@ -38,136 +43,207 @@ class JointControlOptions:
     Attributes:
         gain: k, rate at which the distance decreases [1/s].
         max_speed: Largest share of the velocity limits used for it.
-        n_solutions: Solutions that the field is fitted to.
-        refinement_steps: Damped least-squares steps per solution and control tick.
-        damping: Their damping.
-        max_position_error: A solution that ends farther from its target is left out [m].
+        feed_forward: Whether the solutions' own velocity is added; not in the paper.
+        solutions: Which solutions the field is fitted to.
+        outlook: What they cost.
         funnel: The way into a grasp.
         safety: Margins of the QP.
     """
 
-    gain: float = 5.0
-    max_speed: float = 0.5
-    n_solutions: int = 30
-    refinement_steps: int = 2
-    damping: float = 0.02
-    max_position_error: float = 0.02
-    funnel: Funnel = field(default_factory=Funnel)
+    gain: float = 8.0
+    max_speed: float = 0.85
+    feed_forward: bool = True
+    solutions: SolutionOptions = field(default_factory=SolutionOptions)
+    outlook: Outlook = field(default_factory=Outlook)
+    funnel: Funnel = field(default_factory=lambda: Funnel(closing_axis_share=0.3))
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
-
-@dataclass(frozen=True, eq=False)
-class Solutions:
-    """Grasps with one configuration each: the seeds that the controller continues.
-
-    Attributes:
-        X_OG: Grasps in the object frame, shape (n, 4, 4) [m].
-        q: Configurations that reach their funnel targets when found, shape (n, 7) [rad].
-    """
-
-    X_OG: FloatArray
-    q: FloatArray
-
-    def __post_init__(self) -> None:
-        """Freezes the arrays."""
-        for name in ("X_OG", "q"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Solutions:
-        """Immutable, so a copy is itself."""
-        return self
-
-    @classmethod
-    def empty(cls) -> Solutions:
-        """No grasp can be reached."""
-        return cls(np.zeros((0, 4, 4)), np.zeros((0, 7)))
-
-
-def find_solutions(
-    grasps: GraspSet,
-    X_WO: FloatArray,
-    q: FloatArray,
-    reachability: Reachability,
-    options: JointControlOptions,
-) -> Solutions:
-    """The configurations, one per grasp, that are soonest reached from ``q``.
-
-    Args:
-        grasps: Grasps in the object frame.
-        X_WO: Object pose, shape (4, 4).
-        q: Joint positions [rad], shape (7,).
-        reachability: Finds configurations inside limits and free of collision.
-        options: How many are kept.
-    """
-    if len(grasps) == 0:
-        return Solutions.empty()
-    X_OH = se3.inverse(X_WO) @ forward_kinematics(q, reachability.gripper.X_FG)
-    targets = X_WO @ funnel_targets(grasps.X_OG, X_OH, options.funnel)
-    found, travel_time = reachability.nearest(targets, q)
-    order = np.argsort(travel_time, kind="stable")[: options.n_solutions]
-    order = order[np.isfinite(travel_time[order])]
-    return Solutions(grasps.X_OG[order], found[order])
+    def as_in_the_paper(self) -> JointControlOptions:
+        """All solutions are worth the same, go straight to the grasps, and do not glide."""
+        return replace(
+            self,
+            solutions=replace(self.solutions, glide=0.0),
+            outlook=Outlook.free(),
+            funnel=replace(self.funnel, max_standoff=0.0),
+        )
 
 
 @nb.njit(cache=True)
-def _continue_kernel(  # type: ignore[no-untyped-def]
-    X_WF, V_WF, steps, damping, q, qd, position_errors
-):
-    """Refines configurations in place and writes the joint velocities of the moving targets."""
-    identity, X, J = np.eye(4), np.empty((4, 4)), np.empty((6, 7))
-    A, y = np.empty((6, 6)), np.empty(6)
-    for k in range(len(q)):
-        position_errors[k], _ = damped_least_squares_kernel(X_WF[k], q[k], steps, damping)
-        pose_jacobian_kernel(q[k], identity, X, J)
-        damped_velocity_kernel(J, V_WF[k], damping, A, y, qd[k])
+def _descent_kernel(left, gradient, gain, max_speed, qd):  # type: ignore[no-untyped-def]
+    """Writes ``-k d grad d`` (7,), within the speed limits and so that it can be stopped in time.
 
-
-def joint_space_velocity(
-    q: FloatArray,
-    solutions: Solutions,
-    X_WO: FloatArray,
-    V_WO: FloatArray,
-    reachability: Reachability,
-    options: JointControlOptions,
-    *,
-    enforce_limits: bool = True,
-) -> FloatArray:
-    """Joint velocity of the joint-space controller.
-
-    Args:
-        q: Joint positions [rad], shape (7,).
-        solutions: Seeds found a moment ago.
-        X_WO: Object pose, shape (4, 4).
-        V_WO: Object twist [angular; linear], shape (6,).
-        reachability: Its gripper tells where the hand is on the flange.
-        options: Gains.
-        enforce_limits: Whether the QP keeps limits and clearances; the paper enforces nothing.
-
-    Returns:
-        Joint velocity [rad/s], shape (7,); zero if there is no solution, or if the object's pose
-        or twist is not finite.
+    Half of the acceleration limits is taken to suffice for the way left along every joint.
     """
-    known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
-    if len(solutions.q) == 0 or not known:
-        return safe_velocity(q, np.zeros(7), options=options.safety)
-    X_FG = reachability.gripper.X_FG
-    X_OH = se3.inverse_kernel(X_WO) @ forward_kinematics(q, X_FG)
-    targets = funnel_targets(solutions.X_OG, X_OH, options.funnel)
-    X_WF = X_WO @ targets @ se3.inverse_kernel(X_FG)
-    V_WF = np.empty((len(X_WF), 6))
-    V_WF[:, :3] = V_WO[:3]
-    V_WF[:, 3:] = V_WO[3:] + (X_WF[:, :3, 3] - X_WO[:3, 3]) @ se3.hat_kernel(V_WO[:3]).T
-    q_i, qd_i, errors = solutions.q.copy(), np.empty_like(solutions.q), np.empty(len(X_WF))
-    _continue_kernel(X_WF, V_WF, options.refinement_steps, options.damping, q_i, qd_i, errors)
-    good = errors < options.max_position_error
-    if not good.any():
-        return safe_velocity(q, np.zeros(7), options=options.safety)
+    slope = 0.0
+    for k in range(7):
+        slope += gradient[k] ** 2
+    slope = np.sqrt(slope)
+    if not left > 0.0 or slope < 1e-12:
+        qd[:] = 0.0
+        return
+    speed = gain * left
+    for k in range(7):
+        part = max(abs(gradient[k]) / slope, 1e-9)
+        speed = min(speed, max_speed * VELOCITY_LIMITS[k] / part)
+        speed = min(speed, np.sqrt(ACCELERATION_LIMITS[k] * left / part))
+    for k in range(7):
+        qd[k] = -speed * min(1.0, slope) * gradient[k] / slope
 
-    d, gradient, weights = fit_joint_field(q_i[good]).evaluate(q)
-    length = float(np.linalg.norm(gradient))
-    descent = -options.gain * max(d, 0.0) * gradient / max(length, 1e-9)
-    excess = float(np.max(np.abs(descent) / (options.max_speed * VELOCITY_LIMITS)))
-    qd = descent / max(1.0, excess) + weights @ qd_i[good]
-    return safe_velocity(q, qd, options=options.safety) if enforce_limits else qd
+
+@nb.njit(cache=True)
+def field_velocity_kernel(  # type: ignore[no-untyped-def]
+    q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, gains
+):
+    """Joint velocity (7,) of the field: inverse kinematics of all solutions, fit, and gradient."""
+    gain, max_speed, feed_forward = gains
+    n = len(branch)
+    X_WH, J = np.empty((4, 4)), np.empty((6, 7))
+    pose_jacobian_kernel(q, X_FG, X_WH, J)
+    X_OH = inverse_kernel(X_WO) @ X_WH
+    X_GF = inverse_kernel(X_FG)
+    angles = np.empty((n, 2))
+    for i in range(n):
+        rate, acceleration = arm_angle[i, 1], arm_angle[i, 2]
+        angles[i, 0] = arm_angle[i, 0] + elapsed * (rate + 0.5 * elapsed * acceleration)
+        angles[i, 1] = rate + elapsed * acceleration
+    X_WF, q_i, index = np.empty((n, 4, 4)), np.empty((n, 7)), np.empty(n, dtype=np.int64)
+    count = place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q_i, index)
+    qd = np.zeros(7)
+    if count == 0:
+        return qd
+    q_i, index = q_i[:count], index[:count]
+    costs, lowest, beta = np.empty(count), np.empty(count), np.empty(count)
+    for k in range(count):
+        costs[k] = cost[index[k], 0] + elapsed * cost[index[k], 1]
+    scale = length_scale[0] + elapsed * length_scale[1]
+    r, gradient, weights = np.empty((count, count)), np.empty(7), np.empty(count)
+    distances_kernel(q_i, r)
+    fit_kernel(r, costs, scale, NOISE_VARIANCE, lowest, beta)
+    _, left = evaluate_kernel(q, q_i, lowest, beta, scale, gradient, weights)
+    _descent_kernel(left, gradient, gain, max_speed, qd)
+    if feed_forward:
+        forward = np.empty(7)
+        feed_forward_kernel(
+            X_WF, V_WO, X_WO[:3, 3].copy(), branch, angles, index, weights, q_i, forward
+        )
+        qd += forward
+    return qd
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpaceControl:
+    """The joint-space controller.
+
+    Attributes:
+        reachability: Limits, clearances, and the hand.
+        options: Gains.
+        period: Time between updates of the solutions [s].
+        mode: ``safe``, or ``paper``: all solutions are worth the same, and nothing is enforced.
+    """
+
+    reachability: Reachability
+    options: JointControlOptions = field(default_factory=JointControlOptions)
+    period: float = 0.05
+    mode: str = "safe"
+    search: SolutionSearch = field(init=False, repr=False)
+    safety: Safety | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Derives what every step needs."""
+        if self.mode == "paper":
+            object.__setattr__(self, "options", self.options.as_in_the_paper())
+        options, gripper = self.options, self.reachability.gripper
+        search = SolutionSearch(
+            self.reachability, options.funnel, options.outlook, options.solutions, self.period
+        )
+        object.__setattr__(self, "search", search)
+        safety = None if self.mode == "paper" else Safety(options.safety, gripper)
+        object.__setattr__(self, "safety", safety)
+
+    def update(
+        self,
+        previous: Solutions,
+        time: float,
+        X_OG: FloatArray,
+        X_WO: FloatArray,
+        V_WO: FloatArray,
+        q: FloatArray,
+        motion: MotionEstimate | None = None,
+    ) -> Solutions:
+        """The solutions that are followed for the next period.
+
+        Args:
+            previous: Those until now.
+            time: Now [s].
+            X_OG: Grasps on offer now, in the object frame, shape (n, 4, 4).
+            X_WO: Object pose, shape (4, 4).
+            V_WO: Object twist [angular; linear], shape (6,).
+            q: Joint positions [rad], shape (7,).
+            motion: Predicts the object's poses; without it they follow its twist.
+
+        Returns:
+            The solutions; those until now if the object's pose or twist is not finite.
+        """
+        if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
+            return previous
+        times = self.options.outlook.times(motion is not None and motion.known)
+        ahead = np.ascontiguousarray(future_poses(motion, X_WO, V_WO, times))
+        q = np.ascontiguousarray(q, dtype=float)
+        return self.search.update(previous, time, np.asarray(X_OG), ahead, q)
+
+    def requested_velocity(
+        self, q: FloatArray, solutions: Solutions, time: float, X_WO: FloatArray, V_WO: FloatArray
+    ) -> FloatArray:
+        """What the field asks for, nothing enforced; arguments as `velocity`, shape (7,) [rad/s].
+
+        Zero without solutions, or if anything is not finite.
+        """
+        if len(solutions) == 0 or not np.isfinite(q.sum() + X_WO.sum() + V_WO.sum()):
+            return np.zeros(7)
+        options = self.options
+        qd = field_velocity_kernel(
+            np.ascontiguousarray(q, dtype=float),
+            self.reachability.gripper.X_FG,
+            np.ascontiguousarray(X_WO, dtype=float),
+            np.ascontiguousarray(V_WO, dtype=float),
+            min(max(time - solutions.time, 0.0), self.period),
+            solutions.X_OG,
+            solutions.branch,
+            solutions.arm_angle,
+            solutions.cost,
+            solutions.length_scale,
+            options.funnel.parameters,
+            (options.gain, options.max_speed, options.feed_forward),
+        )
+        return np.asarray(qd)
+
+    def velocity(
+        self,
+        q: FloatArray,
+        solutions: Solutions,
+        time: float,
+        X_WO: FloatArray,
+        V_WO: FloatArray,
+        qd_last: FloatArray | None = None,
+        obstacles: ObstacleGrid | None = None,
+    ) -> FloatArray:
+        """The command.
+
+        Args:
+            q: Joint positions [rad], shape (7,).
+            solutions: Those of the last update.
+            time: Now [s].
+            X_WO: Object pose, shape (4, 4).
+            V_WO: Object twist [angular; linear], shape (6,).
+            qd_last: The command of one control period ago [rad/s], shape (7,); if it is not given,
+                accelerations are not limited.
+            obstacles: What else the arm keeps clear of.
+
+        Returns:
+            Joint velocity [rad/s], shape (7,). Without solutions, or if the object's pose or twist
+            is not finite, the arm stops, in ``safe`` mode within its acceleration limits.
+        """
+        qd = self.requested_velocity(q, solutions, time, X_WO, V_WO)
+        if self.safety is None:
+            return qd
+        return self.safety.velocity(q, qd, qd_last=qd_last, obstacles=obstacles)

@@ -213,6 +213,7 @@ def expectation_maximization(
     quaternions: Array,
     positions: Array,
     sample_weights: Array,
+    weights: Array,
     means: Array,
     covariances: Array,
     scale: Array,
@@ -220,12 +221,13 @@ def expectation_maximization(
     max_iterations: int,
     tolerance: float,
 ) -> tuple[Array, Array, Array, Array]:
-    """EM from given means and covariances and equal weights.
+    """EM from a given mixture.
 
     Args:
         quaternions: Unit quaternions of the poses, shape (4, n).
         positions: Positions of the poses, shape (3, n) [m].
         sample_weights: Weight of each pose, shape (n,); a component must collect 1 to survive.
+        weights: Initial weights, positive, shape (K,).
         means: Initial means, shape (K, 4, 4).
         covariances: Initial covariances, shape (K, 6, 6).
         scale: Size of each tangent dimension in the convergence test, shape (6,).
@@ -241,9 +243,7 @@ def expectation_maximization(
     for i in range(len(sample_weights)):
         n_total += sample_weights[i]
     means, covariances, targets = means.copy(), covariances.copy(), means.copy()
-    weights, mass = np.empty(k), np.empty(k)
-    for i in range(k):
-        weights[i] = 1.0 / k
+    weights, mass = weights.copy(), np.empty(k)
     whitening, constants = np.zeros((k, 6, 6)), np.empty(k)
     first, second = np.empty((k, 6)), np.empty((k, 6, 6))
     history = np.empty(max_iterations)

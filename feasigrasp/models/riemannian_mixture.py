@@ -1,4 +1,7 @@
-"""Gaussian mixtures on SE(3), the paper's Riemannian mixture models: density, gradient, fit."""
+"""Gaussian mixtures on SE(3), the paper's Riemannian mixture models: density and gradient.
+
+They are fitted by :mod:`feasigrasp.models.riemannian_fit`.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.riemannian_batch import log_densities
-from feasigrasp.models.riemannian_em import expectation_maximization
 from feasigrasp.models.riemannian_kernels import (
     Parameters,
     directions,
@@ -20,7 +22,6 @@ from feasigrasp.models.riemannian_kernels import (
     gradients,
     pose_quaternions,
 )
-from feasigrasp.models.riemannian_seeding import seed_means
 
 Array = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ class RiemannianMixture:
         """Checks and freezes the arrays and factorises the covariances once."""
         weights = np.array(self.weights, dtype=float).reshape(-1)
         n = len(weights)
-        means = _checked_poses(self.means, "RiemannianMixture.means").copy()
+        means = checked_poses(self.means, "RiemannianMixture.means").copy()
         covariances = np.array(self.covariances, dtype=float)
         if n == 0 or means.shape != (n, 4, 4) or covariances.shape != (n, 6, 6):
             raise GraspError(
@@ -85,7 +86,7 @@ class RiemannianMixture:
         diagonal = np.diagonal(factors, axis1=1, axis2=2)
         log_normalisers = -3.0 * math.log(2.0 * math.pi) - np.log(diagonal).sum(axis=1)
         whitening = np.tril(np.linalg.inv(factors))
-        parameters = (log_weights, means, _quaternions(means), whitening, log_normalisers)
+        parameters = (log_weights, means, unit_quaternions(means), whitening, log_normalisers)
         for array in (weights, covariances, *parameters):
             array.flags.writeable = False
         object.__setattr__(self, "weights", weights)
@@ -122,7 +123,7 @@ class RiemannianMixture:
         log_densities(poses, self.parameters, out)
         return out.reshape(lead)
 
-    def gradient(self, X: ArrayLike) -> Array:
+    def log_density_gradient(self, X: ArrayLike) -> Array:
         """Gradient of the log density for a body perturbation ``x exp(eps)``, shape (..., 6).
 
         ``sum_i r_i J_r^-T(xi_i) (-Sigma_i^-1 xi_i)`` with ``xi_i = Log_mu_i(x)``. The paper prints
@@ -144,12 +145,12 @@ class RiemannianMixture:
 
     def bic(self, X: ArrayLike) -> float:
         """Bayesian information criterion of poses (n, 4, 4); lower is better."""
-        log_density = self.log_density(_checked_poses(X, "bic: X"))
+        log_density = self.log_density(checked_poses(X, "bic: X"))
         return (28 * len(self) - 1) * math.log(len(log_density)) - 2.0 * float(log_density.sum())
 
     def medoids(self, X_samples: ArrayLike) -> NDArray[np.intp]:
         """Index of the most likely of the samples (n, 4, 4) under each component, shape (K,)."""
-        X_samples = _checked_poses(X_samples, "medoids: X_samples")
+        X_samples = checked_poses(X_samples, "medoids: X_samples")
         return np.asarray(np.argmax(self.component_log_densities(X_samples), axis=0))
 
     def with_medoid_means(self, X_samples: ArrayLike) -> RiemannianMixture:
@@ -179,95 +180,6 @@ class RiemannianMixture:
         return out.reshape(*lead, 6)
 
 
-def fit_riemannian_mixture(
-    X: ArrayLike,
-    n_components: int,
-    rng: np.random.Generator,
-    *,
-    sample_weights: ArrayLike | None = None,
-    length_scale: float = 0.1,
-    rotation_floor: float = 0.05,
-    translation_floor: float = 0.005,
-    max_iterations: int = 50,
-    tolerance: float = 1e-4,
-) -> RiemannianMixture:
-    """Fits a mixture to poses by expectation maximisation with Riemannian means.
-
-    Components start at k-means++ seeds. Each M step iterates every mean to convergence and adds
-    the squared floors once to the diagonal of every covariance. A component that is left with
-    less than one effective pose is dropped, and K never exceeds the number of distinct poses.
-    The fit of ``T X`` is ``T`` times the fit of ``X`` for the same state of ``rng``.
-
-    Args:
-        X: Poses, shape (n, 4, 4), n >= 1 [m].
-        n_components: Number of components K wanted; the result may have fewer.
-        rng: Source of randomness of the seeds.
-        sample_weights: Importance of each pose, not negative, shape (n,); only ratios matter.
-        length_scale: The distance that weighs as much as one radian in seeding [m/rad].
-        rotation_floor: Standard deviation added to every rotational direction [rad].
-        translation_floor: Standard deviation added to every translational direction [m].
-        max_iterations: Upper bound on the number of EM iterations.
-        tolerance: EM ends when the mean log likelihood per pose gains less than this.
-
-    Raises:
-        GraspError: If X is empty, not finite or not rigid, or a parameter is out of range.
-    """
-    X = _checked_poses(X, "fit_riemannian_mixture: X")
-    n = len(X)
-    weights = np.ones(n) if sample_weights is None else np.array(sample_weights, dtype=float)
-    if weights.shape != (n,) or not np.isfinite(weights).all() or (weights < 0).any():
-        raise GraspError(
-            f"fit_riemannian_mixture: sample_weights of shape {weights.shape} for {n} poses; give "
-            "one finite weight >= 0 per pose."
-        )
-    if not weights.sum() > 0:
-        raise GraspError("fit_riemannian_mixture: all sample_weights are 0; give a positive one.")
-    for name, value in (
-        ("n_components", n_components),
-        ("length_scale", length_scale),
-        ("rotation_floor", rotation_floor),
-        ("translation_floor", translation_floor),
-        ("max_iterations", max_iterations),
-    ):
-        if not (math.isfinite(value) and value > 0):
-            raise GraspError(f"fit_riemannian_mixture: {name} = {value} must be positive.")
-    weights *= n / weights.sum()
-    quaternions = np.ascontiguousarray(_quaternions(X).T)
-    positions = np.ascontiguousarray(X[:, :3, 3].T)
-    draws = rng.random((min(n_components, n), 4))
-    seeds, spread = seed_means(quaternions, positions, weights, length_scale, draws)
-    scale = np.array([1.0] * 3 + [length_scale] * 3)
-    floor = np.array([rotation_floor] * 3 + [translation_floor] * 3) ** 2
-    start = np.diag(spread**2 * scale**2 + floor)
-    result = expectation_maximization(
-        quaternions,
-        positions,
-        weights,
-        np.ascontiguousarray(X[seeds]),
-        np.tile(start, (len(seeds), 1, 1)),
-        scale,
-        floor,
-        max_iterations,
-        tolerance,
-    )
-    return RiemannianMixture(*result[:3])
-
-
-def fit_best_mixture(
-    X: ArrayLike, rng: np.random.Generator, max_components: int = 10, **options: Any
-) -> RiemannianMixture:
-    """The fit with the lowest BIC among K = 1 ... ``max_components``.
-
-    ``options`` are those of :func:`fit_riemannian_mixture`.
-    """
-    X = _checked_poses(X, "fit_best_mixture: X")
-    fits = [
-        fit_riemannian_mixture(X, k, rng, **options)
-        for k in range(1, max(1, min(max_components, len(X))) + 1)
-    ]
-    return min(fits, key=lambda mixture: mixture.bic(X))
-
-
 def _flat_poses(X: ArrayLike) -> tuple[Array, tuple[int, ...]]:
     """Poses as a contiguous (n, 4, 4) array, and their leading axes."""
     X = np.ascontiguousarray(X, dtype=float)
@@ -276,7 +188,7 @@ def _flat_poses(X: ArrayLike) -> tuple[Array, tuple[int, ...]]:
     return X.reshape(-1, 4, 4), X.shape[:-2]
 
 
-def _checked_poses(X: ArrayLike, name: str) -> Array:
+def checked_poses(X: ArrayLike, name: str) -> Array:
     """Poses (n, 4, 4), n >= 1, that are finite and rigid."""
     X = np.ascontiguousarray(X, dtype=float)
     if X.ndim != 3 or X.shape[1:] != (4, 4) or len(X) == 0:
@@ -293,7 +205,7 @@ def _checked_poses(X: ArrayLike, name: str) -> Array:
     return X
 
 
-def _quaternions(X: Array) -> Array:
+def unit_quaternions(X: Array) -> Array:
     """Unit quaternions (n, 4) of poses (n, 4, 4)."""
     out = np.empty((len(X), 4))
     pose_quaternions(X, out)

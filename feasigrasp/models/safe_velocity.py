@@ -3,130 +3,247 @@
 A controller asks for a twist of the hand, for a joint velocity, or for both; this solves::
 
     min   1/2 |W (J qd - V)|^2 + rho/2 |qd - qd_0|^2
-    s.t.  lower(q) <= qd <= upper(q)             joint velocity and position limits
-          grad d_k(q) . qd >= -gain (d_k - d_safe)   every close pair of bodies k
+    s.t.  lower(q, qd_last) <= qd <= upper(q, qd_last)      velocity, position and acceleration
+          grad d_k(q) . qd >= -g (d_k - d_safe)             every close pair of bodies k
 
-The velocity bounds shrink with the distance to a position limit so that half of the joint's
-acceleration suffices to stop in time. The collision rows are soft, so that a state that is already
-too close is pushed out instead of making the problem infeasible. If the solver fails all the same,
-the answer is to stop. The solver is DAQP (Arnstrom et al., "A dual active-set solver for embedded
-quadratic programming using recursive LDL' updates", TAC 2022).
+with the previous command ``qd_last``. Bodies are the arm's capsules, the hand's among them, a table
+and the obstacles of a scene.
+
+Why there is always an admissible velocity: slowing down all joints in the same proportion, by
+``qd_last (1 - T/S)`` with the period T and the time ``S = max_i v_i/a_i`` in which the slowest
+joint stops from full speed, keeps the acceleration limits; if ``g <= 1/S`` it also keeps every row
+that held before, since then ``g d`` falls no faster than the speed of approach. It is exact where a
+distance is linear in the joints; where it bends, the clearance takes up the difference. The bounds
+of single joints are in `feasigrasp.models.joint_speed_bounds`.
+
+If the rows cannot be kept, because the arm was pushed or begins too close, it stops: the velocity
+between the joints' bounds that breaks them least, and otherwise is nearest to zero. So commands are
+finite and continuous whatever comes in. The solver is DAQP (Arnstrom et al., "A dual active-set
+solver for embedded quadratic programming using recursive LDL' updates", TAC 2022); it is compared
+with others in ``docs/safety.md``.
 """
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from typing import Any
 
 import daqp
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.capsule_kernels import gradients_kernel, table_kernel
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.self_collision import IIWA_CAPSULES
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arm_obstacles import arm_balls
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa_capsules import capsule_model, hand_points
+from feasigrasp.models.joint_speed_bounds import bounds_kernel
+from feasigrasp.models.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.safety_problem import (
+    brake_kernel,
+    clip_kernel,
+    problem_kernel,
+    stop_kernel,
+)
 
 FloatArray = NDArray[np.float64]
 
 _SOFT = 8  # DAQP's flag of a constraint that may be violated at a price
-_UNBOUNDED = 1e30
-_IDENTITY = np.eye(7)
+_NONE, _NO_ROWS = np.empty(0), np.empty((0, 7))
+_NO_GRID = ObstacleGrid(np.empty((0, 0, 0), dtype=np.float32), np.zeros(5))
+_NO_OBJECT = MovingObject(_NO_GRID, np.eye(4), np.zeros(6))
 
 
 @dataclass(frozen=True)
 class SafetyOptions:
-    """How close the arm may come to its limits and to itself.
+    """How close the arm may come to its limits and to everything else.
 
     Attributes:
+        period: Time between commands, that of the drive [s].
         position_margin: Distance kept from the joint position limits [rad].
-        limit_gain: A joint approaches its limit at most at gain x remaining distance [1/s].
         velocity_scale: Share of the velocity limits that may be used.
+        acceleration_scale: Share of the acceleration limits that may be used.
         clearance: Distance kept between bodies, and to the table [m].
-        active_distance: Pairs that are farther apart than this are left out [m].
+        obstacle_clearance: Distance kept to the obstacles of a scene, whose surfaces are known to a
+            centimetre (voxels, noise, edges) [m].
+        object_clearance: Distance kept between the open hand and the object that it follows [m].
         table_height: Height of the table top in the base frame [m].
-        collision_gain: Bodies approach at most at gain x remaining distance [1/s].
+        approach_gain: g; limits and bodies are approached at most at g x remaining distance [1/s].
         rotation_weight: Weight of rad/s against m/s in following a twist.
         damping: rho, the weight of the preferred joint velocity.
     """
 
+    period: float = 0.005
     position_margin: float = 0.03
-    limit_gain: float = 5.0
     velocity_scale: float = 0.85
+    acceleration_scale: float = 0.95
     clearance: float = 0.01
-    active_distance: float = 0.08
+    obstacle_clearance: float = 0.02
+    object_clearance: float = 0.002
     table_height: float = 0.0
-    collision_gain: float = 4.0
+    approach_gain: float = 3.5
     rotation_weight: float = 0.3
     damping: float = 1e-3
 
+    def __post_init__(self) -> None:
+        """Checks the numbers.
 
-@nb.njit(cache=True)
-def bounds_kernel(q, margin, limit_gain, velocity_scale, lower, upper):  # type: ignore[no-untyped-def]
-    """Writes joint velocity bounds into the first seven entries of ``lower`` and ``upper``."""
-    for i in range(7):
-        speed = velocity_scale * VELOCITY_LIMITS[i]
-        above = POSITION_LIMITS[i] - margin - q[i]
-        below = POSITION_LIMITS[i] - margin + q[i]
-        # Beyond a limit the bound turns negative and leads back in, no faster than the joint can.
-        up = min(np.sqrt(ACCELERATION_LIMITS[i] * max(above, 0.0)), limit_gain * above, speed)
-        down = min(np.sqrt(ACCELERATION_LIMITS[i] * max(below, 0.0)), limit_gain * below, speed)
-        upper[i] = max(up, -speed)
-        lower[i] = -max(down, -speed)
-
-
-@nb.njit(cache=True)
-def constraints_kernel(  # type: ignore[no-untyped-def]
-    q,
-    model,
-    margin,
-    limit_gain,
-    velocity_scale,
-    clearance,
-    active_distance,
-    table_height,
-    collision_gain,
-    lower,
-    rows,
-):
-    """Writes lower bounds and rows of what is close; returns upper bounds and the rows' number."""
-    pairs, movers = len(model.pairs), len(model.movers)
-    total = pairs + 2 * movers
-    upper = np.full(7 + total, _UNBOUNDED)
-    bounds_kernel(q, margin, limit_gain, velocity_scale, lower, upper)
-    distance, gradient = np.empty(total), np.empty((total, 7))
-    gradients_kernel(q, model, distance[:pairs], gradient[:pairs])
-    above_table, slopes = np.empty((movers, 2)), np.empty((movers, 2, 7))
-    table_kernel(q, model, table_height, above_table, slopes)
-    distance[pairs:] = above_table.ravel()
-    gradient[pairs:] = slopes.reshape(2 * movers, 7)
-    m = 0
-    for k in range(total):
-        if distance[k] < active_distance:
-            rows[m] = gradient[k]
-            lower[7 + m] = -collision_gain * (distance[k] - clearance)
-            m += 1
-    return upper, m
+        Raises:
+            ControlError: A number is not finite or has the wrong sign, a scale is above 1, or the
+                gain asks for a quicker stop than the joints' accelerations allow.
+        """
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            signed = entry.name == "table_height"
+            zero_allowed = entry.name == "position_margin" or entry.name.endswith("clearance")
+            if not np.isfinite(value) or not (signed or value > 0 or (zero_allowed and value == 0)):
+                raise ControlError(f"SafetyOptions.{entry.name} = {value}: give a positive number")
+        for name in ("velocity_scale", "acceleration_scale"):
+            if getattr(self, name) > 1.0:
+                raise ControlError(
+                    f"SafetyOptions.{name} = {getattr(self, name)}: give a share of the limit, "
+                    "at most 1"
+                )
+        speed, acceleration = self.velocity_scale, self.acceleration_scale
+        most = float(np.min(acceleration * ACCELERATION_LIMITS / (speed * VELOCITY_LIMITS)))
+        if self.approach_gain > most:
+            raise ControlError(
+                f"SafetyOptions.approach_gain = {self.approach_gain}: a joint at full speed could "
+                f"not stop in time; give at most {most:.3g} (acceleration over velocity limit), or "
+                "a smaller velocity_scale"
+            )
 
 
-def velocity_bounds(q: FloatArray, options: SafetyOptions) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper joint velocity bounds at ``q``, shape (7,) each [rad/s]."""
-    lower, upper = np.empty(7), np.empty(7)
-    q = np.ascontiguousarray(q, dtype=float)
-    bounds_kernel(
-        q, options.position_margin, options.limit_gain, options.velocity_scale, lower, upper
-    )
-    return lower, upper
+@dataclass(frozen=True, eq=False)
+class Safety:
+    """The safety QP of an arm with a hand.
+
+    Attributes:
+        options: Margins and gains.
+        gripper: The hand, whose capsules the arm carries; the default one if None.
+    """
+
+    options: SafetyOptions = field(default_factory=SafetyOptions)
+    gripper: ParallelGripper | None = None
+    _arrays: tuple[Any, ...] = field(init=False, repr=False)
+    _senses: tuple[NDArray[np.intc], NDArray[np.intc]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Lays out the geometry for the kernels, and compiles them."""
+        model = capsule_model(self.gripper)
+        balls = arm_balls(model)
+        options = np.array([getattr(self.options, entry.name) for entry in fields(self.options)])
+        hand = hand_points(self.gripper)
+        geometry = (model.link, model.ends, model.radius, model.pairs, model.movers, *balls, hand)
+        object.__setattr__(self, "_arrays", (options, *(np.ascontiguousarray(g) for g in geometry)))
+        most = 8 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(hand)
+        hard, soft = np.zeros(most, dtype=np.intc), np.full(most, _SOFT, dtype=np.intc)
+        soft[:7] = 0
+        object.__setattr__(self, "_senses", (hard, soft))
+        self.velocity(np.zeros(7), np.zeros(7), np.zeros((6, 7)), np.zeros(6))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Safety:
+        """Immutable, so a copy is itself."""
+        return self
+
+    def velocity(
+        self,
+        q: FloatArray,
+        qd_preferred: FloatArray,
+        J: FloatArray | None = None,
+        V: FloatArray | None = None,
+        *,
+        qd_last: FloatArray | None = None,
+        obstacles: ObstacleGrid | None = None,
+        moving: MovingObject | None = None,
+    ) -> FloatArray:
+        """The admissible joint velocity closest to what is asked for.
+
+        Args:
+            q: Joint positions [rad], shape (7,).
+            qd_preferred: Preferred joint velocity [rad/s], shape (7,). With ``J`` it only fills the
+                redundant directions; without, it is the request itself.
+            J: Jacobian of the hand, shape (6, 7), rows [angular; linear].
+            V: Desired twist of the hand [rad/s; m/s], shape (6,).
+            qd_last: The command of one period ago [rad/s], shape (7,); without it accelerations are
+                not limited.
+            obstacles: What the arm must not touch, in the frame of its base.
+            moving: What the open hand should not push. These rows come after all others: they are
+                broken as little as possible where not all can be kept.
+
+        Returns:
+            Joint velocity [rad/s], shape (7,), always finite. A request that is not finite counts
+            as one to stop; if the state is not finite, all joints brake as hard as they may.
+        """
+        matrix, vector, n_hard = self.problem(
+            q, qd_preferred, J, V, qd_last=qd_last, obstacles=obstacles, moving=moving
+        )
+        if len(matrix) == 0:
+            last = _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float)
+            return brake_kernel(last, self.options.acceleration_scale, self.options.period)
+        hard, soft = self._senses
+        H, rows, (lower, upper, f) = matrix[:7], matrix[7:], vector
+        n = len(lower)
+        senses = hard[:n]
+        if n_hard < len(rows):
+            senses = np.concatenate([hard[: 7 + n_hard], soft[7 + n_hard : n]])
+        qd, _, status, _ = daqp.solve(H, f[:7], rows, upper, lower, senses)
+        if status > 0 and clip_kernel(qd, vector):
+            return qd
+        stop_kernel(H, f)
+        qd, _, status, _ = daqp.solve(H, f[:7], rows, upper, lower, soft[:n])
+        if status > 0 and clip_kernel(qd, vector):
+            return qd
+        return np.clip(0.0, lower[:7], upper[:7])
+
+    def problem(
+        self,
+        q: FloatArray,
+        qd_preferred: FloatArray,
+        J: FloatArray | None = None,
+        V: FloatArray | None = None,
+        *,
+        qd_last: FloatArray | None = None,
+        obstacles: ObstacleGrid | None = None,
+        moving: MovingObject | None = None,
+    ) -> tuple[FloatArray, FloatArray, int]:
+        """The QP that `velocity` solves, for its arguments.
+
+        Returns:
+            ``matrix`` (7 + m, 7), H above the rows A; and ``vector`` (3, 7 + m): lower bounds of qd
+            and of A qd, their upper bounds, and f followed by numbers without meaning. The matrix
+            is empty if the state is not finite. Rows that no velocity inside the bounds breaks are
+            left out.
+        """
+        most = len(self._senses[0])
+        matrix, vector = np.empty((most, 7)), np.empty((3, most))
+        options, *geometry = self._arrays
+        grid = _NO_GRID if obstacles is None else obstacles
+        target = _NO_OBJECT if moving is None else moving
+        n_hard, m = problem_kernel(  # type: ignore[call-arg]  # mypy does not see through the star
+            np.ascontiguousarray(q, dtype=float),
+            np.ascontiguousarray(qd_preferred, dtype=float),
+            _NO_ROWS if J is None or V is None else np.ascontiguousarray(J, dtype=float),
+            _NONE if J is None or V is None else np.ascontiguousarray(V, dtype=float),
+            _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float),
+            options,
+            *geometry,
+            grid.values,
+            grid.frame,
+            target.grid.values,
+            target.grid.frame,
+            np.ascontiguousarray(target.X_WO, dtype=float),
+            np.ascontiguousarray(target.V_WO, dtype=float),
+            matrix,
+            vector,
+        )
+        return matrix[: 7 + m if m >= 0 else 0], vector[:, : 7 + max(m, 0)], n_hard
 
 
-@nb.njit(cache=True)
-def _objective_kernel(J, V, qd_preferred, rotation_weight, damping):  # type: ignore[no-untyped-def]
-    """Matrix (7, 7) and vector (7,) of the quadratic objective."""
-    WJ = J.copy()
-    WJ[:3] *= rotation_weight**2
-    H = WJ.T @ J
-    f = -(WJ.T @ V)
-    for i in range(7):
-        H[i, i] += damping
-        f[i] -= damping * qd_preferred[i]
-    return H, f
+@lru_cache(maxsize=8)
+def _safety(options: SafetyOptions) -> Safety:
+    return Safety(options)
 
 
 def safe_velocity(
@@ -136,44 +253,30 @@ def safe_velocity(
     V: FloatArray | None = None,
     options: SafetyOptions | None = None,
 ) -> FloatArray:
-    """The admissible joint velocity closest to what is asked for.
+    """`Safety.velocity` with the default hand, neither acceleration limits nor obstacles."""
+    return _safety(options or SafetyOptions()).velocity(q, qd_preferred, J, V)
+
+
+def velocity_bounds(
+    q: FloatArray, options: SafetyOptions, qd_last: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper joint velocity bounds at ``q``, shape (7,) each [rad/s].
 
     Args:
         q: Joint positions [rad], shape (7,).
-        qd_preferred: Preferred joint velocity [rad/s], shape (7,). With ``J`` it only fills the
-            redundant directions; without, it is the request itself.
-        J: Jacobian of the hand, shape (6, 7), rows [angular; linear].
-        V: Desired twist of the hand [rad/s; m/s], shape (6,).
         options: Margins and gains.
-
-    Returns:
-        Joint velocity [rad/s], shape (7,); zero if a request is not finite or nothing is feasible.
+        qd_last: The command of one period ago [rad/s], shape (7,), if accelerations are limited.
     """
-    options = options or SafetyOptions()
-    if J is None or V is None:
-        H, f = _IDENTITY, -np.asarray(qd_preferred, dtype=float)
-    else:
-        H, f = _objective_kernel(J, V, qd_preferred, options.rotation_weight, options.damping)
-    if not np.isfinite(q.sum() + f.sum() + H.sum()):
-        return np.zeros(7)
-    most = len(IIWA_CAPSULES.pairs) + 2 * len(IIWA_CAPSULES.movers)
-    lower, rows = np.empty(7 + most), np.empty((most, 7))
-    upper, m = constraints_kernel(
+    lower, upper = np.empty(7), np.empty(7)
+    bounds_kernel(
         np.ascontiguousarray(q, dtype=float),
-        IIWA_CAPSULES,
+        _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float),
         options.position_margin,
-        options.limit_gain,
+        options.approach_gain,
         options.velocity_scale,
-        options.clearance,
-        options.active_distance,
-        options.table_height,
-        options.collision_gain,
+        options.acceleration_scale,
+        options.period,
         lower,
-        rows,
+        upper,
     )
-    kinds = np.full(7 + m, _SOFT, dtype=np.intc)
-    kinds[:7] = 0
-    qd, _, exit_flag, _ = daqp.solve(H, f, rows[:m], upper[: 7 + m], lower[: 7 + m], kinds)
-    if exit_flag <= 0 or not np.isfinite(qd).all():
-        return np.zeros(7)
-    return np.clip(qd, lower[:7], upper[:7])
+    return lower, upper

@@ -199,6 +199,18 @@ def inverse_kernel(X: Array) -> Array:
 
 
 @njit(cache=True)
+def compose_kernel(X: Array, Y: Array) -> Array:
+    """Product (4, 4) of two poses, without the detour of a general matrix product."""
+    out = np.zeros((4, 4))
+    for i in range(3):
+        for j in range(4):
+            out[i, j] = X[i, 0] * Y[0, j] + X[i, 1] * Y[1, j] + X[i, 2] * Y[2, j]
+        out[i, 3] += X[i, 3]
+    out[3, 3] = 1.0
+    return out
+
+
+@njit(cache=True)
 def adjoint_kernel(X: Array) -> Array:
     """Adjoint (6, 6) of a pose: ``X exp(v) X^-1 = exp(adjoint(X) v)``."""
     out = np.zeros((6, 6))

@@ -76,11 +76,13 @@ class CompletedField(Gpdf):
 
     Attributes:
         cloud: The observed points, shape (c, 3) [m].
+        cloud_normals: Their outward unit normals, as smoothed, shape (c, 3).
         images: The views whose free space counts.
         observed: The first so many nodes rest on observed points.
     """
 
     cloud: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    cloud_normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
     images: tuple[ViewImage, ...] = ()
     observed: int = 0
 
@@ -102,9 +104,7 @@ class CompletedField(Gpdf):
         """As `Gpdf.surface`, without the points that lie in free space."""
         all_points = super().surface(n, steps, tolerance)
         kept = self.possible(all_points.points)
-        return SurfacePoints(
-            all_points.points[kept], all_points.normals[kept], all_points.variance[kept]
-        )
+        return SurfacePoints(all_points.points[kept], all_points.normals[kept], self.variance)
 
     def possible(self, x: Array) -> NDArray[np.bool_]:
         """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
@@ -183,7 +183,13 @@ def complete_shape(
         noise_variance=noise_variance,
     )
     content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)}
-    return CompletedField(**content, cloud=points, images=cloud.images, observed=observed)
+    return CompletedField(
+        **content,
+        cloud=points,
+        cloud_normals=cloud.normals,
+        images=cloud.images,
+        observed=observed,
+    )
 
 
 def _free_nodes(images: tuple[ViewImage, ...], points: Array) -> tuple[Array, Array]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,16 +20,16 @@ class SurfacePoints:
     Attributes:
         points: Positions, shape (m, 3) [m].
         normals: Outward unit normals, shape (m, 3).
-        variance: Predictive variance of the occupancy, shape (m,): small where it was seen.
+        variance_at: Predictive variance of the occupancy at points (k, 3), shape (k,).
     """
 
     points: Array
     normals: Array
-    variance: Array
+    variance_at: Callable[[Array], Array] = field(repr=False)
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for array in (self.points, self.normals, self.variance):
+        for array in (self.points, self.normals):
             array.flags.writeable = False
 
     def __len__(self) -> int:
@@ -37,3 +39,13 @@ class SurfacePoints:
     def __deepcopy__(self, memo: dict[int, Any]) -> SurfacePoints:
         """Immutable, so a copy is itself."""
         return self
+
+    @cached_property
+    def variance(self) -> Array:
+        """Predictive variance of the occupancy, shape (m,): small where it was seen.
+
+        Computed when it is asked for: it costs more than the points.
+        """
+        variance = self.variance_at(self.points)
+        variance.flags.writeable = False
+        return variance

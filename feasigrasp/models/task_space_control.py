@@ -1,32 +1,41 @@
 """Task-space control over a Riemannian mixture of grasps (paper section IV-D.1).
 
-The hand follows the gradient of the mixture's log-density, preconditioned so that every component
-is approached along its geodesic, while it is carried along with the object's twist. Three things
-are added to the paper's law, because without them the arm ends at its limits or lags behind:
+The hand follows the gradient of the mixture's log density, preconditioned so that every component
+is approached along its geodesic, while it is carried along with the object's twist: without that
+feed-forward it lags behind by speed over gain. `paper_task_space_velocity` does just this.
+`task_space_velocity` adds what keeps the arm away from its limits:
 
-- the object's twist is fed forward;
-- a component counts by how soon the arm can be there, ``exp(-travel time / tau)``, with the travel
-  time of the nearest exact inverse-kinematics solution; components out of reach count nothing;
-- the redundant joint motion leads to that solution, and a QP keeps limits and clearances.
+- one grasp is followed at a time, together with the configuration that holds it; they are chosen
+  with the object's future in view (`feasigrasp.models.grasp_choice`);
+- near that configuration the hand follows the geodesic into the grasp, back along the approach
+  direction until it has lined up, and the redundant motion leads to the configuration;
+- far from it the geodesic may lead against a limit, where the arm would stay: there the joints go
+  to the configuration, and what is free meanwhile keeps the hand close to the object
+  (`feasigrasp.models.strand_pursuit`);
+- a QP keeps limits and clearances.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_funnel import Funnel, steering_kernel
-from feasigrasp.models.grasp_mixture import GraspMixture, closest_members_kernel
-from feasigrasp.models.iiwa_kinematics import pose_and_jacobian, pose_jacobian_kernel
+from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice
+from feasigrasp.models.grasp_mixture import GraspMixture
+from feasigrasp.models.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
+from feasigrasp.models.least_norm import least_norm_kernel
+from feasigrasp.models.mixture_ascent import ascent_kernel
+from feasigrasp.models.obstacle_grid import ObstacleGrid
 from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.reachability_kernels import make_room, nearest_kernel
-from feasigrasp.models.riemannian_kernels import evaluate_kernel
-from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity
-from feasigrasp.models.se3_kernels import inverse_kernel
+from feasigrasp.models.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.se3_kernels import compose_kernel, inverse_kernel, log_kernel
+from feasigrasp.models.strand_pursuit import PursuitOptions, pursuit_velocity
+from feasigrasp.models.strand_reference import strand_reference
 
 FloatArray = NDArray[np.float64]
 
@@ -36,33 +45,28 @@ class TaskControlOptions:
     """Gains of the task-space controller.
 
     Attributes:
-        gain: Rate at which the hand closes its distance to the grasps [1/s].
+        gain: Rate at which the hand closes its distance to a grasp [1/s].
         max_linear: Largest speed relative to the object [m/s].
         max_angular: Largest angular speed relative to the object [rad/s].
-        travel_time_scale: tau, the travel time that costs a component a factor e [s].
-        posture_gain: Rate at which redundant motion leads to the nearest solution [1/s].
-        funnel: The way into a grasp.
+        near: Travel time to the chosen configuration up to which the hand follows the geodesic [s];
+            from twice as much on the joints go to it.
+        choice: Which grasp is followed, and in which configuration.
+        pursuit: How the joints go to that configuration.
         safety: Margins of the QP.
     """
 
     gain: float = 5.0
     max_linear: float = 0.4
     max_angular: float = 1.5
-    travel_time_scale: float = 0.05
-    posture_gain: float = 1.0
-    funnel: Funnel = field(default_factory=Funnel)
+    near: float = 0.2
+    choice: ChoiceOptions = field(default_factory=ChoiceOptions)
+    pursuit: PursuitOptions = field(default_factory=PursuitOptions)
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
-    @property
-    def gains(self) -> tuple[float, float, float, float, float]:
-        """The numbers that the kernel takes."""
-        return (
-            self.gain,
-            self.max_angular,
-            self.max_linear,
-            self.travel_time_scale,
-            self.posture_gain,
-        )
+    @cached_property
+    def gains(self) -> tuple[float, float, float]:
+        """The numbers that the kernels take."""
+        return self.gain, self.max_angular, self.max_linear
 
 
 @nb.njit(cache=True)
@@ -91,99 +95,81 @@ def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):  # type: 
 
 
 @nb.njit(cache=True)
-def selection_kernel(log_density, travel_time, travel_time_scale):  # type: ignore[no-untyped-def]
-    """How much each component counts, summing to 1.
-
-    Far from all grasps the plain density is all but zero: tempered by the distance of the nearest
-    component it stays comparable, and the travel times decide.
-    """
-    log_weight = log_density / max(1.0, -np.max(log_density)) - travel_time / travel_time_scale
-    weight = np.exp(log_weight - np.max(log_weight))
-    return weight / np.sum(weight)
-
-
-@nb.njit(cache=True)
-def _steer_kernel(  # type: ignore[no-untyped-def]
-    q, X_FG, X_WO, V_WO, X_OG, component, parameters, search, funnel, gains, J_WH, posture
-):
-    """Writes the hand's Jacobian (6, 7) and the posture velocity (7,); returns the hand's twist.
-
-    One kernel, since it runs at the control rate between steps of the physics, with cold caches.
-    The twist is empty if no component can be reached.
-    """
-    gain, max_angular, max_linear, travel_time_scale, posture_gain = gains
+def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, J_WH):  # type: ignore[no-untyped-def]
+    """Writes the hand's Jacobian (6, 7); returns the twist (6,) that leads it to pose T."""
+    gain, max_angular, max_linear = gains
     X_WH = np.empty((4, 4))
     pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
-    X_OH = inverse_kernel(X_WO) @ X_WH
-    X_GF = inverse_kernel(X_FG)
-    K = len(parameters[0])
-    member = np.empty(K, dtype=np.int64)
-    closest_members_kernel(X_OG, component, X_OH, member)
-    tangents, densities = np.empty((K, 6)), np.empty(K)
-    evaluate_kernel(X_OH, parameters, tangents, densities)
-
-    # The members that can be reached, how soon, and in which configuration.
-    n = 0
-    X_OM, solutions = np.empty((K, 4, 4)), np.empty((K, 7))
-    log_density, travel_time = np.empty(K), np.empty(K)
-    room = make_room(search, q)
-    for k in range(K):
-        if member[k] < 0:
-            continue
-        X_WF = X_WO @ X_OG[member[k]] @ X_GF
-        travel_time[n] = nearest_kernel(X_WF, q, search, room, solutions[n])
-        if travel_time[n] < np.inf:
-            X_OM[n] = X_OG[member[k]]
-            log_density[n] = densities[k]
-            n += 1
-    if n == 0:
-        return np.empty(0)
-    weight = selection_kernel(log_density[:n], travel_time[:n], travel_time_scale)
-    posture[:] = posture_gain * (weight @ (solutions[:n] - q))
-    u_H = np.empty(6)
-    steering_kernel(X_OM[:n], X_OH, funnel, weight, u_H)
-    return hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, max_angular, max_linear)
+    X_TH = compose_kernel(inverse_kernel(compose_kernel(X_WO, X_OT)), X_WH)
+    return hand_twist_kernel(-gain * log_kernel(X_TH), X_WH, X_WO, V_WO, max_angular, max_linear)
 
 
 def task_space_velocity(
     q: FloatArray,
-    grasps: GraspMixture,
+    choice: GraspChoice,
     X_WO: FloatArray,
     V_WO: FloatArray,
     reachability: Reachability,
+    safety: Safety,
     options: TaskControlOptions,
+    *,
+    time: float = 0.0,
+    qd_last: FloatArray | None = None,
+    obstacles: ObstacleGrid | None = None,
 ) -> FloatArray:
     """Joint velocity of the safe task-space controller.
 
     Args:
         q: Joint positions [rad], shape (7,).
-        grasps: Mixture over the grasps, in the object frame.
+        choice: The grasp to follow, and how; without one the arm stops.
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
-        reachability: Decides which grasps can be reached, and how soon.
+        reachability: Its gripper says where the hand is on the flange.
+        safety: The QP, for the same gripper.
         options: Gains.
+        time: Present time [s].
+        qd_last: The command of one period ago [rad/s], shape (7,); without it accelerations are
+            not limited.
+        obstacles: What the arm must not touch.
 
     Returns:
-        Joint velocity [rad/s], shape (7,); zero if no component can be reached.
+        Joint velocity [rad/s], shape (7,), always finite: the arm also stops while pose or twist
+        of the object is not.
     """
-    J_WH, posture = np.empty((6, 7)), np.zeros(7)
+    reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
+    if reference is None:
+        return safety.velocity(q, np.zeros(7), qd_last=qd_last, obstacles=obstacles)
+    X_FG = reachability.gripper.X_FG
+    request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
+    far = 1.0
+    if reference.on_strand:
+        travel_time = np.max(np.abs(reference.q - q) / VELOCITY_LIMITS)
+        far = max(0.0, travel_time / options.near - 1.0)
+    if far >= 1.0:
+        return safety.velocity(q, request, qd_last=qd_last, obstacles=obstacles)
+    J_WH = np.empty((6, 7))
     V_WH = _steer_kernel(
         np.ascontiguousarray(q, dtype=float),
-        reachability.gripper.X_FG,
-        np.ascontiguousarray(X_WO, dtype=float),
-        np.ascontiguousarray(V_WO, dtype=float),
-        grasps.X_OG,
-        grasps.component,
-        grasps.mixture.parameters,
-        reachability.search,
-        options.funnel.parameters,
+        X_FG,
+        X_WO,
+        V_WO,
+        reference.X_OT,
         options.gains,
         J_WH,
-        posture,
     )
-    if len(V_WH) == 0:
-        return safe_velocity(q, posture, options=options.safety)
-    return safe_velocity(q, posture, J_WH, V_WH, options.safety)
+    V_WH += far * (J_WH @ request - V_WH)
+    return safety.velocity(q, request, J_WH, V_WH, qd_last=qd_last, obstacles=obstacles)
+
+
+@nb.njit(cache=True)
+def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains):  # type: ignore[no-untyped-def]
+    gain, max_angular, max_linear = gains
+    X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, 7)), np.empty(6)
+    pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
+    ascent_kernel(compose_kernel(inverse_kernel(X_WO), X_WH), parameters, u_H)
+    V_WH = hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, max_angular, max_linear)
+    qd = least_norm_kernel(J_WH, V_WH)
+    return qd if np.isfinite(np.sum(qd)) else np.zeros(7)
 
 
 def paper_task_space_velocity(
@@ -196,11 +182,20 @@ def paper_task_space_velocity(
 ) -> FloatArray:
     """The paper's law with its corrections: ``qd = J^+ V``, nothing enforced.
 
-    The twist V is the preconditioned direction of the log-density plus the object's own twist.
-    Arguments and result as `task_space_velocity`; ``X_FG`` is the grasp frame on the flange.
+    The twist V is the preconditioned direction of the log density, whose maxima are the medoids of
+    the components, plus the object's own twist. Where the pulls of components cancel, surrounding
+    points decide (`feasigrasp.models.mixture_ascent`).
+
+    Args:
+        q: Joint positions [rad], shape (7,).
+        grasps: Mixture over the grasps, in the object frame.
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        X_FG: The grasp frame on the flange, shape (4, 4).
+        options: Gains.
+
+    Returns:
+        Joint velocity [rad/s], shape (7,); zero if anything is not finite.
     """
-    X_WH, J_WH = pose_and_jacobian(q, X_FG)
-    X_OH = se3.inverse(X_WO) @ X_WH
-    u_H = options.gain * grasps.mixture.direction(X_OH[None])[0]
-    V_WH = hand_twist_kernel(u_H, X_WH, X_WO, V_WO, options.max_angular, options.max_linear)
-    return np.linalg.pinv(J_WH) @ V_WH if np.isfinite(V_WH).all() else np.zeros(len(q))
+    qd: FloatArray = _paper_kernel(q, X_FG, X_WO, V_WO, grasps.targets.parameters, options.gains)
+    return qd

@@ -8,21 +8,26 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.gpdf import fit_gpdf
+from feasigrasp.models.grasp_samplers import make_sampler
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.joint_space_control import JointControlOptions
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.rigid_object import RigidObject, load_object
+from feasigrasp.models.safe_velocity import SafetyOptions
+from feasigrasp.models.solution_search import SolutionOptions
 from feasigrasp.models.sphere import sphere_points
+from feasigrasp.models.task_space_control import TaskControlOptions
 from feasigrasp.scenario import Scenario, make_camera_noise, make_motion
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.meshcat_scene import add_scene
-from feasigrasp.systems.metrics import Metrics
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.obstacle_distance import ObstacleDistance
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
@@ -32,7 +37,7 @@ from feasigrasp.systems.station import Station, StationConfig
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 #: Period of the metrics' log [s].
-LOG_PERIOD = 0.02
+LOG_PERIOD = SAMPLE_PERIOD
 
 
 def load_scenario_object(scenario: Scenario) -> RigidObject:
@@ -61,12 +66,19 @@ def make_station(scenario: Scenario) -> Station:
 
 def make_controller(scenario: Scenario, reachability: Reachability) -> LeafSystem:
     """The controller of a scenario; both kinds have the same ports."""
-    mode = scenario.control.mode
+    mode, period = scenario.control.mode, scenario.reachability.period
+    safety = SafetyOptions(period=scenario.control.period)
     if scenario.control.controller == "joint":
-        return GPJointController(
-            reachability, solution_period=scenario.reachability.period, mode=mode
-        )
-    return RMMTaskController(reachability, mode=mode, seed=scenario.random_seed)
+        solutions = SolutionOptions(source=scenario.control.source)
+        options = JointControlOptions(solutions=solutions, safety=safety)
+        return GPJointController(reachability, options, solution_period=period, mode=mode)
+    return RMMTaskController(
+        reachability,
+        TaskControlOptions(safety=safety),
+        period=period,
+        mode=mode,
+        seed=scenario.random_seed,
+    )
 
 
 def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
@@ -74,9 +86,11 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
 
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
     ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
-    ``tracker`` and ``metrics``; the samples of ``metrics`` are in the vector log ``log(metrics)``.
-    With a Meshcat there are ``scene`` and ``visualizer`` as well; with a scene field
-    ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``.
+    ``tracker``, ``metrics`` and ``obstacle_distance``. The vector logs ``log(metrics)`` and
+    ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded and
+    the true state of the arm at the control rate. With a Meshcat there are ``scene`` and
+    ``visualizer`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
+    ``clear_hand_poses``.
 
     Args:
         scenario: What to build.
@@ -103,11 +117,14 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
             voxel_size=perception.voxel_size,
         ),
     )
-    antipodal = AntipodalSampler(
-        gripper, n_candidates=perception.n_candidates, n_grasps=perception.n_grasps
+    sampling = make_sampler(
+        perception.sampler,
+        gripper,
+        n_candidates=perception.n_candidates,
+        n_grasps=perception.n_grasps,
     )
-    antipodal(fit_gpdf(sphere_points(64, 0.03)))  # compiles its kernels, before the first tick
-    sampler = add("sampler", GraspSampler(antipodal))
+    sampling(fit_gpdf(sphere_points(64, 0.03)))  # compiles its kernels, before the first tick
+    sampler = add("sampler", GraspSampler(sampling, gripper))
     latency = add("latency", ZeroOrderHold(perception.period, empty, perception.latency))
     reach = add(
         "reachability",
@@ -160,6 +177,10 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     connect(reachable.get_output_port(), sequencer.GetInputPort("grasps"))
     connect(sequencer.GetOutputPort("grasps"), controller.GetInputPort("grasps"))
     connect(controller.GetOutputPort("commanded_velocity"), drive.GetInputPort("velocity"))
+    connect(drive.GetOutputPort("desired_velocity"), controller.GetInputPort("desired_velocity"))
+    connect(tracker.GetOutputPort("object_motion"), reach.GetInputPort("object_motion"))
+    if controller.HasInputPort("object_motion"):
+        connect(tracker.GetOutputPort("object_motion"), controller.GetInputPort("object_motion"))
     connect(drive.GetOutputPort("desired_state"), station.GetInputPort("iiwa.desired_state"))
     for system in (sequencer, controller, drive):
         connect(station.GetOutputPort("iiwa.position_measured"), system.GetInputPort("position"))
@@ -174,7 +195,15 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     connect(station.GetOutputPort("object.pose"), metrics.GetInputPort("object_pose"))
     connect(sequencer.GetOutputPort("grasps"), metrics.GetInputPort("grasps"))
     connect(sequencer.GetOutputPort("phase"), metrics.GetInputPort("phase"))
-    LogVectorOutput(metrics.get_output_port(), builder, LOG_PERIOD).set_name("log(metrics)")
+    distance = add("obstacle_distance", ObstacleDistance(station.plant, station.robot_instances()))
+    connect(station.GetOutputPort("query_object"), distance.get_input_port())
+    for name, port, period in (
+        ("metrics", metrics.get_output_port(), LOG_PERIOD),
+        ("obstacle_distance", distance.get_output_port(), LOG_PERIOD),
+        ("drive", drive.GetOutputPort("desired_state"), scenario.control.period),
+        ("arm", station.GetOutputPort("iiwa.state_estimated"), scenario.control.period),
+    ):
+        LogVectorOutput(port, builder, period).set_name(f"log({name})")
 
     if meshcat is not None:
         _add_visualization(builder, gripper, meshcat)
@@ -190,13 +219,15 @@ def _add_scene(
     offered: OutputPort,
     in_reach: OutputPort,
 ) -> tuple[OutputPort, OutputPort]:
-    """Lets the camera see the surroundings, and keeps grasps clear of them.
+    """Lets the camera see the surroundings, and keeps the arm and its grasps clear of them.
 
     Grasps offered are dropped if the hand hits the scene either way round, so that they take no
     place among those that are judged; hand poses in reach, each by itself.
     """
     connect, config, camera = builder.Connect, scenario.scene, scenario.perception.camera
-    station, tracker = (builder.GetSubsystemByName(name) for name in ("station", "tracker"))
+    station, tracker, controller = (
+        builder.GetSubsystemByName(name) for name in ("station", "tracker", "controller")
+    )
     perceived = builder.AddNamedSystem(
         "scene_perception",
         PointCloudToScene(
@@ -209,6 +240,7 @@ def _add_scene(
         ("pose", "camera_pose"),
     ):
         connect(station.GetOutputPort(f"{camera}.{output}"), perceived.GetInputPort(port))
+    connect(perceived.GetOutputPort("scene"), controller.GetInputPort("scene"))
     ports = []
     for name, grasps, either in (
         ("clear_grasps", offered, True),

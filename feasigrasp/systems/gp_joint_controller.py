@@ -6,18 +6,15 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.joint_space_control import (
-    JointControlOptions,
-    Solutions,
-    find_solutions,
-    joint_space_velocity,
-)
+from feasigrasp.models.joint_space_control import JointControlOptions, JointSpaceControl
+from feasigrasp.models.obstacle_grid import obstacle_grid
 from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.solutions import Solutions
 
 
 class GPJointController(LeafSystem):
@@ -31,13 +28,22 @@ class GPJointController(LeafSystem):
         - grasps
         - object_pose
         - object_velocity
+        - desired_velocity
+        - scene
+        - object_motion
         output_ports:
         - commanded_velocity
 
-    The ports are those of `RMMTaskController`: either controller can replace the other. Every
-    ``solution_period`` seconds the configurations that are soonest reached are found anew by exact
-    inverse kinematics; in between they follow the object by damped least-squares steps. Without
-    solutions, or while the object's pose or twist is not finite, the command is to stop.
+    The ports are those of `RMMTaskController`: either controller can replace the other. At every
+    evaluation the configurations of all solutions are computed for the present pose of the object,
+    the field is fitted to them, and its gradient followed. Every ``solution_period`` seconds it is
+    decided which solutions these are; they keep their identity and count no more and no less at
+    that instant, so that the command does not jump. Without solutions, or while the object's pose
+    or twist is not finite, the command is to stop.
+
+    ``desired_velocity`` V7 [rad/s], the drive's last command, lets ``safe`` mode keep to the
+    acceleration limits; ``scene``, a `SceneField` or None, is kept clear of; ``object_motion``, a
+    `MotionEstimate`, predicts the object's poses. These three are optional.
     """
 
     def __init__(
@@ -50,14 +56,22 @@ class GPJointController(LeafSystem):
     ) -> None:
         """A controller; ``mode`` is ``safe``, or ``paper`` to enforce nothing."""
         super().__init__()
-        self._reachability = reachability
-        self._options = options or JointControlOptions()
-        self._enforce_limits = mode != "paper"
-        _compile(reachability, self._options)
+        self._control = JointSpaceControl(
+            reachability, options or JointControlOptions(), solution_period, mode
+        )
+        _compile(self._control)
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
+        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS)
+        self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
+        self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
+        self._obstacles = self.DeclareCacheEntry(
+            "obstacles",
+            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_obstacles),
+            prerequisites_of_calc={self._scene.ticket()},
+        )
         self._solutions = self.DeclareAbstractState(AbstractValue.Make(Solutions.empty()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(solution_period, 0.0, self._find)
         self.DeclareVectorOutputPort(
@@ -65,40 +79,56 @@ class GPJointController(LeafSystem):
             NUM_JOINTS,
             self._calc,
             {
+                self.time_ticket(),
                 self._position.ticket(),
                 self._pose.ticket(),
                 self._velocity.ticket(),
+                self._desired_velocity.ticket(),
+                self._obstacles.ticket(),
                 self.abstract_state_ticket(self._solutions),
             },
         )
 
+    def solutions(self, context: Context) -> Solutions:
+        """The solutions that are followed now."""
+        found: Solutions = context.get_abstract_state(int(self._solutions)).get_value()
+        return found
+
     def _find(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
-        solutions = find_solutions(
-            self._grasps.Eval(context),
+        solutions = self._control.update(
+            self.solutions(context),
+            context.get_time(),
+            self._grasps.Eval(context).X_OG,
             self._pose.Eval(context).GetAsMatrix4(),
+            self._velocity.Eval(context).get_coeffs(),
             self._position.Eval(context),
-            self._reachability,
-            self._options,
+            self._motion.Eval(context) if self._motion.HasValue(context) else None,
         )
         state.get_mutable_abstract_state(int(self._solutions)).set_value(solutions)
 
+    def _calc_obstacles(self, context: Context, value: AbstractValue) -> None:
+        scene = self._scene.Eval(context) if self._scene.HasValue(context) else None
+        value.set_value(None if scene is None else obstacle_grid(scene))
+
     def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        qd = joint_space_velocity(
+        last = self._desired_velocity
+        qd = self._control.velocity(
             self._position.Eval(context),
-            context.get_abstract_state(int(self._solutions)).get_value(),
+            self.solutions(context),
+            context.get_time(),
             self._pose.Eval(context).GetAsMatrix4(),
             self._velocity.Eval(context).get_coeffs(),
-            self._reachability,
-            self._options,
-            enforce_limits=self._enforce_limits,
+            last.Eval(context) if last.HasValue(context) else None,
+            self._obstacles.Eval(context),
         )
         output.SetFromVector(qd)
 
 
-def _compile(reachability: Reachability, options: JointControlOptions) -> None:
-    """Runs one control step, so that no kernel is compiled inside a control tick."""
-    q, X_WO = np.full(NUM_JOINTS, 0.5), np.eye(4)
-    X_WG = forward_kinematics(q, reachability.gripper.X_FG)
-    grasps = GraspSet(X_WG[None], np.zeros(1), np.ones(1))
-    solutions = find_solutions(grasps, X_WO, q, reachability, options)
-    joint_space_velocity(q, solutions, X_WO, np.zeros(6), reachability, options)
+def _compile(control: JointSpaceControl) -> None:
+    """Runs two updates and a step, so that no kernel is compiled inside a control tick."""
+    q, X_WO, V_WO = np.full(NUM_JOINTS, 0.5), np.eye(4), np.zeros(6)
+    X_OG = forward_kinematics(q, control.reachability.gripper.X_FG)[None]
+    solutions = Solutions.empty()
+    for time in (0.0, control.period):
+        solutions = control.update(solutions, time, X_OG, X_WO, V_WO, q)
+    control.velocity(q, solutions, control.period, X_WO, V_WO, np.zeros(NUM_JOINTS))

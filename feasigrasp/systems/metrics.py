@@ -16,6 +16,9 @@ from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_capsules import NON_ADJACENT_PAIRS, capsule_model
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
 
+#: Time between samples [s].
+SAMPLE_PERIOD = 0.02
+
 #: The entries of one sample, in order; lengths in metres, angles in radians.
 SAMPLE_NAMES = (
     "self_collision",
@@ -28,6 +31,9 @@ SAMPLE_NAMES = (
     "p_HO_x",
     "p_HO_y",
     "p_HO_z",
+    "r_OH_x",
+    "r_OH_y",
+    "r_OH_z",
     "p_WO_x",
     "p_WO_y",
     "p_WO_z",
@@ -54,8 +60,8 @@ class Metrics(LeafSystem):
     of the arm and hand penetrate, by capsules and independent of the simulation's collision filter;
     smallest distance of those that can meet inside the joint limits; smallest distance to a joint
     limit (negative beyond it); largest joint speed over its limit; manipulability at the flange;
-    error to the nearest grasp (NaN without grasps); the object's position in the hand and in the
-    world; the `Phase`.
+    error to the nearest grasp (NaN without grasps); the object's position in the hand, the hand's
+    orientation on the object as a rotation vector, the object's position in the world; the `Phase`.
     """
 
     def __init__(self, gripper: ParallelGripper) -> None:
@@ -86,6 +92,7 @@ class Metrics(LeafSystem):
                     arm_condition_kernel(q, v, self._capsules, self._all_capsules),
                     nearest,
                     p_HO,
+                    se3.so3_log_kernel(np.ascontiguousarray(X_OH[:3, :3])),
                     X_WO[:3, 3],
                     self._phase.Eval(context),
                 ]

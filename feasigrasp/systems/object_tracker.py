@@ -1,18 +1,23 @@
-"""What a motion-capture system would tell: the object's pose, late and noisy, and its twist."""
+"""What a motion-capture system would tell: the object's pose, late and noisy, and its motion."""
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from feasigrasp.models import se3
-
-FloatArray = NDArray[np.float64]
+from feasigrasp.models.pose_filter import (
+    STATE_SIZE,
+    Noise,
+    empty_state,
+    measure_kernel,
+    pose_kernel,
+    twist_kernel,
+)
+from feasigrasp.models.twist_estimator import MotionEstimate, predict_kernel
 
 _ROW = 13  # time, then the upper three rows of a pose
 
@@ -27,7 +32,9 @@ class TrackerConfig:
         position_noise: Standard deviation [m].
         rotation_noise: Standard deviation [rad].
         dropout: Probability that a measurement is lost.
-        twist_window: Time over which the twist is estimated [s].
+        jerk: How quickly the object's acceleration is expected to change, see
+            `feasigrasp.models.twist_estimator.Noise`: lower is smoother, higher follows sooner.
+        angular_jerk: The same for its angular acceleration.
         seed: Seed of noise and losses.
     """
 
@@ -36,12 +43,13 @@ class TrackerConfig:
     position_noise: float = 0.0
     rotation_noise: float = 0.0
     dropout: float = 0.0
-    twist_window: float = 0.02
+    jerk: float = 0.4
+    angular_jerk: float = 0.3
     seed: int = 0
 
 
 class ObjectTracker(LeafSystem):
-    """Measures a pose at a fixed rate, estimates the twist, and extrapolates to the present.
+    """Measures a pose at a fixed rate, and estimates pose and twist at present, and the future.
 
     .. pydrake_system::
 
@@ -51,10 +59,12 @@ class ObjectTracker(LeafSystem):
         output_ports:
         - object_pose
         - object_velocity
+        - object_motion
 
     ``pose`` and ``object_pose`` are ``RigidTransform`` X_WO; ``object_velocity`` is a
-    ``SpatialVelocity`` V_WO, estimated over ``twist_window`` from what has arrived. Until the first
-    measurement has arrived, the true pose is passed on, as if the object stood still.
+    ``SpatialVelocity`` V_WO; ``object_motion`` is a `MotionEstimate`, which predicts. All three
+    come from a Kalman filter over the measurements that have arrived, which knows how noisy they
+    are. Until the first one has arrived, the true pose is passed on, as if the object stood still.
     """
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
@@ -62,15 +72,18 @@ class ObjectTracker(LeafSystem):
         super().__init__()
         self._config = config = config or TrackerConfig()
         self._imperfect = max(config.position_noise, config.rotation_noise, config.dropout) > 0.0
-        window = max(1, round(config.twist_window / config.period))
-        self._rows = 2 + window + round(config.latency / config.period)
+        self._noise = Noise(
+            config.position_noise, config.rotation_noise, config.jerk, config.angular_jerk
+        )
+        self._delay = round(config.latency / config.period)
         self._pose = self.DeclareAbstractInputPort("pose", Value[RigidTransform]())
         # A discrete state (an abstract one would make every measurement an unrestricted update,
-        # which invalidates the caches of the whole diagram): the tick, then the measurements as
-        # they were taken, newest first, one row of time and pose each; NaN where there is none.
-        self._state = self.DeclareDiscreteState(
-            np.concatenate([[0.0], np.full(self._rows * _ROW, np.nan)])
-        )
+        # which invalidates the caches of the whole diagram): the tick, the filter, then the
+        # measurements that are on their way, newest first, one row of time and pose each; NaN where
+        # there is none.
+        rows = np.full((self._delay + 1) * _ROW, np.nan)
+        self._state = self.DeclareDiscreteState(np.concatenate([[0.0], empty_state(), rows]))
+        _compile(self._noise)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._measure)
         self._estimated = self.DeclareCacheEntry(
             "estimate",
@@ -88,11 +101,17 @@ class ObjectTracker(LeafSystem):
         self.DeclareAbstractOutputPort(
             "object_velocity", Value[SpatialVelocity], self._calc_velocity, estimated
         )
+        self.DeclareAbstractOutputPort(
+            "object_motion",
+            lambda: Value[object](MotionEstimate(empty_state(), 0.0)),
+            self._calc_motion,
+            {self.discrete_state_ticket(self._state), self.time_ticket()},
+        )
 
     def _measure(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
         config = self._config
-        state = context.get_discrete_state_vector().value()
-        tick, rows = state[0], state[1:]
+        state = context.get_discrete_state_vector().value().copy()
+        tick, motion, rows = state[0], state[1 : 1 + STATE_SIZE], state[1 + STATE_SIZE :]
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         lost = False
         if self._imperfect:
@@ -101,19 +120,25 @@ class ObjectTracker(LeafSystem):
             noise = rng.standard_normal(6)
             X_WO[:3, :3] = se3.so3_exp(config.rotation_noise * noise[:3]) @ X_WO[:3, :3]
             X_WO[:3, 3] += config.position_noise * noise[3:]
-        if not lost:
-            row = np.concatenate([[context.get_time()], X_WO[:3].ravel()])
-            rows = np.concatenate([row, rows[:-_ROW]])
-        discrete_state.get_mutable_vector().SetFromVector(np.concatenate([[tick + 1.0], rows]))
+        row = np.concatenate([[np.nan if lost else context.get_time()], X_WO[:3].ravel()])
+        rows[:] = np.concatenate([row, rows[:-_ROW]])
+        arrived = rows[-_ROW:]
+        if np.isfinite(arrived[0]):
+            measured = np.eye(4)
+            measured[:3] = arrived[1:].reshape(3, 4)
+            measure_kernel(motion, arrived[0], measured, self._noise)
+        state[0] = tick + 1.0
+        discrete_state.get_mutable_vector().SetFromVector(state)
 
     def _estimate(self, context: Context, value: AbstractValue) -> None:
         """Pose and twist now, from the measurements that have arrived."""
-        rows = context.get_discrete_state_vector().value()[1:].reshape(-1, _ROW)
-        config, X_WO, V_WO = self._config, np.empty((4, 4)), np.zeros(6)
-        if not _estimate_kernel(
-            rows, context.get_time(), config.latency, config.twist_window, X_WO, V_WO
-        ):
+        motion = context.get_discrete_state_vector().value()[1 : 1 + STATE_SIZE]
+        X_WO, V_WO = np.empty((4, 4)), np.zeros(6)
+        if np.isnan(motion[0]):
             X_WO = self._pose.Eval(context).GetAsMatrix4()
+        else:
+            pose_kernel(motion, context.get_time(), X_WO)
+            twist_kernel(motion, context.get_time(), V_WO)
         value.set_value((X_WO, V_WO))
 
     def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
@@ -122,37 +147,17 @@ class ObjectTracker(LeafSystem):
     def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         output.set_value(SpatialVelocity(self._estimated.Eval(context)[1]))
 
+    def _calc_motion(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        motion = context.get_discrete_state_vector().value()[1 : 1 + STATE_SIZE].copy()
+        output.set_value(MotionEstimate(motion, context.get_time()))
 
-@nb.njit(cache=True)
-def _estimate_kernel(rows, now, latency, window, X_WO, V_WO):  # type: ignore[no-untyped-def]
-    """Writes pose and twist extrapolated to ``now``; False if no measurement has arrived.
 
-    The twist is that between the newest measurement and the oldest one within the window, or, if
-    there is none, the next older one.
-    """
-    newest = 0
-    while newest < len(rows) and not rows[newest, 0] <= now - latency + 1e-9:
-        newest += 1
-    if newest == len(rows):
-        return False
-    X_last = np.eye(4)
-    X_last[:3] = rows[newest, 1:].reshape(3, 4)
-    oldest = newest
-    while oldest + 1 < len(rows) and (
-        rows[oldest + 1, 0] >= rows[newest, 0] - window - 1e-9
-        or (oldest == newest and not np.isnan(rows[oldest + 1, 0]))
-    ):
-        oldest += 1
-    elapsed = rows[newest, 0] - rows[oldest, 0]
-    X_WO[:] = X_last
-    if elapsed < 1e-9:
-        return True
-    R_first = np.ascontiguousarray(rows[oldest, 1:].reshape(3, 4)[:, :3])
-    R_last = np.ascontiguousarray(X_last[:3, :3])
-    V_WO[:3] = se3.so3_log_kernel(R_last @ R_first.T) / elapsed
-    age = now - rows[newest, 0]
-    X_WO[:3, :3] = se3.so3_exp_kernel(V_WO[:3] * age) @ R_last
-    for i in range(3):
-        V_WO[3 + i] = (X_last[i, 3] - rows[oldest, 4 + 4 * i]) / elapsed
-        X_WO[i, 3] += V_WO[3 + i] * age
-    return True
+def _compile(noise: Noise) -> None:
+    """Runs the filter once, so that no kernel is compiled at the first measurement."""
+    motion = empty_state()
+    for t in (0.0, 0.01):
+        measure_kernel(motion, t, np.eye(4), noise)
+    X, V = np.empty((4, 4)), np.empty(6)
+    pose_kernel(motion, 0.02, X)
+    twist_kernel(motion, 0.02, V)
+    predict_kernel(motion, 0.02, np.zeros(1), np.empty((1, 4, 4)))

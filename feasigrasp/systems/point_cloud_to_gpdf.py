@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from feasigrasp.models.point_cloud_checks import MIN_POINTS, MIN_SPREAD, spread_
 from feasigrasp.models.shape_completion import complete_shape
 from feasigrasp.models.sphere import sphere_points
 from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.view_record import ViewRecord
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +26,12 @@ class Perceived:
     Attributes:
         cloud: The merged views, in the object frame O.
         gpdf: The field fitted to them, in O; None until the object was seen.
+        views: From where it has been seen.
     """
 
     cloud: FusedCloud
     gpdf: Gpdf | None
+    views: ViewRecord = field(default_factory=ViewRecord)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Perceived:
         """Immutable, so a copy is itself."""
@@ -53,7 +56,9 @@ class PointCloudToGPDF(LeafSystem):
     ``camera_pose`` X_WC are ``RigidTransform``. ``gpdf`` is a `Gpdf` in the object frame O, or None
     before the first usable view; ``perceived`` holds the merged cloud as well. The inputs are read
     every ``period`` seconds. A view with too few finite points (object out of sight, or hidden by
-    the hand) changes nothing: the field of the earlier views stays valid in O.
+    the hand) changes nothing: the field of the earlier views stays valid in O. From a side that it
+    has seen ``views_per_side`` times it does not look at all (nothing is rendered and nothing
+    fitted), until ``revisit`` seconds have passed.
 
     By default every view is smoothed, registered to the earlier ones and remembered with its
     silhouette, so that the field stays out of space the camera has looked through; ``preset:
@@ -68,6 +73,8 @@ class PointCloudToGPDF(LeafSystem):
         max_points: int = 320,
         length_scale: float = 0.3,
         voxel_size: float = 0.003,
+        views_per_side: int = 3,
+        revisit: float = 5.0,
         min_points: int = 4 * MIN_POINTS,
     ) -> None:
         """A perception that looks every ``period`` seconds.
@@ -78,6 +85,8 @@ class PointCloudToGPDF(LeafSystem):
             max_points: Surface points that the field is fitted to.
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which views are merged [m].
+            views_per_side: So many views from one direction suffice, see `ViewRecord`.
+            revisit: A side not looked at for so long is looked at again [s].
             min_points: A view with fewer finite points is ignored.
         """
         super().__init__()
@@ -89,6 +98,7 @@ class PointCloudToGPDF(LeafSystem):
         self._preset = preset
         self._max_points = max_points
         self._length_scale = length_scale
+        self._views_per_side, self._revisit = views_per_side, revisit
         self._min_points = min_points
         self._cloud = self.DeclareAbstractInputPort("point_cloud", AbstractValue.Make(PointCloud()))
         self._object_pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
@@ -100,14 +110,18 @@ class PointCloudToGPDF(LeafSystem):
         self.DeclareStateOutputPort("perceived", self._state)
 
     def _look(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
-        points_W = self._cloud.Eval(context).xyzs().T
-        points_W = points_W[np.isfinite(points_W).all(axis=1)]
         X_OW = self._object_pose.Eval(context).inverse()
         p_OC = X_OW @ self._camera_pose.Eval(context).translation()
-        poses_known = np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()
-        if len(points_W) < self._min_points or not poses_known:
+        if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
             return
         seen: Perceived = context.get_abstract_state(int(self._state)).get_value()
+        time = context.get_time()
+        if not seen.views.tells_more(p_OC, time, self._views_per_side, self._revisit):
+            return
+        points_W = self._cloud.Eval(context).xyzs().T
+        points_W = points_W[np.isfinite(points_W).all(axis=1)]
+        if len(points_W) < self._min_points:
+            return
         cloud = seen.cloud.merged((X_OW @ points_W.T).T, p_OC)
         if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
             return
@@ -117,7 +131,8 @@ class PointCloudToGPDF(LeafSystem):
             max_points=self._max_points,
             length_scale=self._length_scale,
         )
-        state.get_mutable_abstract_state(int(self._state)).set_value(Perceived(cloud, gpdf))
+        perceived = Perceived(cloud, gpdf, seen.views.extended(p_OC, time))
+        state.get_mutable_abstract_state(int(self._state)).set_value(perceived)
 
     def _calc_gpdf(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         output.set_value(context.get_abstract_state(int(self._state)).get_value().gpdf)

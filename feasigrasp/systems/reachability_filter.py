@@ -25,6 +25,7 @@ class ReachabilityFilter(LeafSystem):
         - grasps
         - object_pose
         - object_velocity
+        - object_motion
         output_ports:
         - grasps
         - verdicts
@@ -39,8 +40,9 @@ class ReachabilityFilter(LeafSystem):
       exceeds the value that 99 % of reachable poses exceed;
     - ``both``: exact inverse kinematics, of what the mixture lets through.
 
-    A grasp must be in reach at the object's pose now and, extrapolated with its velocity, all
-    through the next ``horizon`` seconds. What is dropped is counted by reason in ``rejected``;
+    A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
+    the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated
+    with its velocity. What is dropped is counted by reason in ``rejected``;
     ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in,
     then of every flip.
     """
@@ -65,6 +67,7 @@ class ReachabilityFilter(LeafSystem):
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
+        self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
         self._judged = self.DeclareCacheEntry(
             "judged",
             ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_judged),
@@ -72,6 +75,7 @@ class ReachabilityFilter(LeafSystem):
                 self._grasps.ticket(),
                 self._pose.ticket(),
                 self._velocity.ticket(),
+                self._motion.ticket(),
             },
         )
         for name, empty, calc in (
@@ -83,12 +87,14 @@ class ReachabilityFilter(LeafSystem):
             )
 
     def _calc_judged(self, context: Context, value: AbstractValue) -> None:
+        predicted = self._motion.HasValue(context)
         judged = judge_grasps(
             self._grasps.Eval(context),
             self._pose.Eval(context).GetAsMatrix4(),
             self._velocity.Eval(context).get_coeffs(),
             self._judge,
             self._horizon,
+            motion=self._motion.Eval(context) if predicted else None,
         )
         value.set_value(judged)
 

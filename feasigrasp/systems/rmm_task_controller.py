@@ -8,20 +8,23 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.obstacle_grid import obstacle_grid
 from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.safe_velocity import Safety
+from feasigrasp.models.task_memory import TaskMemory
 from feasigrasp.models.task_space_control import (
     TaskControlOptions,
     paper_task_space_velocity,
     task_space_velocity,
 )
+from feasigrasp.models.twist_estimator import future_poses
 
 
 class RMMTaskController(LeafSystem):
-    """Steers the hand up the log-density of a Riemannian mixture over the grasps.
+    """Steers the hand up the log density of a Riemannian mixture over the grasps.
 
     .. pydrake_system::
 
@@ -31,13 +34,22 @@ class RMMTaskController(LeafSystem):
         - grasps
         - object_pose
         - object_velocity
+        - desired_velocity
+        - scene
+        - object_motion
         output_ports:
         - commanded_velocity
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
-    object frame, reachable ones. The mixture is a cache entry, fitted once per grasp set.
-    Without grasps, or if none can be reached, or while the object's pose or twist is not finite,
-    the command is to stop.
+    object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
+    carried it out, without which accelerations are not limited; ``scene``, a `SceneField` or None,
+    which the arm keeps clear of; and ``object_motion``, a `MotionEstimate` that predicts, without
+    which the object's twist is taken for constant.
+
+    Every ``period`` seconds the mixture is fitted anew if the grasps are others, going on from the
+    mixture before, and the grasp is chosen that the hand goes for. In between the command is a
+    function of the inputs alone. Without grasps, or if none can be reached, or while the object's
+    pose or twist is not finite, the command is to stop.
     """
 
     def __init__(
@@ -45,7 +57,8 @@ class RMMTaskController(LeafSystem):
         reachability: Reachability,
         options: TaskControlOptions | None = None,
         *,
-        n_components: int = 6,
+        max_components: int = 10,
+        period: float = 0.05,
         mode: str = "safe",
         seed: int = 0,
     ) -> None:
@@ -53,65 +66,108 @@ class RMMTaskController(LeafSystem):
         super().__init__()
         self._reachability = reachability
         self._options = options or TaskControlOptions()
-        self._n_components = n_components
-        self._mode = mode
+        self._safety = Safety(self._options.safety, reachability.gripper)
+        self._max_components = max_components
+        self._safe = mode != "paper"
         self._seed = seed
-        _compile(reachability, self._options)
+        self._compile()
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
-        self._mixture = self.DeclareCacheEntry(
-            "mixture",
-            ValueProducer(allocate=lambda: Value[object](None), calc=self._fit),
-            prerequisites_of_calc={self._grasps.ticket()},
+        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS)
+        self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
+        self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
+        self._memory = self.DeclareAbstractState(AbstractValue.Make(TaskMemory()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        self._obstacles = self.DeclareCacheEntry(
+            "obstacles",
+            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_obstacles),
+            prerequisites_of_calc={self._scene.ticket()},
         )
-        self.DeclareVectorOutputPort(
-            "commanded_velocity",
-            NUM_JOINTS,
-            self._calc,
-            {
-                self._position.ticket(),
-                self._mixture.ticket(),
-                self._pose.ticket(),
-                self._velocity.ticket(),
-            },
+        inputs = {self._position.ticket(), self._pose.ticket(), self._velocity.ticket()}
+        inputs.add(self.abstract_state_ticket(self._memory))
+        if self._safe:
+            inputs |= {self._desired_velocity.ticket(), self._obstacles.ticket()}
+            inputs.add(self.time_ticket())
+        calc = self._calc_safe if self._safe else self._calc_paper
+        self.DeclareVectorOutputPort("commanded_velocity", NUM_JOINTS, calc, inputs)
+
+    def memory(self, context: Context) -> TaskMemory:
+        """The mixture over the present grasps, in the object frame, and the grasp followed."""
+        memory: TaskMemory = context.get_abstract_state(int(self._memory)).get_value()
+        return memory
+
+    def _update(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+        predicted = self._motion.HasValue(context)
+        memory = self._advanced(
+            self.memory(context),
+            self._grasps.Eval(context),
+            context.get_time(),
+            self._position.Eval(context),
+            self._pose.Eval(context).GetAsMatrix4(),
+            self._velocity.Eval(context).get_coeffs(),
+            self._motion.Eval(context) if predicted else None,
         )
+        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
-    def _fit(self, context: Context, value: AbstractValue) -> None:
-        grasps: GraspSet = self._grasps.Eval(context)
-        value.set_value(None)
-        if len(grasps) > 0:
-            rng = np.random.default_rng(self._seed)
-            value.set_value(fit_grasp_mixture(grasps, self._n_components, rng))
+    def _advanced(  # type: ignore[no-untyped-def]
+        self, memory: TaskMemory, grasps: GraspSet, time, q, X_WO, V_WO, motion
+    ) -> TaskMemory:
+        memory = memory.with_grasps(grasps, self._max_components, self._seed)
+        if not self._safe:
+            return memory
+        choice = self._options.choice
+        ahead = future_poses(motion, X_WO, V_WO, choice.instants)
+        return memory.with_choice(time, q, ahead, self._reachability, choice)
 
-    def mixture(self, context: Context) -> GraspMixture | None:
-        """The mixture fitted to the present grasps, in the object frame; None without grasps."""
-        mixture: GraspMixture | None = self._mixture.Eval(context)
-        return mixture
+    def _calc_obstacles(self, context: Context, value: AbstractValue) -> None:
+        scene = self._scene.Eval(context) if self._scene.HasValue(context) else None
+        value.set_value(None if scene is None else obstacle_grid(scene))
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        q = self._position.Eval(context)
-        mixture = self.mixture(context)
+    def _calc_safe(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        desired = self._desired_velocity
+        qd = task_space_velocity(
+            self._position.Eval(context),
+            self.memory(context).choice,
+            self._pose.Eval(context).GetAsMatrix4(),
+            self._velocity.Eval(context).get_coeffs(),
+            self._reachability,
+            self._safety,
+            self._options,
+            time=context.get_time(),
+            qd_last=desired.Eval(context) if desired.HasValue(context) else None,
+            obstacles=self._obstacles.Eval(context),
+        )
+        output.SetFromVector(qd)
+
+    def _calc_paper(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        mixture = self.memory(context).mixture
         if mixture is None:
             output.SetFromVector(np.zeros(NUM_JOINTS))
             return
-        X_WO = self._pose.Eval(context).GetAsMatrix4()
-        V_WO = self._velocity.Eval(context).get_coeffs()
-        if self._mode == "paper":
-            qd = paper_task_space_velocity(
-                q, mixture, X_WO, V_WO, self._reachability.gripper.X_FG, self._options
-            )
-        else:
-            qd = task_space_velocity(q, mixture, X_WO, V_WO, self._reachability, self._options)
+        qd = paper_task_space_velocity(
+            self._position.Eval(context),
+            mixture,
+            self._pose.Eval(context).GetAsMatrix4(),
+            self._velocity.Eval(context).get_coeffs(),
+            self._reachability.gripper.X_FG,
+            self._options,
+        )
         output.SetFromVector(qd)
 
-
-def _compile(reachability: Reachability, options: TaskControlOptions) -> None:
-    """Runs one control step, so that no kernel is compiled inside a control tick."""
-    q, X_WO = np.full(NUM_JOINTS, 0.5), np.eye(4)
-    X_WG = forward_kinematics(q, reachability.gripper.X_FG)
-    mixture = fit_grasp_mixture(
-        GraspSet(X_WG[None], np.zeros(1), np.ones(1)), 1, np.random.default_rng(0)
-    )
-    task_space_velocity(q, mixture, X_WO, np.zeros(6), reachability, options)
+    def _compile(self) -> None:
+        """Runs one control step, so that no kernel is compiled inside a control tick."""
+        q, X_WO, V_WO = np.full(NUM_JOINTS, 0.5), RigidTransform().GetAsMatrix4(), np.zeros(6)
+        X_FG = self._reachability.gripper.X_FG
+        X_WG = forward_kinematics(q, X_FG)
+        grasps, memory = GraspSet(X_WG[None], np.zeros(1), np.ones(1)), TaskMemory()
+        for some in (grasps, grasps.with_twins()):
+            memory = self._advanced(memory, some, 0.0, q, X_WO, V_WO, None)
+        assert memory.mixture is not None
+        if self._safe:
+            task_space_velocity(
+                q, memory.choice, X_WO, V_WO, self._reachability, self._safety, self._options
+            )
+        else:
+            paper_task_space_velocity(q, memory.mixture, X_WO, V_WO, X_FG, self._options)

@@ -134,12 +134,13 @@ class Station(Diagram):
 
     def robot_and_object_labels(self) -> list[int]:
         """Labels that arm, gripper, camera and object have in label images."""
-        plant = self.plant
-        instances = [self.object_instance]
-        for name in ("iiwa", "gripper", "camera"):
-            if plant.HasModelInstanceNamed(name):
-                instances.append(plant.GetModelInstanceByName(name))
-        return [int(body) for instance in instances for body in plant.GetBodyIndices(instance)]
+        instances = [self.object_instance, *self.robot_instances()]
+        return [int(b) for instance in instances for b in self.plant.GetBodyIndices(instance)]
+
+    def robot_instances(self) -> list[ModelInstanceIndex]:
+        """Model instances of the arm and of what it carries."""
+        names = filter(self.plant.HasModelInstanceNamed, ("iiwa", "gripper", "camera"))
+        return [self.plant.GetModelInstanceByName(name) for name in names]
 
     def _add_models(
         self, plant: MultibodyPlant, config: StationConfig, obj: RigidObject

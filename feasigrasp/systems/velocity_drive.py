@@ -22,9 +22,11 @@ class VelocityDrive(LeafSystem):
         - position
         output_ports:
         - desired_state
+        - desired_velocity
 
     ``velocity`` [rad/s] and ``position`` [rad] are V7, ``desired_state`` is V14 (positions, then
-    velocities). At initialisation the measured position is latched. A command that is not finite
+    velocities) and ``desired_velocity`` its second half: the last command, which a controller needs
+    that limits accelerations itself. Both are state, so no output depends on an input at once. At initialisation the measured position is latched. A command that is not finite
     counts as zero. With ``enforce_position_limits`` the desired position never leaves the limits.
     """
 
@@ -44,12 +46,18 @@ class VelocityDrive(LeafSystem):
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
         state = self.DeclareDiscreteState(2 * NUM_JOINTS)
         self.DeclareStateOutputPort("desired_state", state)
+        self.DeclareVectorOutputPort(
+            "desired_velocity", NUM_JOINTS, self._calc_velocity, {self.discrete_state_ticket(state)}
+        )
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _initialize(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
         q = self._position.Eval(context)
         discrete_state.get_mutable_vector().SetFromVector(np.concatenate([q, np.zeros(NUM_JOINTS)]))
+
+    def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        output.SetFromVector(context.get_discrete_state_vector().value()[NUM_JOINTS:])
 
     def _update(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
         desired = context.get_discrete_state_vector().value()

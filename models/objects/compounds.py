@@ -6,7 +6,17 @@ from math import hypot, sqrt
 
 import numpy as np
 from manifold3d import Manifold
-from shapes import blend, clean, lathe, loft, profile, rounded_box, smooth_min, tube
+
+from feasigrasp.models.solids import (
+    blend,
+    clean,
+    lathe,
+    loft,
+    profile,
+    rounded_box,
+    smooth_min,
+    tube,
+)
 
 _X, _Y, _Z = np.eye(3)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from manifold3d import Manifold
-from shapes import clean, ellipsoid, lathe, loft, profile, tube
+
+from feasigrasp.models.solids import clean, ellipsoid, lathe, loft, profile, tube
 
 
 def soup_can() -> Manifold:

@@ -1,5 +1,6 @@
 """``feasigrasp evaluate dynamic``: figures against hand-computed ones, resuming, failures."""
 
+import argparse
 import csv
 import json
 import sys
@@ -11,10 +12,11 @@ from feasigrasp import cli
 from feasigrasp.evaluation import dynamic, isolated
 from feasigrasp.evaluation import run as run_module
 from feasigrasp.evaluation.arguments import select_objects
+from feasigrasp.evaluation.dynamic_plan import STUDIES, plan
 from feasigrasp.evaluation.dynamic_summary import format_table, summary_rows
 from feasigrasp.evaluation.run import crash_record
 from feasigrasp.evaluation.statistics import mean, proportion
-from feasigrasp.models.rigid_object import builtin_objects
+from feasigrasp.models.rigid_object import builtin_objects, load_object
 from feasigrasp.resources import diagram_path, model_path
 from feasigrasp.scenario import Scenario, load_scenario
 
@@ -145,6 +147,20 @@ def test_presets_go_from_single_to_all(found):
     ]
 
 
+def test_objects_have_rows_of_their_own_if_there_are_several(found):
+    assert not any(preset.count("/") == 3 for preset, _ in found)
+    two = [
+        record("PaperLinear", "task", None, distance=distance) | {"object": model}
+        for model, distance in [("duck", 1.0), ("duck", 2.0), ("/meshes/vase.obj", 6.0)]
+    ]
+    rows = {(row.preset, row.name): row for row in summary_rows(two)}
+    name = "dynamic.gripper_object_distance_cm_mean"
+    assert rows["PaperLinear/task/safe", name].value == 3.0
+    assert rows["PaperLinear/task/safe/duck", name].value == 1.5
+    assert rows["PaperLinear/task/safe/vase", name].n == 1
+    assert len(format_table(list(rows.values())).splitlines()) == 4
+
+
 def test_the_table_has_a_line_per_preset():
     lines = format_table(summary_rows(RECORDS)).splitlines()
     assert len(lines) == 9
@@ -187,7 +203,8 @@ def rows_of(out):
 
 
 def test_it_runs_every_combination_and_sums_up(fake_runs, tmp_path):
-    assert evaluate(tmp_path, "--scenarios", "ReachLinear,PaperLinear", "--seeds", "3") == 0
+    scenarios = ("--scenarios", "ReachLinear,PaperLinear", "--mode", "safe", "--seeds", "3")
+    assert evaluate(tmp_path, *scenarios) == 0
     assert len(set(fake_runs)) == len(fake_runs) == 2 * 2 * 2 * 3
     assert "PaperLinear-ball-joint-safe-2" in fake_runs
 
@@ -208,15 +225,63 @@ def test_it_runs_every_combination_and_sums_up(fake_runs, tmp_path):
 def test_the_seed_option_shifts_the_repeats(fake_runs, tmp_path):
     evaluate(tmp_path, "--scenarios", "ReachLinear", "--controllers", "task", "--seed", "10")
     assert sorted(fake_runs) == [
-        f"ReachLinear-{o}-task-safe-{k}" for o in ("ball", "mug") for k in (10, 11)
+        f"ReachLinear-{o}-task-safe-{k}" for o in ("ball", "mug") for k in (10, 11, 12)
     ]
 
 
 def test_quick_is_one_object_and_one_seed(fake_runs, tmp_path):
-    evaluate(tmp_path, "--quick")
+    evaluate(tmp_path, "--quick", "--study", "reach")
     assert len(fake_runs) == 3 * 2
     assert all("-mug-" in name and name.endswith("-0") for name in fake_runs)
     assert json.loads((tmp_path / "summary.json").read_text())["quick"] is True
+
+
+def planned(*arguments):
+    parser = argparse.ArgumentParser()
+    dynamic.add_arguments(parser)
+    return plan(parser.parse_args(arguments))
+
+
+def test_without_options_it_is_the_whole_study():
+    """{Circular, Linear, Sinusoidal} x {task, joint} x {paper, safe} x 5 seeds x 3 objects; grasps
+    of at least ten objects x 3 seeds at friction 0.6; and the wall."""
+    runs = planned()
+    by_study = {
+        name: [run for run in runs if run.name in study.scenarios]
+        for name, study in STUDIES.items()
+    }
+    assert sum(map(len, by_study.values())) == len({run.id for run in runs}) == len(runs)
+    assert len(by_study["paper"]) == 3 * 2 * 2 * 5 * 3
+    assert len(by_study["reach"]) >= 3 * 2 * 10 * 3
+    assert {run.scenario.control.mode for run in by_study["reach"]} == {"safe"}
+    assert {run.scenario.object.friction for run in by_study["reach"]} == {0.6}
+    for run in by_study["paper"]:
+        assert run.scenario.simulation_duration == pytest.approx(3 * 2 * np.pi / 0.3)
+    assert all(run.scenario.scene.enabled for run in by_study["obstacle"])
+
+
+def test_the_papers_object_has_the_papers_size_and_the_others_are_larger():
+    names = STUDIES["paper"].objects.split(",")
+    sizes = [np.ptp(load_object(name).vertices, axis=0) for name in names]
+    np.testing.assert_allclose(np.sort(sizes[0]), [0.041, 0.054, 0.058], atol=0.0015)
+    for size in sizes[1:]:
+        assert np.prod(size) > 1.2 * np.prod(sizes[0])
+
+
+def test_options_change_every_study():
+    runs = planned("--scenarios", "PaperLinear,ReachLinear", "--mode", "paper", "--seeds", "1",
+                   "--objects", "mug", "--controllers", "joint")  # fmt: skip
+    assert [run.id for run in runs] == [
+        "PaperLinear-mug-joint-paper-0",
+        "ReachLinear-mug-joint-paper-0",
+    ]
+
+
+def test_a_quick_study_is_short():
+    runs = planned("--quick")
+    assert len(runs) == 3 * 2 * 2 + 3 * 2 + 2
+    follows = [run.scenario for run in runs if not run.scenario.grasp.close]
+    assert len(follows) == 12 and all(s.simulation_duration <= 10.0 for s in follows)
 
 
 def test_finished_runs_are_not_repeated(fake_runs, tmp_path, capsys):

@@ -5,6 +5,7 @@ import pytest
 from pydrake.math import RigidTransform
 
 from feasigrasp.evaluation.metrics import METRICS, summarize
+from feasigrasp.evaluation.motion_limits import JointTicks
 from feasigrasp.models.grasp_sequence import Phase
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
@@ -121,6 +122,37 @@ def test_held_is_done_and_within_two_centimetres(p_HO_x, phase, held, slip):
     result = summarize(samples(7, p_HO_x=p_HO_x, phase=phase), closes=True)
     assert result["grasp_held"] is held
     assert result["slip_mm"] == (None if slip is None else pytest.approx(slip))
+
+
+def test_what_is_not_given_is_not_told():
+    result = summarize(samples(3), closes=False)
+    for name in ("acceleration_limit_violation_percent", "obstacle_distance_min_mm"):
+        assert result[name] is None
+    velocity = np.zeros((3, 7))
+    velocity[1, 2] = 2.0 * VELOCITY_LIMITS[2]
+    result = summarize(
+        samples(3),
+        closes=False,
+        ticks=JointTicks(velocity, velocity, 0.005),
+        obstacle_distance=np.array([0.3, 0.02, 0.1]),
+    )
+    assert result["velocity_limit_violation_percent"] == pytest.approx(100.0 / 3.0)
+    assert result["acceleration_limit_violation_percent"] == 100.0
+    assert result["obstacle_distance_min_mm"] == pytest.approx(20.0)
+    nothing = summarize(samples(3), closes=False, obstacle_distance=np.full(3, np.inf))
+    assert nothing["obstacle_distance_min_mm"] is None
+
+
+def test_the_hand_on_the_object_tells_a_switch_of_grasp():
+    """A hand at a grasp that stands 4 cm beside where it stood before."""
+    n = 200
+    y = np.where(np.arange(n) < 120, 0.0, 0.04)
+    turned = {"r_OH_z": np.pi / 2}  # so that the hand's y is the object's -x
+    result = summarize(samples(n, p_HO_y=y, **turned), closes=False)
+    assert result["grasp_switches"] == 1.0
+    assert result["tracked_percent"] == 100.0 and result["settling_time_s"] == 0.0
+    turning = np.where(np.arange(n) < 120, 0.0, np.deg2rad(40.0))
+    assert summarize(samples(n, r_OH_x=turning), closes=False)["grasp_switches"] == 1.0
 
 
 def test_slip_is_the_way_in_space_not_the_change_of_distance():

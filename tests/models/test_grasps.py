@@ -8,7 +8,7 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models import se3
-from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.grasps import UNKNOWN, GraspSet
 
 
 @pytest.fixture
@@ -73,6 +73,22 @@ def test_select_by_indices_keeps_their_order_and_may_not_count(grasps):
     np.testing.assert_array_equal(chosen.score, grasps.score[[3, 0]])
     assert chosen.rejected == {"narrow": 3}
     assert grasps.select(np.arange(5), "nothing").rejected == {"narrow": 3}
+
+
+def test_ids_go_with_their_grasps(grasps):
+    assert (grasps.id == UNKNOWN).all() and grasps.id.dtype == np.int64
+    named = dataclasses.replace(grasps, id=np.arange(10, 15))
+    np.testing.assert_array_equal(named.select(np.array([3, 1])).id, [13, 11])
+    np.testing.assert_array_equal(named.with_twins().id, np.tile(np.arange(10, 15), 2))
+    np.testing.assert_array_equal(named.counted({"more": 2}).id, named.id)
+    with pytest.raises(ValueError, match="read-only"):
+        named.id[0] = 0
+    with pytest.raises(GraspError, match="ids"):
+        dataclasses.replace(grasps, id=np.arange(3))
+
+
+def test_counts_add_up(grasps):
+    assert grasps.counted({"narrow": 2, "far": 1, "none": 0}).rejected == {"narrow": 5, "far": 1}
 
 
 def test_nothing_left(grasps):

@@ -5,7 +5,12 @@ import pytest
 from scipy.special import logsumexp
 
 from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.joint_field import JointField, fit_joint_field, spacing_length_scale
+from feasigrasp.models.joint_field import (
+    SHARPNESS,
+    JointField,
+    fit_joint_field,
+    spacing_length_scale,
+)
 
 
 def random_solutions(n, seed=0, spread=1.0):
@@ -67,7 +72,7 @@ def test_far_away_nothing_underflows():
     for far in (3.0, 30.0, 300.0):
         q = far * direction
         r = np.linalg.norm(q - solutions, axis=1)
-        expected = -0.03 * logsumexp(-r / 0.03, b=field.alpha)
+        expected = -0.03 * logsumexp(-r / 0.03, b=field.beta)
         d, gradient, weights = field.evaluate(q)
         assert d == pytest.approx(expected, rel=1e-12)
         assert np.linalg.norm(gradient) == pytest.approx(1.0, abs=0.05)
@@ -81,18 +86,70 @@ def test_weights_are_a_share_of_each_solution():
         assert (weights >= 0).all() and weights.sum() == pytest.approx(1.0)
         r = np.linalg.norm(field.q - q, axis=1)
         np.testing.assert_array_equal(np.argsort(-weights, kind="stable")[0], np.argmin(r))
-        ratio = weights[1] / weights[0]
-        assert ratio == pytest.approx(np.exp((r[0] - r[1]) / field.length_scale), rel=1e-9)
+        sharpness = SHARPNESS / field.length_scale
+        assert weights[1] / weights[0] == pytest.approx(np.exp((r[0] - r[1]) * sharpness), rel=1e-9)
 
 
 def test_a_field_whose_occupancy_is_not_positive_still_leads_to_solutions():
     """Negative weights, as rounding may leave for all but coinciding solutions."""
     solutions = random_solutions(2)
-    field = JointField(solutions, np.array([1.0, -2.0]), 0.1)
+    field = JointField(solutions, np.zeros(2), np.array([1.0, -2.0]), 0.1)
     q = solutions[1] + 0.01
     d, gradient, weights = field.evaluate(q)
     assert d == pytest.approx(np.linalg.norm(q - solutions[1]))
     assert gradient @ (q - solutions[1]) > 0 and np.isfinite(weights).all()
+
+
+def test_the_field_has_the_cost_of_every_solution_that_is_worth_going_to():
+    """Elsewhere, and far from all, it is the least of distance and cost."""
+    solutions, cost = random_solutions(30), np.random.default_rng(8).uniform(0.0, 0.8, 30)
+    field = fit_joint_field(solutions, 0.1, cost)
+    r = np.linalg.norm(solutions[:, None] - solutions, axis=2)
+    worth = np.min(r + cost, axis=1)
+    assert (worth == cost).sum() > 20
+    for k, q in enumerate(solutions):
+        d, _, weights = field.evaluate(q)
+        assert d == pytest.approx(worth[k], abs=1e-3 if worth[k] == cost[k] else 0.1)
+        if worth[k] == cost[k]:
+            assert field.way_left(q) == pytest.approx(0.0, abs=1e-3)
+            assert weights[k] == pytest.approx(1.0, abs=1e-2)
+    q = 40.0 * np.ones(7)
+    expected = np.min(np.linalg.norm(q - solutions, axis=1) + cost)
+    assert field.evaluate(q)[0] == pytest.approx(expected, abs=0.3)
+
+
+@pytest.mark.parametrize("scale", [0.03, 0.1, 0.2])
+def test_gradient_with_costs_by_finite_differences(scale):
+    cost = np.random.default_rng(7).uniform(0.0, 3.0, 25)
+    field, step = fit_joint_field(random_solutions(25), scale, cost), 1e-6
+    for q in random_solutions(20, seed=9, spread=2.0):
+        ahead = [field.evaluate(q + step * e)[0] for e in np.eye(7)]
+        behind = [field.evaluate(q - step * e)[0] for e in np.eye(7)]
+        expected = np.subtract(ahead, behind) / (2 * step)
+        np.testing.assert_allclose(field.evaluate(q)[1], expected, atol=1e-6)
+
+
+def test_adding_the_same_cost_to_all_changes_nothing_but_the_value():
+    solutions = random_solutions(20)
+    plain, dear = fit_joint_field(solutions, 0.1), fit_joint_field(solutions, 0.1, np.full(20, 3.0))
+    for q in random_solutions(10, seed=10, spread=2.0):
+        assert dear.evaluate(q)[0] == pytest.approx(plain.evaluate(q)[0] + 3.0, abs=1e-9)
+        assert dear.way_left(q) == pytest.approx(plain.way_left(q), abs=1e-9)
+        np.testing.assert_allclose(dear.evaluate(q)[1], plain.evaluate(q)[1], atol=1e-9)
+
+
+def test_a_solution_that_is_never_worth_going_to_changes_nothing():
+    """So that solutions may come and go at such a cost, even next to one that counts."""
+    rng = np.random.default_rng(11)
+    solutions, cost = random_solutions(20), rng.uniform(0.0, 0.5, 20)
+    intruder = solutions[3] + 0.05
+    more = np.vstack([solutions, intruder])
+    for dear in (5.0, 50.0):
+        with_it = fit_joint_field(more, 0.1, np.append(cost, dear))
+        without = fit_joint_field(solutions, 0.1, cost)
+        for q in np.vstack([random_solutions(10, seed=12), intruder + rng.normal(size=7) * 0.02]):
+            np.testing.assert_allclose(with_it.evaluate(q)[0], without.evaluate(q)[0], atol=2e-3)
+            np.testing.assert_allclose(with_it.evaluate(q)[1], without.evaluate(q)[1], atol=2e-2)
 
 
 def test_length_scale_follows_the_spacing():
@@ -114,6 +171,41 @@ def descended(field, q, steps=1000, dt=0.02, gain=5.0, speed=2.0):
     for _ in range(steps):
         d, gradient, _ = field.evaluate(q)
         qd = -gain * d * gradient
+        q = q + dt * qd / max(1.0, np.linalg.norm(qd) / speed)
+    return q
+
+
+def test_no_equilibria_between_the_branches_of_two_grasps():
+    """A square of solutions, where the pulls of all four cancel in the middle.
+
+    The middle of k pairs of directions is unstable for l < r / (k - 1), r the distance to all.
+    """
+    corners = np.array(np.meshgrid(*[[-0.25, 0.25]] * 2)).reshape(2, -1).T
+    solutions = np.hstack([corners, np.zeros((4, 5))])
+    start = 1e-3 * np.array([1.0, -2.0, 3.0, 0.5, -0.5, 0.2, 0.1])
+    end = descended(fit_joint_field(solutions), start)
+    assert np.linalg.norm(solutions - end, axis=1).min() < 1e-3
+    # With the length scale that the paper's authors use it stays in the middle, at none of them.
+    stuck = descended(fit_joint_field(solutions, 1.0), start)
+    assert np.linalg.norm(solutions - stuck, axis=1).min() > 0.1
+
+
+def test_costs_decide_where_to_go_and_leave_no_false_end(ik_like_solutions):
+    """From every start the descent ends at a solution, and at none that is not worth it."""
+    rng = np.random.default_rng(13)
+    cost = rng.uniform(0.0, 3.0, len(ik_like_solutions))
+    field = fit_joint_field(ik_like_solutions, None, cost)
+    worth_it = field.cost == cost
+    assert 3 < worth_it.sum() < len(cost)
+    for q in rng.uniform(-1, 1, (12, 7)) * POSITION_LIMITS:
+        end = descended_without_costs(field, q)
+        r = np.linalg.norm(ik_like_solutions - end, axis=1)
+        assert r.min() < 2e-3 and worth_it[r.argmin()]
+
+
+def descended_without_costs(field, q, steps=1000, dt=0.02, gain=5.0, speed=2.0):
+    for _ in range(steps):
+        qd = -gain * max(field.way_left(q), 0.0) * field.evaluate(q)[1]
         q = q + dt * qd / max(1.0, np.linalg.norm(qd) / speed)
     return q
 
@@ -140,6 +232,11 @@ def test_all_starts_converge_with_a_short_length_scale(ik_like_solutions, scale)
 def test_a_length_scale_beyond_the_spacing_blends_solutions(ik_like_solutions):
     """Which is why it follows the spacing: with l = 1 the arm stalls between solutions."""
     assert np.median(distance_left(fit_joint_field(ik_like_solutions, 1.0), n_starts=10)) > 0.05
+
+
+def test_one_cost_for_each_solution():
+    with pytest.raises(ValueError, match="one for each"):
+        fit_joint_field(random_solutions(3), 0.1, np.zeros(2))
 
 
 def test_no_solutions():

@@ -9,18 +9,15 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models import riemannian_em, riemannian_mixture, se3
+from feasigrasp.models import riemannian_em, riemannian_fit, se3
+from feasigrasp.models.riemannian_fit import fit_best_mixture, fit_riemannian_mixture
 from feasigrasp.models.riemannian_kernels import (
     direction_kernel,
     evaluate_kernel,
     gradient_kernel,
     posterior_kernel,
 )
-from feasigrasp.models.riemannian_mixture import (
-    RiemannianMixture,
-    fit_best_mixture,
-    fit_riemannian_mixture,
-)
+from feasigrasp.models.riemannian_mixture import RiemannianMixture
 
 
 @pytest.fixture
@@ -96,8 +93,40 @@ def test_gradient_against_finite_differences(rng, k):
         steps = h * np.eye(6)
         plus, minus = X @ se3.exp(steps), X @ se3.exp(-steps)
         numeric = (mixture.log_density(plus) - mixture.log_density(minus)) / (2 * h)
-        gradient = mixture.gradient(X)
+        gradient = mixture.log_density_gradient(X)
         assert np.linalg.norm(gradient - numeric) < 1e-6 * max(1.0, np.linalg.norm(numeric))
+
+
+@pytest.mark.parametrize("offset", [3.0, 3.1, 3.14, 3.1415])
+def test_gradient_next_to_a_half_turn(rng, offset):
+    """Close to the cut locus the closed form holds as well; the steps stay on this side of it."""
+    h = 1e-6
+    for _ in range(10):
+        axis = rng.normal(size=3)
+        axis *= offset / np.linalg.norm(axis)
+        mean = se3.random_pose(rng, 1)
+        mixture = RiemannianMixture([1.0], mean, random_mixture(rng, 1).covariances)
+        X = mean[0] @ se3.exp(np.concatenate([axis, rng.uniform(-0.5, 0.5, 3)]))
+        plus, minus = X @ se3.exp(h * np.eye(6)), X @ se3.exp(-h * np.eye(6))
+        numeric = (mixture.log_density(plus) - mixture.log_density(minus)) / (2 * h)
+        gradient = mixture.log_density_gradient(X)
+        assert np.linalg.norm(gradient - numeric) < 1e-5 * np.linalg.norm(numeric)
+
+
+@pytest.mark.parametrize("distance", [0.3, 3.0, 30.0])
+def test_gradient_far_from_narrow_components(rng, distance):
+    """Where the density itself underflows."""
+    covariance = np.diag([0.05**2] * 3 + [0.005**2] * 3)
+    mixture = RiemannianMixture(np.ones(4), se3.random_pose(rng, 4), np.tile(covariance, (4, 1, 1)))
+    for _ in range(10):
+        towards = rng.normal(size=3)
+        towards *= distance / np.linalg.norm(towards)
+        X = mixture.means[0] @ se3.exp(np.concatenate([rng.uniform(-1, 1, 3), towards]))
+        h = 1e-6
+        plus, minus = X @ se3.exp(h * np.eye(6)), X @ se3.exp(-h * np.eye(6))
+        numeric = (mixture.log_density(plus) - mixture.log_density(minus)) / (2 * h)
+        gradient = mixture.log_density_gradient(X)
+        assert np.linalg.norm(gradient - numeric) < 1e-5 * np.linalg.norm(numeric)
 
 
 def test_both_modes_contribute_to_the_gradient_between_them():
@@ -109,7 +138,7 @@ def test_both_modes_contribute_to_the_gradient_between_them():
     step = se3.exp([0, 0, 0, h, 0, 0])
     numeric = (mixture.log_density(X @ step) - mixture.log_density(X @ se3.inverse(step))) / (2 * h)
     assert 0.2 < mixture.responsibilities(X)[0] < 0.8
-    np.testing.assert_allclose(mixture.gradient(X)[3], numeric, rtol=1e-6)
+    np.testing.assert_allclose(mixture.log_density_gradient(X)[3], numeric, rtol=1e-6)
 
 
 def test_far_poses_have_finite_density_and_direction(rng):
@@ -118,7 +147,7 @@ def test_far_poses_have_finite_density_and_direction(rng):
     )
     X = se3.make_pose(np.eye(3), [100.0, 0, 0])
     assert mixture.log_density(X) < -1e9
-    assert np.isfinite(mixture.gradient(X)).all()
+    assert np.isfinite(mixture.log_density_gradient(X)).all()
     assert np.isfinite(mixture.direction(X)).all()
     np.testing.assert_allclose(mixture.responsibilities(X).sum(), 1.0)
 
@@ -132,7 +161,9 @@ def test_kernels_are_what_the_methods_use(rng):
     np.testing.assert_array_equal(r, mixture.responsibilities(X))
     assert total == mixture.log_density(X)
     np.testing.assert_array_equal(direction_kernel(X, mixture.parameters), mixture.direction(X))
-    np.testing.assert_array_equal(gradient_kernel(X, mixture.parameters), mixture.gradient(X))
+    np.testing.assert_array_equal(
+        gradient_kernel(X, mixture.parameters), mixture.log_density_gradient(X)
+    )
 
 
 def test_moving_mixture_and_pose_together_changes_nothing(rng):
@@ -140,7 +171,9 @@ def test_moving_mixture_and_pose_together_changes_nothing(rng):
     T = se3.random_pose(rng, 1)[0]
     moved = mixture.transformed(T)
     np.testing.assert_allclose(moved.log_density(T @ X), mixture.log_density(X), rtol=1e-10)
-    np.testing.assert_allclose(moved.gradient(T @ X), mixture.gradient(X), rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(
+        moved.log_density_gradient(T @ X), mixture.log_density_gradient(X), rtol=1e-7, atol=1e-8
+    )
     np.testing.assert_array_equal(moved.covariances, mixture.covariances)
 
 
@@ -218,7 +251,7 @@ def test_log_likelihood_rises_with_every_step(rng, monkeypatch):
         histories.append(result[3])
         return result
 
-    monkeypatch.setattr(riemannian_mixture, "expectation_maximization", recorded)
+    monkeypatch.setattr(riemannian_fit, "expectation_maximization", recorded)
     X, _, _ = clusters(rng, 500, 5, rotation=0.2, translation=0.05)
     # Floors far below the spread: a floor is not part of the likelihood that EM maximises.
     options = {"rotation_floor": 1e-5, "translation_floor": 1e-6, "tolerance": 1e-6}
@@ -278,6 +311,30 @@ def test_bic_finds_the_number_of_clusters(rng):
     np.testing.assert_allclose(fit.bic(X), expected, rtol=1e-10)
 
 
+def test_bic_goes_on_from_a_similar_mixture(rng):
+    """One component more, one less, or as many: whatever the poses ask for."""
+    X, label, _ = clusters(rng, 400, 4)
+    three = fit_best_mixture(X[label != 3], rng, 8)
+    assert len(three) == 3
+    four = fit_best_mixture(X, rng, 8, start=three)
+    assert len(four) == 4
+    assert len(fit_best_mixture(X[label != 0], rng, 8, start=four)) == 3
+    again = fit_best_mixture(X, rng, 8, start=four)
+    np.testing.assert_allclose(again.means, four.means, atol=1e-3)
+    assert len(fit_best_mixture(X, rng, 2, start=four)) <= 2
+
+
+def test_a_pair_of_opposite_poses_gets_two_components_on_request(rng):
+    """BIC alone prefers one wide component, with its mean a quarter turn from both."""
+    X = se3.random_pose(rng, 1)[0] @ se3.exp(np.array([[0.0] * 6, [0, 0, np.pi - 1e-3, 0, 0, 0]]))
+    one = fit_best_mixture(X, rng)
+    assert len(one) == 1
+    assert np.linalg.norm(one.tangents(X)[..., :3], axis=-1).min() > 1.5
+    two = fit_best_mixture(X, rng, max_rotation=np.deg2rad(75))
+    assert len(two) == 2
+    np.testing.assert_allclose(np.sort(two.weights), [0.5, 0.5])
+
+
 def test_medoids_are_the_most_likely_samples(rng):
     X, label, _ = clusters(rng, 40, 4)
     fit = fit_riemannian_mixture(X, 4, rng)
@@ -297,7 +354,9 @@ def test_zero_weight_switches_a_component_off(rng):
     np.testing.assert_allclose(off.weights, [0, 0.25, 0.75])
     assert off.responsibilities(X)[0] == 0.0
     rest = RiemannianMixture([1, 3], mixture.means[1:], mixture.covariances[1:])
-    np.testing.assert_allclose(off.gradient(X), rest.gradient(X), rtol=1e-12)
+    np.testing.assert_allclose(
+        off.log_density_gradient(X), rest.log_density_gradient(X), rtol=1e-12
+    )
 
 
 def test_mixture_is_immutable_and_copies_to_itself(rng):
@@ -347,7 +406,7 @@ def test_a_pose_that_is_not_finite_gives_no_number(rng):
     X = np.full((4, 4), np.nan)
     mixture = random_mixture(rng, 2)
     assert np.isnan(mixture.direction(X)).all()
-    assert np.isnan(mixture.gradient(X)).all()
+    assert np.isnan(mixture.log_density_gradient(X)).all()
     assert np.isnan(mixture.log_density(X))
 
 

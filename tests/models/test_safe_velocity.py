@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa_capsules import capsule_model
 from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
-from feasigrasp.models.safe_velocity import SafetyOptions, safe_velocity, velocity_bounds
+from feasigrasp.models.safe_velocity import Safety, SafetyOptions, safe_velocity, velocity_bounds
 from feasigrasp.models.self_collision import (
     distances_and_gradients,
     min_distance,
@@ -15,6 +19,7 @@ from feasigrasp.models.self_collision import (
 )
 
 OPTIONS = SafetyOptions()
+SAFETY = Safety(OPTIONS)
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
 CAPACITY = OPTIONS.velocity_scale * VELOCITY_LIMITS
 
@@ -68,24 +73,6 @@ def test_requests_that_are_not_finite_stop_the_arm(bad):
         np.testing.assert_array_equal(safe_velocity(HOME, request, J * bad, twist), 0.0)
 
 
-@settings(deadline=None)
-@given(positions)
-def test_velocity_bounds(q):
-    lower, upper = velocity_bounds(q, OPTIONS)
-    assert (lower <= upper).all()
-    assert (np.abs(lower) <= CAPACITY).all() and (np.abs(upper) <= CAPACITY).all()
-    room = POSITION_LIMITS - OPTIONS.position_margin - np.abs(q)
-    towards = np.where(q > 0, upper, -lower)
-    inside = room > 0
-    assert (towards[inside] >= 0).all() and (towards[~inside] <= 0).all()
-    # Half of the joint's acceleration stops it within the room that is left.
-    braking = towards[inside] ** 2 / ACCELERATION_LIMITS[inside]
-    assert (braking <= room[inside] + 1e-12).all()
-    middle = np.abs(q) < 0.2
-    np.testing.assert_allclose(upper[middle], CAPACITY[middle])
-    np.testing.assert_allclose(lower[middle], -CAPACITY[middle])
-
-
 def test_a_joint_velocity_is_granted_where_nothing_is_in_the_way():
     for seed in range(20):
         request = np.random.default_rng(seed).uniform(-0.5, 0.5, 7)
@@ -124,8 +111,8 @@ def test_a_request_that_is_too_fast_is_cut_per_joint():
 def test_outside_a_limit_it_leads_back():
     q = HOME.copy()
     q[4] = POSITION_LIMITS[4] + 0.1
-    assert safe_velocity(q, np.zeros(7))[4] <= -5.0 * 0.1
-    assert safe_velocity(q, np.full(7, 0.3))[4] <= -5.0 * 0.1
+    assert safe_velocity(q, np.zeros(7))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
+    assert safe_velocity(q, np.full(7, 0.3))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
 
 
 def near_collision(n, closer_than, seed):
@@ -142,10 +129,10 @@ def near_collision(n, closer_than, seed):
 def test_close_bodies_approach_no_faster_than_their_room_allows():
     for q in near_collision(20, 0.04, seed=1):
         for distance, gradient in (distances_and_gradients(q), table_distances_and_gradients(q)):
-            for row in np.flatnonzero(distance < OPTIONS.active_distance):
+            for row in np.flatnonzero(distance < 0.08):
                 qd = safe_velocity(q, -5.0 * gradient[row])
-                allowed = -OPTIONS.collision_gain * (distance[row] - OPTIONS.clearance)
-                assert gradient[row] @ qd >= allowed - 1e-3
+                allowed = -OPTIONS.approach_gain * (distance[row] - OPTIONS.clearance)
+                assert gradient[row] @ qd >= allowed - 1e-6
 
 
 def test_bodies_that_are_too_close_are_pushed_apart():
@@ -181,21 +168,143 @@ ADVERSARIES = {
 }
 
 
-@pytest.mark.parametrize("name", ADVERSARIES)
-def test_no_request_leads_out_of_the_limits_or_into_contact(name):
-    """Two seconds at 200 Hz from random admissible configurations."""
-    rng = np.random.default_rng(3)
-    starts = []
-    while len(starts) < 4:
+def starts(n, rng, margin=0.02):
+    """Configurations at rest inside the limits and clear of everything."""
+    found = []
+    while len(found) < n:
         q = rng.uniform(-1, 1, 7) * POSITION_LIMITS
-        if np.abs(q / POSITION_LIMITS).max() < 0.98 and clearance(q) > 0.02:
-            starts.append(q)
-    for q in starts:
-        start = q
-        for _ in range(400):
-            qd = safe_velocity(q, *ADVERSARIES[name](q, rng))
+        if np.abs(q / POSITION_LIMITS).max() < 0.98 and clearance(q) > margin:
+            found.append(q)
+    return found
+
+
+@pytest.mark.parametrize("accelerations", [True, False])
+@pytest.mark.parametrize("name", ADVERSARIES)
+def test_no_request_leads_out_of_the_limits_or_into_contact(name, accelerations):
+    """Three seconds at 200 Hz from random admissible configurations; new requests every 0.1 s."""
+    rng = np.random.default_rng(3)
+    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    for start in starts(4, rng):
+        q, last = start, np.zeros(7)
+        for k in range(600):
+            if k % 20 == 0 or name in ("contact", "dive"):
+                request = ADVERSARIES[name](q, rng)
+            qd = SAFETY.velocity(q, *request, qd_last=last if accelerations else None)
             assert (np.abs(qd) <= CAPACITY).all()
-            q = q + 0.005 * qd
-            assert (np.abs(q) <= POSITION_LIMITS - 0.99 * OPTIONS.position_margin).all()
-            assert clearance(q) > 0.98 * OPTIONS.clearance
+            if accelerations:
+                assert (np.abs(qd - last) <= change * (1 + 1e-9)).all()
+            last, q = qd, q + OPTIONS.period * qd
+            assert (np.abs(q) <= POSITION_LIMITS - OPTIONS.position_margin + 1e-9).all()
+            assert clearance(q) > 0.97 * OPTIONS.clearance
         assert np.abs(q - start).max() > 0.01
+
+
+def test_when_the_request_ends_the_arm_stops_as_soon_as_its_accelerations_allow():
+    rng = np.random.default_rng(4)
+    slowest = (CAPACITY / (OPTIONS.acceleration_scale * ACCELERATION_LIMITS)).max()
+    for q in starts(5, rng):
+        last = np.zeros(7)
+        for _ in range(100):
+            last = SAFETY.velocity(q, np.array([1.0, -1, 1, 1, -1, 1, 2]), qd_last=last)
+            q = q + OPTIONS.period * last
+        for k in range(int(np.ceil(slowest / OPTIONS.period)) + 1):
+            request = np.full(7, np.nan) if k % 2 else np.zeros(7)  # lost, or nothing to do
+            last = SAFETY.velocity(q, request, qd_last=last)
+            q = q + OPTIONS.period * last
+        np.testing.assert_allclose(last, 0.0, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=100)
+@given(positions, vectors(st.floats(-1.0, 1.0), 7), vectors(numbers, 7), vectors(numbers, 6))
+def test_accelerations_are_kept_in_any_state_and_for_any_request(q, share, request, twist):
+    """Outside position limits, inside contact, with NaN or infinite requests."""
+    last = share * CAPACITY
+    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    for follow in (False, True):
+        with np.errstate(all="ignore"):
+            J = pose_and_jacobian(q)[1]
+            qd = SAFETY.velocity(q, request, *((J, twist) if follow else ()), qd_last=last)
+        assert (np.abs(qd) <= CAPACITY).all()
+        assert (np.abs(qd - last) <= change * (1 + 1e-9)).all()
+
+
+@settings(deadline=None, max_examples=50)
+@given(vectors(numbers, 7), vectors(numbers, 7))
+def test_without_a_finite_state_every_joint_brakes(q, last):
+    if np.isfinite(q).all() and np.isfinite(last).all():
+        return
+    with np.errstate(all="ignore"):
+        qd = SAFETY.velocity(q, np.ones(7), qd_last=last)
+    known = np.isfinite(last)
+    assert np.isfinite(qd).all() and (qd[~known] == 0.0).all()
+    assert (np.abs(qd[known]) <= np.abs(last[known])).all()
+    assert (qd[known] * np.sign(last[known]) >= 0.0).all()
+
+
+def test_a_joint_that_is_too_fast_slows_down_within_its_acceleration():
+    last = 1.3 * CAPACITY
+    qd = SAFETY.velocity(HOME, 10.0 * CAPACITY, qd_last=last)
+    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    np.testing.assert_allclose(qd, last - change, rtol=1e-9)
+
+
+def test_rows_that_are_left_out_change_nothing():
+    """The same QP with all rows, by another solver."""
+    rng = np.random.default_rng(6)
+    bound = 0
+    for q in near_collision(12, 0.03, seed=6):
+        request = rng.normal(size=7) + towards_contact(q, rng)[0] / 10
+        lower, upper = velocity_bounds(q, OPTIONS)
+        parts = [distances_and_gradients(q), table_distances_and_gradients(q)]
+        distance, gradient = (np.concatenate(x) for x in zip(*parts, strict=True))
+        allowed = -OPTIONS.approach_gain * (distance - OPTIONS.clearance)
+        best = minimize(
+            lambda x, request=request: 0.5 * ((x - request) ** 2).sum(),
+            np.clip(request, lower, upper),
+            jac=lambda x, request=request: x - request,
+            bounds=list(zip(lower, upper, strict=True)),
+            constraints={
+                "type": "ineq",
+                "fun": lambda x, g=gradient, a=allowed: g @ x - a,
+                "jac": lambda x, g=gradient: g,
+            },
+            options={"ftol": 1e-14, "maxiter": 300},
+        )
+        if not best.success or (gradient @ best.x < allowed - 1e-7).any():
+            continue
+        bound += (gradient @ best.x < allowed + 1e-7).any()
+        np.testing.assert_allclose(SAFETY.velocity(q, request), best.x, atol=1e-5)
+    assert bound >= 3
+
+
+def test_the_hand_that_is_given_is_the_one_that_is_kept_clear():
+    """A larger hand dives at the table: its own fingers stop above it, not the default ones."""
+    large = ParallelGripper(max_opening=0.13, tool_offset=0.25, tip=0.04, heel=-0.08)
+    model, safety = capsule_model(large), Safety(OPTIONS, large)
+    q, last = HOME, np.zeros(7)
+    dive = np.array([0, 0, 0, 0, 0, -0.5])
+    lowest = []
+    for _ in range(600):
+        J = pose_and_jacobian(q, large.X_FG)[1]
+        last = safety.velocity(q, np.zeros(7), J, dive, qd_last=last)
+        q = q + OPTIONS.period * last
+        nearest = table_distances_and_gradients(q, 0.0, model)[0].min()
+        lowest.append(min(nearest, min_distance(q, model)))
+    assert 0.97 * OPTIONS.clearance < min(lowest) < 1.5 * OPTIONS.clearance
+    # The default hand would have had several centimetres to go.
+    assert table_distances_and_gradients(q)[0].min() > OPTIONS.clearance + 0.03
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        ({"approach_gain": 10.0}, "approach_gain = 10.0.*velocity_scale"),
+        ({"velocity_scale": 1.5}, "velocity_scale = 1.5"),
+        ({"period": 0.0}, "period = 0.0"),
+        ({"clearance": np.nan}, "clearance = nan"),
+        ({"damping": -1.0}, "damping = -1.0"),
+    ],
+)
+def test_options_that_promise_too_much_are_refused(change, names):
+    with pytest.raises(ControlError, match=names):
+        SafetyOptions(**change)

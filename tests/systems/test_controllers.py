@@ -75,7 +75,15 @@ def test_ports_are_those_of_the_docstring(make, ports, documented_ports):
 def test_either_controller_can_replace_the_other(ports):
     assert ports(RMMTaskController(REACH)) == ports(GPJointController(REACH))
     inputs, outputs = ports(RMMTaskController(REACH))
-    assert inputs == {"position": 7, "grasps": None, "object_pose": None, "object_velocity": None}
+    assert inputs == {
+        "position": 7,
+        "grasps": None,
+        "object_pose": None,
+        "object_velocity": None,
+        "desired_velocity": 7,
+        "scene": None,
+        "object_motion": None,
+    }
     assert outputs == {"commanded_velocity": 7}
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.iiwa import POSITION_LIMITS
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import load_scenario
@@ -47,7 +48,7 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     calls: dict[str, int] = {}
     for owner, name in (
         (point_cloud_to_gpdf, "complete_shape"),
-        (dynamic_grasp.AntipodalSampler, "__call__"),
+        (AntipodalSampler, "__call__"),
         (grasp_sampler.GraspSampler, "_calc"),
         (reachability_filter, "judge_grasps"),
         (rmm_task_controller, "fit_grasp_mixture"),
@@ -189,3 +190,20 @@ def test_controller_inputs_go_through_the_sequencer(diagram):
     # Perception and the arm see what the tracker says; only the metrics see the truth.
     assert connections["perception", "object_pose"] == ("tracker", "object_pose")
     assert connections["metrics", "object_pose"] == ("station", "object.pose")
+
+
+def test_with_a_scene_the_controllers_keep_clear_of_it():
+    """The wiring: what the camera sees of the surroundings reaches the controller."""
+    for controller in ("task", "joint"):
+        config = scenario("ReachObstacle", f"{{control: {{controller: {controller}}}}}")
+        built = make_dynamic_grasp(config)
+        sources = {
+            (sink[0].get_name(), sink[0].get_input_port(sink[1]).get_name()): source[0].get_name()
+            for sink, source in built.connection_map().items()
+        }
+        assert sources["controller", "scene"] == "scene_perception"
+        assert sources["controller", "desired_velocity"] == "drive"
+        assert sources["obstacle_distance", "query_object"] == "station"
+        assert built.HasSubsystemNamed("log(obstacle_distance)")
+    without = make_dynamic_grasp(scenario("ReachObstacle", "{scene: {enabled: false}}"))
+    assert not without.HasSubsystemNamed("scene_perception")

@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.joint_space_control import JointSpaceControl
 from feasigrasp.models.reachability import Reachability
-from feasigrasp.systems import gp_joint_controller
 from feasigrasp.systems.gp_joint_controller import GPJointController
 
 REACH = Reachability()
@@ -35,7 +35,7 @@ def grasp_ahead(distance):
 
 @pytest.mark.parametrize("period", [0.05, 0.1])
 def test_solutions_are_found_exactly_once_per_period(monkeypatch, period):
-    times, find = [], gp_joint_controller.find_solutions
+    times, find = [], JointSpaceControl.update
     dut = GPJointController(REACH, solution_period=period)
     simulator = Simulator(dut)
     context = fixed(
@@ -51,7 +51,7 @@ def test_solutions_are_found_exactly_once_per_period(monkeypatch, period):
         times.append(context.get_time())
         return find(*args)
 
-    monkeypatch.setattr(gp_joint_controller, "find_solutions", counting)
+    monkeypatch.setattr(JointSpaceControl, "update", counting)
     for k in range(1, 80):
         simulator.AdvanceTo(0.005 * k)
         dut.get_output_port().Eval(context)

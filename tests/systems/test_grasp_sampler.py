@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 
@@ -104,3 +105,49 @@ def test_an_error_of_the_sampler_is_not_swallowed(fixed_context):
     context = fixed_context(dut, gpdf=AbstractValue.Make(fit_gpdf(sphere())))
     with pytest.raises(RuntimeError, match="no grasps today"):
         dut.get_output_port().Eval(context)
+
+
+def on_new_fields(dut, fields, period=0.5):
+    """The grasps for fields that come one after the other, ``period`` apart."""
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    sets = []
+    for k, gpdf in enumerate(fields):
+        dut.GetInputPort("gpdf").FixValue(context, AbstractValue.Make(gpdf))
+        sets.append(dut.get_output_port().Eval(context))
+        simulator.AdvanceTo(period * (k + 1))
+        assert dut.get_output_port().Eval(context) is sets[-1], "nothing new, nothing changes"
+    return sets
+
+
+def test_grasps_keep_their_identity_from_field_to_field():
+    rng, gripper = np.random.default_rng(1), ParallelGripper()
+    fields = [fit_gpdf(sphere() + rng.normal(scale=5e-4, size=(600, 3))) for _ in range(3)]
+    sampler = AntipodalSampler(n_candidates=200)
+    sets = on_new_fields(GraspSampler(sampler, gripper), fields)
+    for before, after in zip(sets, sets[1:], strict=False):
+        same = np.isin(after.id, before.id)
+        assert same.mean() > 0.5
+        poses = dict(zip(before.id, before.X_OG, strict=True))
+        kept = [np.array_equal(poses[i], X) for i, X in zip(after.id, after.X_OG, strict=True)
+                if i in poses]  # fmt: skip
+        assert np.mean(kept) > 0.7
+    # A fresh system on the last field alone has other grasps and its own numbers.
+    alone = on_new_fields(GraspSampler(sampler, gripper), fields[-1:])[0]
+    assert set(alone.id) == set(range(len(alone)))
+
+
+def test_the_output_is_a_function_of_field_and_state():
+    """Evaluated twice, or not at all before the next update: the same grasps."""
+    fields = [fit_gpdf(sphere(radius=r)) for r in (0.03, 0.0303)]
+    gripper, sampler = ParallelGripper(), AntipodalSampler(n_candidates=80)
+    watched = on_new_fields(GraspSampler(sampler, gripper), fields)[-1]
+    dut = GraspSampler(sampler, gripper)
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    for k, gpdf in enumerate(fields):
+        dut.GetInputPort("gpdf").FixValue(context, AbstractValue.Make(gpdf))
+        simulator.AdvanceTo(0.5 * (k + 1))
+    unwatched = dut.get_output_port().Eval(context)
+    np.testing.assert_array_equal(unwatched.X_OG, watched.X_OG)
+    np.testing.assert_array_equal(unwatched.id, watched.id)

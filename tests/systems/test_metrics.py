@@ -118,6 +118,11 @@ def test_the_object_is_told_in_the_hand_and_in_the_world(station, sample):
         np.testing.assert_allclose(
             p_HO, X_WH[:3, :3].T @ (X_WO.translation() - X_WH[:3, 3]), atol=1e-9
         )
+        R_OH = X_WO.rotation().matrix().T @ X_WH[:3, :3]
+        r_OH = RollPitchYaw(RotationMatrix.ProjectToRotationMatrix(R_OH)).ToQuaternion()
+        assert np.linalg.norm([x[f"r_OH_{axis}"] for axis in "xyz"]) == pytest.approx(
+            2.0 * np.arccos(min(1.0, abs(r_OH.w()))), abs=1e-7
+        )
         distance = np.linalg.norm(X_WO.translation() - X_WH[:3, 3])
         assert np.linalg.norm(p_HO) == pytest.approx(distance)
         assert [x[f"p_WO_{axis}"] for axis in "xyz"] == list(X_WO.translation())

@@ -149,7 +149,7 @@ def test_invalid_points_are_left_out():
 
 @pytest.mark.parametrize("period", [0.5, 0.2])
 def test_it_looks_exactly_once_per_period(monkeypatch, period):
-    perception = Perception(period=period)
+    perception = Perception(period=period, views_per_side=100)
     looked, fit = [], point_cloud_to_gpdf.complete_shape
 
     def counting(*args, **kwargs):
@@ -163,6 +163,35 @@ def test_it_looks_exactly_once_per_period(monkeypatch, period):
         perception.gpdf()
     # 1.95 s in all.
     np.testing.assert_allclose(looked, np.arange(0.0, 1.95, period), atol=1e-9)
+
+
+def test_it_looks_no_more_where_it_has_seen_enough():
+    """Until something may have changed; another side is looked at at once."""
+    perception = Perception(period=0.5, views_per_side=3, revisit=2.0)
+    counts, fields = [], []
+    for k in range(8):  # views at 0, 0.5, 1.0; then not before 3.0
+        counts.append(perception.see_object(0.5 * k + 0.1, POSES[1]).cloud.views)
+        fields.append(perception.gpdf())
+    assert counts == [1, 2, 3, 3, 3, 3, 4, 4]
+    assert fields[3] is fields[2] is fields[5] and fields[6] is not fields[5]
+    aside = np.array([0.0, 0.15, 0.45])  # 18 degrees
+    assert perception.see_object(4.1, POSES[1], p_OC=aside).cloud.views == 5
+    near = 0.6 * aside
+    assert [
+        perception.see_object(4.6 + 0.5 * k, POSES[1], p_OC=near).cloud.views for k in range(4)
+    ] == [6, 7, 8, 8]
+
+
+def test_what_brings_nothing_new_is_not_even_rendered():
+    """The cloud is not asked for."""
+    perception = Perception(period=0.5, views_per_side=1)
+    seen = perception.see_object(0.1, POSES[1])
+    perception.dut.GetInputPort("point_cloud").FixValue(perception.context, PointCloud(7))
+    read = []
+    perception.dut._cloud = type("Port", (), {"Eval": lambda self, context: read.append(1)})()
+    perception.simulator.AdvanceTo(2.1)
+    assert read == []
+    assert perception.dut.GetOutputPort("perceived").Eval(perception.context) is seen
 
 
 def test_the_options_reach_the_fit():

@@ -1,95 +1,149 @@
-"""The mixture is fitted once per grasp set, and the paper's law is the paper's law."""
+"""The mixture is fitted once per grasp set and goes on from the one before; commands are smooth."""
 
 import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantValueSource, ZeroOrderHold
 
+from feasigrasp.models import se3, task_memory
 from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.task_space_control import TaskControlOptions
-from feasigrasp.systems import rmm_task_controller
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.velocity_drive import VelocityDrive
 
 REACH = Reachability()
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.1, 0.4), [0.5, 0.0, 0.5])
+STILL = SpatialVelocity.Zero()
+PERIOD = 0.05
 
 
 def grasps_near(X_OG, n=20, seed=0):
     """Grasps scattered about a pose."""
     rng = np.random.default_rng(seed)
-    poses = [
-        X_OG
-        @ RigidTransform(
-            RollPitchYaw(rng.normal(scale=0.1, size=3)), rng.normal(scale=0.01, size=3)
-        ).GetAsMatrix4()
-        for _ in range(n)
-    ]
-    return GraspSet(np.array(poses), np.full(n, 0.04), np.ones(n))
+    noise = se3.exp(rng.normal(size=(n, 6)) * [0.1, 0.1, 0.1, 0.01, 0.01, 0.01])
+    return GraspSet(X_OG @ noise, np.full(n, 0.04), np.ones(n))
 
 
-def test_the_mixture_is_fitted_once_per_grasp_set(fixed_context, monkeypatch):
-    fits, fit = [], rmm_task_controller.fit_grasp_mixture
+def two_clusters(seed=0):
+    ahead = np.eye(4)
+    turned = se3.exp([0.0, 1.2, 0.0, 0.0, 0.0, 0.0])
+    first, second = grasps_near(ahead, seed=seed), grasps_near(turned, seed=seed + 1)
+    return GraspSet(np.concatenate([first.X_OG, second.X_OG]), np.full(40, 0.04), np.ones(40))
+
+
+class Bench:
+    """A controller with inputs set by hand, after its first update."""
+
+    def __init__(self, *, grasps, q=HOME, velocity=STILL, **kwargs):
+        self.dut = RMMTaskController(REACH, period=PERIOD, **kwargs)
+        self.simulator = Simulator(self.dut)
+        self.context = self.simulator.get_mutable_context()
+        self.fix(position=q, grasps=grasps, object_pose=X_WO, object_velocity=velocity)
+        self.simulator.Initialize()
+        self.simulator.AdvanceTo(1e-3)
+
+    def fix(self, **inputs):
+        for name, value in inputs.items():
+            self.dut.GetInputPort(name).FixValue(self.context, value)
+
+    def next_update(self):
+        self.simulator.AdvanceTo(self.context.get_time() + PERIOD)
+
+    @property
+    def mixture(self):
+        return self.dut.memory(self.context).mixture
+
+    def command(self):
+        return self.dut.get_output_port().Eval(self.context).copy()
+
+
+@pytest.mark.parametrize("mode", ["safe", "paper"])
+def test_the_mixture_is_fitted_once_per_grasp_set(monkeypatch, mode):
+    fits, fit = [], task_memory.fit_grasp_mixture
 
     def counting(grasps, *args):
         fits.append(grasps)
         return fit(grasps, *args)
 
-    monkeypatch.setattr(rmm_task_controller, "fit_grasp_mixture", counting)
-    dut = RMMTaskController(REACH)
-    fits.clear()  # one step when it is made, to compile its kernels
+    monkeypatch.setattr(task_memory, "fit_grasp_mixture", counting)
     first, second = grasps_near(np.eye(4)), grasps_near(np.eye(4), seed=1)
-    still = SpatialVelocity.Zero()
-    context = fixed_context(
-        dut, position=HOME, grasps=first, object_pose=X_WO, object_velocity=still
-    )
-    output = dut.get_output_port()
-    for k in range(20):
-        dut.GetInputPort("position").FixValue(context, HOME + 0.01 * k)
-        moved = RigidTransform(X_WO.rotation(), X_WO.translation() + [0.0, 0.01 * k, 0.0])
-        dut.GetInputPort("object_pose").FixValue(context, moved)
-        output.Eval(context)
-    assert [id(g) for g in fits] == [id(first)]
-    dut.GetInputPort("grasps").FixValue(context, second)
-    output.Eval(context)
-    output.Eval(context)
-    assert [id(g) for g in fits] == [id(first), id(second)]
-    assert dut.mixture(context).X_OG is second.X_OG
+    bench = Bench(grasps=first, mode=mode)
+    fits[:] = [grasps for grasps in fits if grasps is first]  # others: to compile the kernels
+    for k in range(3):
+        bench.fix(position=HOME + 0.01 * k)
+        bench.next_update()
+        bench.command()
+    assert len(fits) == 1
+    bench.fix(grasps=second)
+    bench.next_update()
+    bench.next_update()
+    assert [grasps is second for grasps in fits] == [False, True]
+    assert bench.mixture.X_OG is second.X_OG
 
 
-def test_the_seed_decides_the_mixture(fixed_context):
-    def means(seed):
-        dut = RMMTaskController(REACH, seed=seed)
-        mixture = dut.mixture(fixed_context(dut, grasps=grasps_near(np.eye(4), 60)))
-        return mixture.mixture.means
+def test_components_keep_their_identity_when_grasps_go_and_come_back():
+    everything = two_clusters()
+    bench = Bench(grasps=everything, mode="paper")
+    before = bench.mixture
+    assert len(before.mixture) == 2
+    ahead = np.argmin(np.abs(before.mixture.means - np.eye(4)).max(axis=(1, 2)))
+    keep = before.component == ahead
+    for grasps in (everything.select(keep), GraspSet.empty(), everything.select(keep)):
+        bench.fix(grasps=grasps)
+        bench.next_update()
+    (identity,) = bench.mixture.identity
+    assert identity == before.identity[ahead]
+    bench.fix(grasps=everything)
+    bench.next_update()
+    assert len(bench.mixture.mixture) == 2
+    assert identity in bench.mixture.identity
 
-    np.testing.assert_array_equal(means(1), means(1))
-    assert means(1).shape != means(2).shape or np.abs(means(1) - means(2)).max() > 1e-6
+
+def test_the_same_seed_gives_the_same_mixture():
+    means = [Bench(grasps=two_clusters(), mode="paper", seed=3).mixture.mixture.means] * 2
+    np.testing.assert_array_equal(*means)
 
 
-def test_without_grasps_there_is_no_mixture(fixed_context):
-    dut = RMMTaskController(REACH)
-    assert dut.mixture(fixed_context(dut, grasps=GraspSet.empty())) is None
+def test_without_grasps_there_is_no_mixture_and_no_motion():
+    bench = Bench(grasps=GraspSet.empty())
+    assert bench.mixture is None
+    np.testing.assert_array_equal(bench.command(), np.zeros(7))
 
 
-def test_the_paper_law_moves_the_hand_with_the_commanded_twist(fixed_context):
+def test_the_output_is_a_function_of_the_context():
+    """Asked again, in whatever order, it says the same; asking changes nothing."""
+    bench = Bench(grasps=two_clusters())
+    commands = {}
+    for _ in range(2):
+        for angle in (0.0, 0.2, -0.1):
+            bench.fix(position=HOME + angle)
+            qd = bench.command()
+            np.testing.assert_array_equal(commands.setdefault(angle, qd), qd)
+    assert len({tuple(qd) for qd in commands.values()}) == 3
+
+
+def test_the_paper_law_moves_the_hand_with_the_commanded_twist():
     """One grasp: the twist is that of the geodesic to it, plus the object's own, J qd = V."""
     X_WH, J = pose_and_jacobian(HOME, REACH.gripper.X_FG)
     # The grasp lies 1 cm ahead of the hand, along its approach direction, without rotation.
     X_WG = X_WH @ RigidTransform([0.0, 0.0, 0.01]).GetAsMatrix4()
     grasps = GraspSet((X_WO.inverse().GetAsMatrix4() @ X_WG)[None], np.array([0.04]), np.ones(1))
-    options = TaskControlOptions(gain=3.0)
-    dut = RMMTaskController(REACH, options, mode="paper")
     V_WO = np.array([0.1, -0.2, 0.15, 0.05, 0.02, -0.03])
-    context = fixed_context(
-        dut,
-        position=HOME,
+    bench = Bench(
         grasps=grasps,
-        object_pose=X_WO,
-        object_velocity=SpatialVelocity(V_WO),
+        velocity=SpatialVelocity(V_WO),
+        mode="paper",
+        options=TaskControlOptions(gain=3.0),
     )
-    qd = dut.get_output_port().Eval(context)
+    qd = bench.command()
     lever = X_WH[:3, 3] - X_WO.translation()
     expected = np.r_[V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], lever) + 3.0 * 0.01 * X_WH[:3, 2]]
     np.testing.assert_allclose(J @ qd, expected, atol=1e-9)
@@ -97,3 +151,62 @@ def test_the_paper_law_moves_the_hand_with_the_commanded_twist(fixed_context):
     step = 1e-6
     moved = forward_kinematics(HOME + step * qd, REACH.gripper.X_FG)
     np.testing.assert_allclose((moved - X_WH)[:3, 3] / step, expected[3:], atol=1e-5)
+
+
+def test_the_desired_velocity_limits_the_next_command():
+    bench = Bench(grasps=two_clusters())
+    free = bench.command()
+    assert np.abs(free).max() > 0.1
+    last = -0.2 * np.ones(7)
+    bench.fix(desired_velocity=last)
+    qd = bench.command()
+    most = ACCELERATION_LIMITS * TaskControlOptions().safety.period
+    assert (np.abs(qd - last) <= most + 1e-9).all()
+    assert np.abs(qd - free).max() > 0.1
+
+
+def test_a_lost_object_makes_the_arm_brake_not_stop_dead():
+    bench = Bench(grasps=two_clusters())
+    last = np.full(7, 0.5)
+    bench.fix(object_pose=RigidTransform(np.full((4, 4), np.nan)), desired_velocity=last)
+    qd = bench.command()
+    assert (qd < last).all() and (qd > 0.4).all()
+
+
+def test_refits_cause_no_jump_in_a_loop_with_the_drive():
+    """Every 0.1 s other grasps of the same kind; measured before the drive clips anything."""
+    builder = DiagramBuilder()
+    controller = builder.AddSystem(RMMTaskController(REACH, period=PERIOD))
+    drive = builder.AddSystem(VelocityDrive(0.005))
+    pose = builder.AddSystem(ConstantValueSource(AbstractValue.Make(X_WO)))
+    twist = builder.AddSystem(ConstantValueSource(AbstractValue.Make(STILL)))
+    grasps = builder.AddSystem(ZeroOrderHold(1e3, AbstractValue.Make(GraspSet.empty())))
+    builder.ExportInput(grasps.get_input_port(), "sets")
+    builder.Connect(grasps.get_output_port(), controller.GetInputPort("grasps"))
+    builder.Connect(pose.get_output_port(), controller.GetInputPort("object_pose"))
+    builder.Connect(twist.get_output_port(), controller.GetInputPort("object_velocity"))
+    builder.Connect(controller.get_output_port(), drive.GetInputPort("velocity"))
+    builder.Connect(
+        drive.GetOutputPort("desired_velocity"), controller.GetInputPort("desired_velocity")
+    )
+    builder.ExportInput(drive.GetInputPort("position"), "position")
+    builder.ConnectInput("position", controller.GetInputPort("position"))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    hold = grasps.GetMyMutableContextFromRoot(context)
+    diagram.GetInputPort("position").FixValue(context, HOME)
+    diagram.GetInputPort("sets").FixValue(context, AbstractValue.Make(GraspSet.empty()))
+    simulator.Initialize()
+    state = drive.GetOutputPort("desired_state")
+    command, last, moved = controller.get_output_port(), np.zeros(7), 0.0
+    for tick in range(200):
+        if tick % 20 == 0:
+            hold.SetAbstractState(0, two_clusters(seed=tick))
+        qd = command.Eval(controller.GetMyContextFromRoot(context))
+        assert (np.abs(qd - last) <= ACCELERATION_LIMITS * 0.005 + 1e-9).all()
+        simulator.AdvanceTo((tick + 1) * 0.005)
+        desired = state.Eval(drive.GetMyContextFromRoot(context))
+        diagram.GetInputPort("position").FixValue(context, desired[:7])
+        last, moved = desired[7:].copy(), max(moved, np.abs(qd).max())
+    assert moved > 0.3

@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.safe_velocity import Safety, SafetyOptions
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 PERIOD = 0.005
@@ -34,7 +35,7 @@ def test_ports_are_those_of_the_docstring(ports, documented_ports):
     inputs, outputs = ports(VelocityDrive(PERIOD))
     assert (list(inputs), list(outputs)) == documented_ports(VelocityDrive)
     assert inputs == {"velocity": 7, "position": 7}
-    assert outputs == {"desired_state": 14}
+    assert outputs == {"desired_state": 14, "desired_velocity": 7}
 
 
 def test_the_measured_position_is_latched_at_initialisation():
@@ -47,6 +48,44 @@ def test_the_measured_position_is_latched_at_initialisation():
     np.testing.assert_array_equal(
         dut.GetOutputPort("desired_state").Eval(context), np.concatenate([Q0, np.zeros(7)])
     )
+
+
+def test_the_desired_velocity_is_the_second_half_of_the_state_and_depends_on_no_input():
+    dut = VelocityDrive(PERIOD)
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    dut.GetInputPort("position").FixValue(context, Q0)
+    dut.GetInputPort("velocity").FixValue(context, np.full(7, 0.02))
+    simulator.AdvanceTo(2.5 * PERIOD)
+    state = dut.GetOutputPort("desired_state").Eval(context)
+    np.testing.assert_array_equal(dut.GetOutputPort("desired_velocity").Eval(context), state[7:])
+    assert state[7] == 0.02
+    assert not dut.HasAnyDirectFeedthrough()
+
+
+def test_commands_of_the_safety_qp_pass_unchanged():
+    """What the drive would clip has been kept before: random requests, new ones every 0.1 s."""
+    safety, rng = Safety(SafetyOptions(period=PERIOD)), np.random.default_rng(5)
+    dut = VelocityDrive(PERIOD)
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    position, velocity = dut.GetInputPort("position"), dut.GetInputPort("velocity")
+    position.FixValue(context, Q0)
+    velocity.FixValue(context, np.zeros(7))
+    simulator.Initialize()
+    q, last, request = Q0, np.zeros(7), np.zeros(7)
+    for k in range(1200):
+        if k % 20 == 0:
+            request = rng.normal(scale=3.0, size=7)
+        command = safety.velocity(q, request, qd_last=last)
+        velocity.FixValue(context, command)
+        simulator.AdvanceTo((k + 0.5) * PERIOD)
+        last = dut.GetOutputPort("desired_velocity").Eval(context).copy()
+        np.testing.assert_array_equal(last, command)
+        expected = q + PERIOD * command
+        q = dut.GetOutputPort("desired_state").Eval(context)[:7].copy()
+        np.testing.assert_allclose(q, expected, rtol=0, atol=1e-12)
+        position.FixValue(context, q)
 
 
 def test_a_zero_command_holds_the_latched_position_though_the_arm_sags():

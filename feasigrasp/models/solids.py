@@ -1,6 +1,7 @@
-"""The few solids that the objects are made of: lofts, lathes, tubes, boxes, and their booleans.
+"""The few solids that objects are made of: lofts, lathes, tubes, boxes, and their booleans.
 
-Every function returns a closed `manifold3d.Manifold` in metres. Only the generator needs this.
+Every function returns a closed `manifold3d.Manifold` in metres. Only the generators of objects need
+this, and ``manifold3d`` with it (the ``train`` and ``dev`` extras).
 """
 
 from __future__ import annotations
@@ -53,12 +54,12 @@ def loft(
     i, j = np.meshgrid(np.arange(n - 1), np.arange(segments), indexing="ij")
     a, b = i * segments + j, i * segments + (j + 1) % segments
     walls = np.stack([a, b, b + segments, a, b + segments, a + segments], -1).reshape(-1, 3)
-    j, bottom, top = np.arange(segments), n * segments, n * segments + 1
-    after, last = (j + 1) % segments, (n - 1) * segments
-    caps = [np.stack([after, j, np.full_like(j, bottom)], -1)]
-    caps.append(np.stack([last + j, last + after, np.full_like(j, top)], -1))
+    spoke, bottom, top = np.arange(segments), n * segments, n * segments + 1
+    after, last = (spoke + 1) % segments, (n - 1) * segments
+    below = np.stack([after, spoke, np.full_like(spoke, bottom)], -1)
+    above = np.stack([last + spoke, last + after, np.full_like(spoke, top)], -1)
     vertices = np.concatenate([rings.reshape(-1, 3), centers[[0, -1]]])
-    return solid(vertices, np.concatenate([walls, *caps]))
+    return solid(vertices, np.concatenate([walls, below, above]))
 
 
 def profile(corners: Sequence[tuple[float, ...]], *, arc: int = 4, step: float = 0.012) -> Array:

@@ -1,0 +1,186 @@
+"""``feasigrasp bench control``: how often the controllers can run, beside the paper's Table III.
+
+What is timed is a whole evaluation of a controller's output, by Drake, after its joint positions
+and the object's pose have changed; on one thread. `DIR/timings.csv` has all timings.
+
+- ``bench.task_hz.K``: task space, paper mode, mixture of K components.
+- ``bench.joint_hz.N``: joint space, paper mode; the inverse kinematics of N solutions at the new
+  pose, the fit of the field to them and its gradient, at every step. Preset ``new solutions``: the
+  solutions are also looked for anew at every step.
+- ``bench.task_safe_hz.8``, ``bench.joint_safe_hz.64``: safe mode, limits and clearances enforced.
+- Presets ``peer:numpy`` and ``peer:torch``: the paper's step as plain array code, for joint space
+  with damped least squares in place of the paper's network.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.bench_files import report_bench
+from feasigrasp.evaluation.control_peers import ArrayJointStep, ArrayTaskStep
+from feasigrasp.evaluation.controller_probe import V_WO, ControllerProbe, grasps_in_reach
+from feasigrasp.evaluation.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp.evaluation.result_files import Row
+from feasigrasp.evaluation.timing import Timing, cpu_time
+from feasigrasp.models.joint_space_control import JointControlOptions
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.solution_search import SolutionOptions
+from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.rmm_task_controller import RMMTaskController
+
+FloatArray = NDArray[np.float64]
+#: A row name, a preset, and what is timed.
+Case = tuple[str, str, Callable[[], object]]
+
+#: Components of the safe task controller, solutions of the safe joint controller.
+SAFE_COMPONENTS, SAFE_SOLUTIONS = 8, 64
+#: Groups of the grasps that the joint controller gets.
+_GROUPS = 10
+#: Grasps in each component, and how many draws may fail to give as many components as wanted.
+_PER_GROUP, _DRAWS = 12, 20
+#: Sizes that the peers are timed with.
+_PEERS_TASK, _PEERS_JOINT = (1, 10), (10, 100)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/bench_control", objects="builtin")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    seconds = 0.1 if args.quick else 2.0
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with threadpool_limits(1):
+            rows = [
+                frequency_row(name, preset, cpu_time(function, seconds))
+                for name, preset, function in tqdm(cases(args.seed), desc="control")
+            ]
+    finally:
+        torch.set_num_threads(threads)
+    report_bench(args, "control", rows)
+    print(format_table_3(rows))
+    return 0
+
+
+def frequency_row(name: str, preset: str, timing: Timing) -> Row:
+    """A row in steps per second."""
+    return Row(name, preset, 1 / timing.median, 1 / timing.high, 1 / timing.low, "Hz", timing.n)
+
+
+def cases(seed: int) -> Iterator[Case]:
+    """Everything that is timed.
+
+    Args:
+        seed: Seed of the grasps and of the inputs that follow one another.
+    """
+    reachability = Reachability()
+    for K in TABLE_3_TASK:
+        probe = task_probe(reachability, K, "paper", seed)
+        yield f"bench.task_hz.{K}", "default", probe.step
+        if K in _PEERS_TASK:
+            mixture = probe.controller.memory(probe.context).mixture.targets
+            for xp in (np, torch):
+                step = ArrayTaskStep(xp, mixture, reachability.gripper.X_FG)
+                yield f"bench.task_hz.{K}", f"peer:{xp.__name__}", partial(_fed, step, probe, V_WO)
+    for N in TABLE_3_JOINT:
+        probe = joint_probe(reachability, N, "paper", seed)
+        yield f"bench.joint_hz.{N}", "default", probe.step
+        if N in _PEERS_JOINT:
+            renewed = joint_probe(reachability, N, "paper", seed, period=_STEP)
+            yield f"bench.joint_hz.{N}", "new solutions", partial(_renewed_step, renewed)
+            X_OG = probe.controller.solutions(probe.context).X_OG
+            for xp in (np, torch):
+                peer = ArrayJointStep(xp, X_OG, reachability.gripper.X_FG)
+                yield f"bench.joint_hz.{N}", f"peer:{xp.__name__}", partial(_fed, peer, probe)
+    safe = task_probe(reachability, SAFE_COMPONENTS, "safe", seed)
+    yield f"bench.task_safe_hz.{SAFE_COMPONENTS}", "default", safe.step
+    safe = joint_probe(reachability, SAFE_SOLUTIONS, "safe", seed)
+    yield f"bench.joint_safe_hz.{SAFE_SOLUTIONS}", "default", safe.step
+
+
+def task_probe(reachability: Reachability, K: int, mode: str, seed: int) -> ControllerProbe:
+    """A task-space controller whose mixture has K components.
+
+    Raises:
+        RuntimeError: No draw of grasps gives that many.
+    """
+    for draw in range(_DRAWS):
+        rng = np.random.default_rng([seed, draw])
+        grasps = grasps_in_reach(reachability, K, _PER_GROUP, rng)
+        controller = RMMTaskController(reachability, max_components=K, mode=mode)
+        probe = ControllerProbe(controller, grasps, rng)
+        mixture = controller.memory(probe.context).mixture
+        if mixture is not None and len(mixture.mixture) == K:
+            return probe
+    raise RuntimeError(f"{_DRAWS} draws of {K} groups of grasps gave no mixture of {K} components")
+
+
+def joint_probe(
+    reachability: Reachability, N: int, mode: str, seed: int, *, period: float = 0.05
+) -> ControllerProbe:
+    """A joint-space controller that follows N solutions.
+
+    Raises:
+        RuntimeError: It found fewer.
+    """
+    rng = np.random.default_rng(seed)
+    grasps = grasps_in_reach(reachability, _GROUPS, -(-N // _GROUPS), rng)
+    grasps = grasps.select(np.arange(N))
+    controller = GPJointController(
+        reachability,
+        JointControlOptions(solutions=SolutionOptions(n_solutions=N)),
+        solution_period=period,
+        mode=mode,
+    )
+    probe = ControllerProbe(controller, grasps, rng)
+    found = len(controller.solutions(probe.context))
+    if found != N:
+        raise RuntimeError(f"the controller follows {found} solutions of {len(grasps)} grasps")
+    return probe
+
+
+#: Simulated time between steps that look for new solutions [s].
+_STEP = 0.01
+
+
+def _renewed_step(probe: ControllerProbe) -> FloatArray:
+    """A step with the update before it in which the controller looks for solutions."""
+    probe.simulator.AdvanceTo(probe.context.get_time() + _STEP)
+    return probe.step()
+
+
+def _fed(step: Callable[..., object], probe: ControllerProbe, *more: FloatArray) -> object:
+    """A peer's step with the next inputs of a probe."""
+    q, pose = probe.next_inputs()
+    return step(q, pose.GetAsMatrix4(), *more)
+
+
+def format_table_3(rows: list[Row]) -> str:
+    """Our figures beside the paper's, one line per size."""
+    found = {(row.name, row.preset): row.value for row in rows}
+    lines = [f"{'':18s}{'paper Hz':>10s}{'ours Hz':>10s}{'times':>8s}{'numpy':>9s}{'torch':>9s}"]
+    for space, table in (("task", TABLE_3_TASK), ("joint", TABLE_3_JOINT)):
+        for size, paper in table.items():
+            name = f"bench.{space}_hz.{size}"
+            ours = found[name, "default"]
+            peers = "".join(
+                f"{found[name, f'peer:{peer}']:9.0f}" if (name, f"peer:{peer}") in found else ""
+                for peer in ("numpy", "torch")
+            )
+            lines.append(
+                f"{space:6s}{'KN'[space == 'joint']} = {size:<7d}{paper:10.1f}{ours:10.0f}"
+                f"{ours / paper:8.0f}{peers}"
+            )
+    return "\n".join(lines)

@@ -1,0 +1,221 @@
+"""``feasigrasp bench safety``: ways to keep the arm safe, side by side on the same control ticks.
+
+Two tables. Whole laws (`feasigrasp.evaluation.safety_laws`) get a state and a twist and return a
+joint velocity. Solvers (`feasigrasp.evaluation.safety_solvers`) get the matrices of the package's
+QP. The ticks come from runs of the arm under the package's own QP with twists that change every
+0.6 s, so that every tick has a solution that is safe. Half of the twists lead down at the table or
+back at the base, and at half of the ticks a clearance limits the motion. `DIR/timings.csv` has all
+figures, `DIR/ticks.csv` those of every tick.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.bench_files import report_bench, timing_row
+from feasigrasp.evaluation.result_files import Row
+from feasigrasp.evaluation.safety_laws import (
+    Law,
+    State,
+    clamped_pseudo_inverse,
+    drake_function,
+    drake_system,
+    package,
+    saturation_in_the_null_space,
+)
+from feasigrasp.evaluation.safety_solvers import Solver, solvers
+from feasigrasp.evaluation.timing import cpu_time
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS
+from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
+from feasigrasp.models.safe_velocity import Safety, SafetyOptions, velocity_bounds
+from feasigrasp.models.self_collision import min_distance, table_distances_and_gradients
+
+FloatArray = NDArray[np.float64]
+
+#: Ticks, and how many in the quick run; ticks of one run, and how many lie between two taken.
+TICKS, QUICK_TICKS, RUN, STRIDE = 600, 120, 360, 8
+#: A twist is held for so many ticks.
+HOLD = 120
+#: A command that breaks a bound or a row by more than this is unsafe [rad/s or m/s].
+TOLERANCE = 1e-4
+#: What a command may break.
+KINDS = ("limits", "acceleration", "clearance")
+#: Largest of the random twists [rad/s; m/s]: what the controllers ask for at most.
+LARGEST = np.array([1.5, 1.5, 1.5, 0.4, 0.4, 0.4])
+HOME = np.array([0.0, -0.846, 0.0, -1.582, 0.0, 1.446, 0.0])
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/bench_safety", objects="builtin")
+
+
+def ticks(n: int, seed: int, safety: Safety) -> list[State]:
+    """Control ticks of runs under random twists.
+
+    Args:
+        n: How many.
+        seed: Of the twists and the starts, which are uniform inside the joint limits and clear.
+        safety: The QP that the arm is under.
+    """
+    rng = np.random.default_rng(seed)
+    free: list[State] = []
+    close: list[State] = []
+    while len(close) < n // 2:
+        q, last, V = _start(rng), np.zeros(7), np.zeros(6)
+        for k in range(RUN):
+            X, J = pose_and_jacobian(q)
+            if k % HOLD == 0:
+                V = _twist(X, rng)
+            preferred = 0.5 * (HOME - q)
+            matrix, vector, _ = safety.problem(q, preferred, J, V, qd_last=last)
+            if k % STRIDE == STRIDE - 1:
+                rows, (lower, upper, _) = matrix[7:].copy(), vector.copy()
+                state = State(q, last, J, V, preferred, lower, upper, rows)
+                (close if len(rows) > 0 else free).append(state)
+            last = safety.velocity(q, preferred, J, V, qd_last=last)
+            q = q + safety.options.period * last
+    # There are more free ticks than close ones: as many, from all along the runs.
+    taken = np.linspace(0, len(free) - 1, n - n // 2).astype(int)
+    return [free[k] for k in taken] + close[: n // 2]
+
+
+def _twist(X_WF: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """A random twist; of every four one goes straight down, and one to the axis of the base."""
+    V = np.asarray(rng.uniform(-1.0, 1.0, 6) * LARGEST)
+    kind = rng.integers(4)
+    if kind == 0:
+        V[3:] = [0.0, 0.0, -LARGEST[5]]
+    elif kind == 1:
+        V[3:5] = -LARGEST[3] * X_WF[:2, 3] / max(float(np.linalg.norm(X_WF[:2, 3])), 1e-3)
+    return V
+
+
+def _start(rng: np.random.Generator) -> FloatArray:
+    while True:
+        q = rng.uniform(-0.95, 0.95, 7) * POSITION_LIMITS
+        if min(min_distance(q), table_distances_and_gradients(q)[0].min()) > 0.03:
+            return q
+
+
+def judge(
+    states: Sequence[State], commands: Sequence[FloatArray | None], options: SafetyOptions
+) -> dict[str, FloatArray]:
+    """What the commands do at each tick; infinity or NaN without a command.
+
+    Returns:
+        By how much they break the bounds from position and velocity limits (``limits``, rad/s),
+        those of the accelerations (``acceleration``, rad/s) and the rows (``clearance``, m/s);
+        and how far they are from the twist, ``|W (J qd - V)|`` (``error``, m/s).
+    """
+    outcome = {key: np.full(len(states), np.nan) for key in (*KINDS, "error")}
+    weights = np.array([options.rotation_weight] * 3 + [1.0] * 3)
+    change = options.acceleration_scale * options.period * ACCELERATION_LIMITS
+    for k, (s, qd) in enumerate(zip(states, commands, strict=True)):
+        if qd is None or not np.isfinite(qd).all():
+            continue
+        lower, upper = velocity_bounds(s.q, options)
+        outcome["limits"][k] = max(0.0, (lower - qd).max(), (qd - upper).max())
+        outcome["acceleration"][k] = max(0.0, (np.abs(qd - s.qd_last) - change).max())
+        outcome["clearance"][k] = (s.lower[7:] - s.rows @ qd).max(initial=0.0)
+        outcome["error"][k] = np.linalg.norm(weights * (s.J @ qd - s.V))
+    return outcome
+
+
+def rows_of(name: str, preset: str, outcome: dict[str, FloatArray]) -> list[Row]:
+    """The rows about one law or solver, all but the first over the ticks that have a command."""
+    answered = np.isfinite(outcome["error"])
+    silent = 100 * float(np.mean(~answered))
+    n = int(answered.sum())
+    found = [Row(f"{name}_no_answer_percent", preset, silent, None, None, "%", len(answered))]
+    for kind in KINDS if n else ():
+        broken = 100 * float(np.mean(outcome[kind][answered] > TOLERANCE))
+        found.append(Row(f"{name}_{kind}_broken_percent", preset, broken, None, None, "%", n))
+    if n:
+        mean = 1e3 * float(outcome["error"][answered].mean())
+        found.append(Row(f"{name}_error_mm_s", preset, mean, None, None, "mm/s", n))
+    return found
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps what compiled libraries print off the terminal (OSQP in Drake: a line per solve)."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+def solve_law(solver: Solver, weights: FloatArray, damping: float) -> Law:
+    """A law out of a solver of the QP; its matrices are made beforehand."""
+    made: dict[int, tuple[FloatArray, FloatArray]] = {}
+
+    def law(s: State) -> FloatArray | None:
+        if id(s) not in made:
+            WJ = weights[:, None] * s.J
+            H = WJ.T @ WJ + damping * np.eye(7)
+            made[id(s)] = H, -(WJ.T @ (weights * s.V)) - damping * s.qd_preferred
+        return solver(*made[id(s)], s.rows, s.lower, s.upper)
+
+    return law
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    options = SafetyOptions()
+    safety = Safety(options)
+    states = ticks(QUICK_TICKS if args.quick else TICKS, args.seed, safety)
+    weights = np.array([options.rotation_weight] * 3 + [1.0] * 3)
+    laws: dict[tuple[str, str], Law] = {
+        ("bench.safety", "default"): package(safety),
+        ("bench.safety", "peer:saturation-in-null-space"): saturation_in_the_null_space,
+        ("bench.safety", "peer:clamped-pseudo-inverse"): clamped_pseudo_inverse(),
+        ("bench.safety", "peer:drake-function"): drake_function(options),
+        ("bench.safety", "peer:drake-system"): drake_system(options),
+    }
+    for preset, solver in solvers().items():
+        laws["bench.safety_qp", preset] = solve_law(solver, weights, options.damping)
+    rows: list[Row] = []
+    raw: list[list[object]] = []
+    with threadpool_limits(1):
+        for (name, preset), law in tqdm(laws.items(), desc="safety"):
+            with _quiet():
+                commands = [law(s) for s in states]
+                timing = cpu_time(_all(law, states), 0.5 if args.quick else 4.0)
+            rows.append(timing_row(f"{name}_us", preset, timing, "us", 1e6 / len(states)))
+            outcome = judge(states, commands, options)
+            rows += rows_of(name, preset, outcome)
+            for k in range(len(states)):
+                raw.append([name, preset, k, *(float(column[k]) for column in outcome.values())])
+    args.out.mkdir(parents=True, exist_ok=True)
+    with (args.out / "ticks.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["name", "preset", "tick", *KINDS, "error"])
+        writer.writerows(raw)
+    report_bench(args, "safety", rows)
+    return 0
+
+
+def _all(law: Law, states: Sequence[State]) -> Callable[[], None]:
+    def run() -> None:
+        for s in states:
+            law(s)
+
+    return run

@@ -1,0 +1,101 @@
+"""``feasigrasp bench sampler``: how quickly a cloud becomes grasps, on one thread.
+
+One noisy view of an object, as the depth camera gives it, is smoothed, completed by a field of 512
+points, shown to the network, and its grasps are filtered: `bench.perception_ms` is all of that, the
+parts are timed on their own as well. Nothing is taken over from an earlier run.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+import torch
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
+from feasigrasp.evaluation.bench_files import report_bench, timing_row
+from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning_views
+from feasigrasp.evaluation.timing import cpu_time
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.contact_features import contact_features
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.grasp_filter import filter_grasps
+from feasigrasp.models.grasp_input import grasp_input
+from feasigrasp.models.grasp_network import load_grasp_network
+from feasigrasp.models.grasps import GraspSamplerFn
+from feasigrasp.models.network_sampler import NetworkSampler
+from feasigrasp.models.rigid_object import load_object
+from feasigrasp.models.shape_completion import complete_shape
+from feasigrasp.models.view_fusion import FusedCloud
+
+#: Points of the field and of the network's input; points of the forward pass alone.
+POINTS, NETWORK_POINTS = 512, 1024
+#: Voxels in which views are merged, as in the scenarios [m].
+VOXEL_SIZE = 0.003
+
+Case = tuple[str, str, Callable[[], object]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/bench_sampler", objects="mustard_bottle")
+
+
+def cases(view: PartialView) -> Iterator[Case]:
+    """What is timed on one view: row name, preset, function."""
+    network = load_grasp_network()
+    sampler, antipodal = NetworkSampler(network=network, n_points=POINTS), AntipodalSampler()
+    cloud = fused(view)
+    field = complete_shape(cloud, max_points=POINTS)
+    surface = grasp_input(field, POINTS)
+    for preset in ("default", "paper"):
+        other, large = load_grasp_network(preset), grasp_input(field, NETWORK_POINTS)
+        yield f"bench.network_ms.{NETWORK_POINTS}", preset, partial(other.propose, large)
+        features = contact_features(large.points, large.normals, large.scalars)
+        name = f"bench.network_heads_ms.{NETWORK_POINTS}"
+        yield name, preset, partial(other.heads, features)
+    yield "bench.perception_ms", "default", lambda: cloud_to_grasps(view, sampler)
+    yield "bench.perception_ms", "antipodal", lambda: cloud_to_grasps(view, antipodal)
+    X_OG, width, prior, _ = sampler.candidates(field)
+    parts: dict[str, Callable[[], object]] = {
+        "smoothing": lambda: fused(view),
+        "fit": lambda: complete_shape(cloud, max_points=POINTS),
+        "completion": field.surface,
+        "input": lambda: grasp_input(field, POINTS),
+        "network": lambda: network.propose(surface),
+        "candidates": lambda: sampler.candidates(field),
+        "filter": lambda: filter_grasps(field, X_OG, width, sampler.gripper, prior=prior),
+    }
+    for part, function in parts.items():
+        yield f"bench.perception_part_ms.{part}", "default", function
+
+
+def fused(view: PartialView) -> FusedCloud:
+    """The smoothed cloud of one view."""
+    return FusedCloud.empty(VOXEL_SIZE, smooth=True).merged(view.points, view.p_OC)
+
+
+def cloud_to_grasps(view: PartialView, sampler: GraspSamplerFn) -> object:
+    """Everything between a camera's points and filtered grasps."""
+    field: Gpdf = complete_shape(fused(view), max_points=POINTS)
+    return sampler(field)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    viewed = ViewedObject(load_object(next(iter(select_objects(args.objects).values()))))
+    center = 0.5 * (viewed.obj.vertices.min(axis=0) + viewed.obj.vertices.max(axis=0))
+    rng = np.random.default_rng(args.seed)
+    view = viewed.view(turning_views(rng, center, 1)[0], rng)
+    torch.set_num_threads(1)
+    rows = []
+    with threadpool_limits(1):
+        for name, preset, function in tqdm(cases(view), desc="sampler", unit="case"):
+            timing = cpu_time(function, 0.5 if args.quick else 3.0)
+            rows.append(timing_row(name, preset, timing, "ms", 1e3))
+    report_bench(args, f"sampler --objects {args.objects}", rows)
+    return 0

@@ -1,0 +1,193 @@
+"""The paper's control steps as plain array code, to time ours against.
+
+Each step is written once, vectorised over components, grasps and joints, for NumPy and for torch:
+``xp`` is either module. None of our kernels is used, so that the results check ours as well.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_AXES, JOINT_HEIGHTS
+from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.se3 import hat
+from feasigrasp.models.task_space_control import TaskControlOptions
+
+Array = Any  # an array of NumPy or a tensor of torch
+
+
+class ArrayArm:
+    """Kinematics of the iiwa with a hand, batches lead."""
+
+    def __init__(self, xp: ModuleType, X_FG: ArrayLike) -> None:
+        """The arm whose flange carries the hand at ``X_FG``, shape (4, 4)."""
+        self.xp = xp
+        axes = np.array([hat(axis) for axis in JOINT_AXES])
+        rise = np.diff([0.0, *JOINT_HEIGHTS, FLANGE_HEIGHT])
+        self._axis, self._hat = xp.asarray(JOINT_AXES), xp.asarray(axes)
+        self._hat_squared, self._eye = xp.asarray(axes @ axes), xp.asarray(np.eye(3))
+        self._rise = xp.asarray(np.outer(rise, [0.0, 0.0, 1.0]))
+        self._R_FG = xp.asarray(np.asarray(X_FG)[:3, :3].copy())
+        self._p_FG = xp.asarray(np.asarray(X_FG)[:3, 3].copy())
+
+    def hand(self, q: Array) -> tuple[Array, Array, Array]:
+        """Orientation (n, 3, 3), position (n, 3) and Jacobian (n, 6, 7) of the hand at q (n, 7)."""
+        xp = self.xp
+        sin, cos = xp.sin(q)[..., None, None], xp.cos(q)[..., None, None]
+        turns = self._eye + sin * self._hat + (1.0 - cos) * self._hat_squared
+        R, p = self._eye, self._rise[0]
+        axes, origins = [], []
+        for i in range(7):
+            axes.append(R @ self._axis[i] + 0.0 * q[:, :3])
+            origins.append(p + 0.0 * q[:, :3])
+            R = R @ turns[:, i]
+            p = p + R @ self._rise[i + 1]
+        p = p + R @ self._p_FG
+        axis, origin = xp.stack(axes, -1), xp.stack(origins, -1)
+        lever = p[:, :, None] - origin
+        linear = xp.stack(
+            [
+                axis[:, 1] * lever[:, 2] - axis[:, 2] * lever[:, 1],
+                axis[:, 2] * lever[:, 0] - axis[:, 0] * lever[:, 2],
+                axis[:, 0] * lever[:, 1] - axis[:, 1] * lever[:, 0],
+            ],
+            1,
+        )
+        return R @ self._R_FG, p, xp.concatenate([axis, linear], 1)
+
+
+def se3_log(xp: ModuleType, R: Array, p: Array) -> Array:
+    """Tangent vectors [angular; linear] (n, 6) of poses (n, 3, 3), (n, 3); not at half a turn."""
+    trace = R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2]
+    angle = xp.arccos(xp.clip(0.5 * (trace - 1.0), -1.0, 1.0))
+    safe = xp.where(angle < 1e-6, 1e-6 + 0.0 * angle, angle)
+    factor = xp.where(angle < 1e-6, 0.5 + 0.0 * angle, 0.5 * safe / xp.sin(safe))
+    w = factor[:, None] * xp.stack(
+        [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], 1
+    )
+    b = xp.where(
+        angle < 1e-6,
+        1.0 / 12.0 + 0.0 * angle,
+        1.0 / safe**2 - (1.0 + xp.cos(safe)) / (2.0 * safe * xp.sin(safe)),
+    )
+    wp = _cross(xp, w, p)
+    return xp.concatenate([w, p - 0.5 * wp + b[:, None] * _cross(xp, w, wp)], 1)
+
+
+def _cross(xp: ModuleType, a: Array, b: Array) -> Array:
+    return xp.stack(
+        [
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        ],
+        1,
+    )
+
+
+class ArrayTaskStep:
+    """The paper's step in task space: mixture, preconditioned direction, pseudo-inverse."""
+
+    def __init__(
+        self,
+        xp: ModuleType,
+        mixture: RiemannianMixture,
+        X_FG: ArrayLike,
+        options: TaskControlOptions | None = None,
+    ) -> None:
+        """A step over one mixture in the object frame."""
+        self.xp, self.options = xp, options or TaskControlOptions()
+        self._arm = ArrayArm(xp, X_FG)
+        means = mixture.means
+        self._R_GO = xp.asarray(np.swapaxes(means[:, :3, :3], 1, 2).copy())
+        self._p_OG = xp.asarray(means[:, :3, 3].copy())
+        self._precision = xp.asarray(np.linalg.inv(mixture.covariances))
+        log_det = np.linalg.slogdet(mixture.covariances)[1]
+        self._log_weight = xp.asarray(np.log(mixture.weights) - 0.5 * log_det)
+
+    def __call__(self, q: Array, X_WO: Array, V_WO: Array) -> Array:
+        """Joint velocity (7,) [rad/s] at q (7,), object pose (4, 4) and twist (6,)."""
+        xp, options = self.xp, self.options
+        q, X_WO, V_WO = xp.asarray(q), xp.asarray(X_WO), xp.asarray(V_WO)
+        R_WH, p_WH, J = (x[0] for x in self._arm.hand(q[None]))
+        R_OW, p_WO = X_WO[:3, :3].T, X_WO[:3, 3]
+        R_OH, p_OH = R_OW @ R_WH, R_OW @ (p_WH - p_WO)
+        offset = (self._R_GO @ (p_OH - self._p_OG)[:, :, None])[:, :, 0]
+        xi = se3_log(xp, self._R_GO @ R_OH, offset)
+        whitened = (self._precision @ xi[:, :, None])[:, :, 0]
+        log_density = self._log_weight - 0.5 * xp.sum(xi * whitened, -1)
+        r = xp.exp(log_density - xp.max(log_density))
+        u = -options.gain * (r @ xi) / xp.sum(r)
+        angular, linear = xp.sqrt(xp.sum(u[:3] ** 2)), xp.sqrt(xp.sum(u[3:] ** 2))
+        excess = max(1.0, angular / options.max_angular, linear / options.max_linear)
+        carried = V_WO[3:] + _cross(xp, V_WO[None, :3], (p_WH - p_WO)[None])[0]
+        V = xp.concatenate([R_WH @ u[:3] / excess + V_WO[:3], R_WH @ u[3:] / excess + carried])
+        return xp.linalg.pinv(J) @ V
+
+
+class ArrayJointStep:
+    """The paper's step in joint space: IK of every grasp, Gaussian process, gradient.
+
+    Where the paper draws solutions from a network and refines them, these are found by damped
+    least squares from the present configuration, all grasps at once.
+    """
+
+    def __init__(
+        self,
+        xp: ModuleType,
+        X_OG: ArrayLike,
+        X_FG: ArrayLike,
+        *,
+        iterations: int = 10,
+        damping: float = 0.05,
+        length_scale: float = 0.1,
+        noise_variance: float = 1e-6,
+        gain: float = 5.0,
+    ) -> None:
+        """A step over grasps in the object frame, shape (n, 4, 4)."""
+        self.xp, self._arm = xp, ArrayArm(xp, X_FG)
+        grasps = np.asarray(X_OG)
+        self._R_OG = xp.asarray(grasps[:, :3, :3].copy())
+        self._p_OG = xp.asarray(grasps[:, :3, 3].copy())
+        self._iterations, self._length_scale, self._gain = iterations, length_scale, gain
+        self._ridge = xp.asarray(damping**2 * np.eye(6))
+        self._noise = xp.asarray(noise_variance * np.eye(len(grasps)))
+        self._ones = xp.asarray(np.ones(len(grasps)))
+
+    def solve(self, q: Array, X_WO: Array) -> Array:
+        """Configurations of the grasps (n, 7), from q (7,)."""
+        xp = self.xp
+        R_WG, p_WG = X_WO[:3, :3] @ self._R_OG, self._p_OG @ X_WO[:3, :3].T + X_WO[:3, 3]
+        found = q + 0.0 * self._ones[:, None]
+        for _ in range(self._iterations):
+            R, p, J = self._arm.hand(found)
+            R_HW = xp.swapaxes(R, 1, 2)
+            body = se3_log(xp, R_HW @ R_WG, (R_HW @ (p_WG - p)[:, :, None])[:, :, 0])
+            twist = xp.concatenate(
+                [(R @ part[:, :, None])[:, :, 0] for part in (body[:, :3], body[:, 3:])], 1
+            )
+            J_T = xp.swapaxes(J, 1, 2)
+            y = xp.linalg.solve(J @ J_T + self._ridge, twist[:, :, None])
+            found = found + (J_T @ y)[:, :, 0]
+        return found
+
+    def __call__(self, q: Array, X_WO: Array) -> Array:
+        """Joint velocity (7,) [rad/s] at q (7,) and object pose (4, 4)."""
+        xp, length_scale = self.xp, self._length_scale
+        q, X_WO = xp.asarray(q), xp.asarray(X_WO)
+        nodes = self.solve(q, X_WO)
+        gaps = nodes[:, None] - nodes
+        K = xp.exp(-xp.sqrt(xp.sum(gaps**2, -1)) / length_scale)
+        alpha = xp.linalg.solve(K + self._noise, self._ones)
+        offset = q - nodes
+        distance = xp.sqrt(xp.sum(offset**2, -1))
+        nearest = distance.min()
+        terms = alpha * xp.exp((nearest - distance) / length_scale)
+        o = xp.sum(terms)
+        d = nearest - length_scale * xp.log(xp.clip(o, 1e-30, None))
+        gradient = (terms / xp.clip(distance, 1e-9, None)) @ offset / o
+        return -self._gain * d * gradient / xp.sqrt(xp.sum(gradient**2))

@@ -1,0 +1,167 @@
+"""Which runs the dynamic evaluation consists of."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from feasigrasp.evaluation.arguments import names, positive, select_objects
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import Scenario, load_scenario
+from feasigrasp.systems.dynamic_grasp import load_scenario_object
+
+#: Object of the size of the paper's, 5.8 x 5.4 x 4.1 cm.
+PAPER_OBJECT = "duck"
+#: With ``--quick``, a run that does not end by itself is broken off [s].
+_QUICK_DURATION = 6.0
+MODES = ("safe", "paper")
+
+
+@dataclass(frozen=True)
+class Study:
+    """One part of the evaluation, and what its scenarios are run with unless told otherwise.
+
+    Attributes:
+        scenarios: Their names.
+        modes: Modes of the controllers.
+        objects: Names of built-in objects, separated by commas.
+        seeds: Repeats.
+        change: What is changed in every scenario, as `load_scenario` takes it.
+    """
+
+    scenarios: tuple[str, ...]
+    modes: tuple[str, ...]
+    objects: str
+    seeds: int
+    change: dict[str, Any]
+
+
+#: ``paper`` repeats the paper's dynamic test, on an object of its size and two larger ones;
+#: ``reach`` grasps and lifts moving objects of all kinds; ``obstacle`` does so beside a wall.
+STUDIES = {
+    "paper": Study(
+        ("PaperCircular", "PaperLinear", "PaperSinusoidal"),
+        ("safe", "paper"),
+        f"{PAPER_OBJECT},small_box,soup_can",
+        5,
+        {},
+    ),
+    "reach": Study(
+        ("ReachCircular", "ReachLinear", "ReachSinusoidal"),
+        ("safe",),
+        "apple,ball,banana,box,duck,l_block,mustard_bottle,pear,screwdriver,small_box,soup_can,"
+        "spray_can",
+        3,
+        {"object": {"friction": 0.6}},
+    ),
+    "obstacle": Study(
+        ("ReachObstacle",),
+        ("safe",),
+        f"{PAPER_OBJECT},soup_can,small_box",
+        3,
+        {"object": {"friction": 0.6}},
+    ),
+}
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One run of the evaluation.
+
+    Attributes:
+        name: Name of the scenario.
+        object_name: Name of the object.
+        scenario: What to run, complete.
+    """
+
+    name: str
+    object_name: str
+    scenario: Scenario
+
+    @property
+    def id(self) -> str:
+        """Name of its result file, without suffix."""
+        control = self.scenario.control
+        seed = self.scenario.random_seed
+        return f"{self.name}-{self.object_name}-{control.controller}-{control.mode}-{seed}"
+
+
+def add_plan_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments that choose runs; `plan` reads them."""
+    parser.add_argument(
+        "--study",
+        choices=(*STUDIES, "all"),
+        default="all",
+        help="part of the evaluation (default: all)",
+    )
+    parser.add_argument(
+        "--scenarios", type=names, help="names of scenarios, instead of those of the study"
+    )
+    parser.add_argument("--controllers", type=names, default=["task", "joint"])
+    parser.add_argument(
+        "--mode", type=names, help="safe, paper or both, separated by commas (default: the study's)"
+    )
+    parser.add_argument("--seeds", type=positive, help="repeats, with seeds that count")
+    parser.add_argument(
+        "--scenario_file", type=Path, default=None, help="default: diagrams/dynamic.scenarios.yaml"
+    )
+    parser.add_argument("--scenario_text", help="YAML applied on top of every scenario")
+
+
+def study_of(scenario_name: str) -> Study:
+    """The study that a scenario belongs to; of a scenario of one's own, ``reach``."""
+    return next(
+        (study for study in STUDIES.values() if scenario_name in study.scenarios), STUDIES["reach"]
+    )
+
+
+def plan(args: argparse.Namespace) -> list[PlannedRun]:
+    """The runs that the arguments ask for; with ``--quick``, one object and one seed of them.
+
+    Raises:
+        ScenarioError: Unknown scenario, key or value.
+        MeshError: Unknown object, or one that cannot be simulated.
+    """
+    runs = []
+    for name in args.scenarios or _scenarios_of(args.study):
+        study = study_of(name)
+        objects = list(select_objects(args.objects or study.objects).items())
+        seeds = list(range(args.seed, args.seed + (args.seeds or study.seeds)))
+        modes: Sequence[str] = args.mode or study.modes
+        if args.quick:
+            objects, seeds = objects[:1], seeds[:1]
+        for object_name, model in objects:
+            for controller in args.controllers:
+                for mode in modes:
+                    for seed in seeds:
+                        choice = {
+                            "random_seed": seed,
+                            "object": {"model": model},
+                            "control": {"controller": controller, "mode": mode},
+                        }
+                        scenario = _load(args, name, study.change, choice)
+                        runs.append(PlannedRun(name, object_name, scenario))
+            load_scenario_object(runs[-1].scenario)  # a wrong mesh is told now, not run by run
+    return runs
+
+
+def _scenarios_of(study: str) -> Sequence[str]:
+    if study == "all":
+        return [name for part in STUDIES.values() for name in part.scenarios]
+    return STUDIES[study].scenarios
+
+
+def _load(
+    args: argparse.Namespace, name: str, change: dict[str, Any], choice: dict[str, Any]
+) -> Scenario:
+    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
+    scenario = load_scenario(
+        filename, name, json.dumps(change), args.scenario_text, json.dumps(choice)
+    )
+    if args.quick and not scenario.grasp.close:
+        scenario.simulation_duration = min(scenario.simulation_duration, _QUICK_DURATION)
+    return scenario

@@ -1,0 +1,207 @@
+"""``feasigrasp evaluate sampler``: grasps of objects that were never trained on, judged truly.
+
+Every object is looked at from random directions by a noisy depth camera, completed as perception
+does it, and the grasps that the samplers offer are judged on the true mesh; some are tried in a
+floating-gripper simulation. All presets see the same clouds: ``default`` (the network), ``paper``
+(the paper's architecture, same data), ``antipodal`` (no network). What each figure means is written
+in docs/sampler.md. A command that was interrupted goes on after its last object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import time
+import zlib
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments, positive
+from feasigrasp.evaluation.floating_gripper import hold_trials
+from feasigrasp.evaluation.provenance import git_revision, versions
+from feasigrasp.evaluation.result_files import write_json, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.sampler_examples import fuse_and_complete, true_input
+from feasigrasp.evaluation.sampler_measures import (
+    Record,
+    equivariance_error,
+    is_graspable,
+    proposal_measures,
+    set_measures,
+)
+from feasigrasp.evaluation.sampler_objects import DEFAULT_OBJECTS, make_object, unseen_objects
+from feasigrasp.evaluation.sampler_rows import summary_rows, write_csv
+from feasigrasp.evaluation.shape_views import ViewedObject, turning_views
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.grasp_input import grasp_input
+from feasigrasp.models.grasp_network import load_grasp_network
+from feasigrasp.models.grasp_truth import TrueGrasps
+from feasigrasp.models.grasps import GraspSamplerFn, GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.network_sampler import NetworkSampler
+from feasigrasp.models.rigid_object import RigidObject
+
+#: Samplers that are compared; networks among them.
+PRESETS = ("default", "paper", "antipodal")
+NETWORKS = ("default", "paper")
+#: Number of views by condition.
+CONDITIONS = {"1view": 1, "3views": 3}
+#: Generated objects, views of every object, and views of which grasps are simulated.
+GENERATED, VIEWS, HELD_VIEWS = 40, 2, 1
+QUICK_OBJECTS = 8
+#: Friction of object and fingers in the simulation.
+FRICTION = 0.6
+GRIPPER = ParallelGripper()
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/evaluate_sampler", objects=DEFAULT_OBJECTS)
+    parser.add_argument("--views", type=positive, default=VIEWS, help="first views of every object")
+    parser.add_argument(
+        "--generated", type=positive, default=GENERATED, help="shapes of the families held out"
+    )
+
+
+@lru_cache(maxsize=1)
+def make_samplers() -> dict[str, GraspSamplerFn]:
+    """The samplers by preset."""
+    samplers: dict[str, GraspSamplerFn] = {"antipodal": AntipodalSampler(GRIPPER)}
+    for preset in NETWORKS:
+        samplers[preset] = NetworkSampler(GRIPPER, load_grasp_network(preset))
+    return samplers
+
+
+def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int) -> list[Record]:
+    """Measures all views, conditions and presets of one object.
+
+    Args:
+        name: Of the object; seeds its views.
+        what: See `make_object`.
+        views: Number of first views.
+        held_views: In so many of them grasps of a single view are simulated.
+        seed: Of the views.
+
+    Returns:
+        Records with ``kind``: "set" (what `set_measures` tells of a sampler's grasps), "proposal"
+        (what `proposal_measures` tells of a network), "hold" (one simulated grasp).
+    """
+    torch.set_num_threads(1)
+    obj = make_object(what)
+    viewed, truth = ViewedObject(obj), TrueGrasps(obj.mesh)
+    center = 0.5 * (obj.vertices.min(axis=0) + obj.vertices.max(axis=0))
+    code = zlib.crc32(name.encode())
+    perfect = true_input(truth, np.random.default_rng([seed, code]))
+    base: Record = {"object": name, "graspable": int(is_graspable(truth, perfect, GRIPPER))}
+    records = []
+    for preset in NETWORKS:
+        network = load_grasp_network(preset)
+        about: Record = {"kind": "proposal", "preset": preset, "view": 0, "condition": "true"}
+        record = proposal_measures(network, perfect, truth, GRIPPER, seed)
+        record["equivariance_error"] = equivariance_error(network, perfect, code)
+        records.append(base | about | record)
+    for view in range(views):
+        rng = np.random.default_rng([seed, code, view])
+        cameras = turning_views(rng, center, max(CONDITIONS.values()))
+        seen = [viewed.view(X_OC, rng) for X_OC in cameras]
+        for condition, count in CONDITIONS.items():
+            about = base | {"view": view, "condition": condition}
+            field = fuse_and_complete(seen[:count])
+            records += [about | r for r in _judge_field(field, truth, seed, condition == "1view")]
+            if condition == "1view" and view < held_views:
+                records += [about | r for r in _hold(obj, field, code)]
+    return records
+
+
+def _judge_field(field: Gpdf, truth: TrueGrasps, seed: int, proposals: bool) -> list[Record]:
+    """Records of all presets on one field."""
+    records: list[Record] = []
+    for preset, sampler in make_samplers().items():
+        _ = field.completion
+        start = time.process_time()
+        grasps = sampler(field)
+        cpu_ms = 1e3 * (time.process_time() - start)
+        record: Record = {"kind": "set", "preset": preset, "cpu_ms": cpu_ms}
+        record |= set_measures(grasps, truth, GRIPPER) | {"rejected": dict(grasps.rejected)}
+        records.append(record)
+        if proposals and preset in NETWORKS:
+            network = load_grasp_network(preset)
+            measured = proposal_measures(network, grasp_input(field), truth, GRIPPER, seed)
+            records.append({"kind": "proposal", "preset": preset} | measured)
+    return records
+
+
+def _hold(obj: RigidObject, field: Gpdf, seed: int) -> list[Record]:
+    """Simulates the best grasp of every preset and one drawn from the filtered ones."""
+    records: list[Record] = []
+    for preset, sampler in make_samplers().items():
+        grasps: GraspSet = sampler(field)
+        if len(grasps) == 0:
+            continue
+        drawn = int(np.random.default_rng(seed).integers(len(grasps)))
+        verdicts = hold_trials(obj, grasps.X_OG[[0, drawn]], GRIPPER, friction=FRICTION)
+        for choice, verdict in zip(("top1", "random"), verdicts, strict=True):
+            about: Record = {"kind": "hold", "preset": preset, "choice": choice}
+            records.append(about | {"held": int(verdict.held), "why": verdict.why})
+    return records
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    objects = unseen_objects(args.objects, args.generated, args.seed)
+    views, held_views = args.views, HELD_VIEWS
+    if args.quick:
+        objects = dict(list(objects.items())[:: -(-len(objects) // QUICK_OBJECTS)])
+        views = 1
+    key = {"git": git_revision(), "versions": versions(), "seed": args.seed}
+    key |= {"views": views, "held_views": held_views}
+    folder = args.out / "objects"
+    missing = [name for name in objects if _finished(folder / f"{name}.json", key) is None]
+    evaluated = joblib.Parallel(n_jobs=args.jobs, return_as="generator_unordered")(
+        joblib.delayed(_evaluate_to_file)(name, objects[name], folder, key) for name in missing
+    )
+    done = len(objects) - len(missing)
+    with tqdm(total=len(objects), initial=done, desc="sampler", unit="object") as bar:
+        for _ in evaluated:
+            bar.update()
+    records = []
+    for name in objects:
+        records += _finished(folder / f"{name}.json", key) or []
+    write_csv(records, args.out)
+    rows = summary_rows(records)
+    filename = args.out / "summary.json"
+    write_summary(filename, _command(args), key["git"], args.seed, rows, quick=args.quick)
+    print(format_rows(rows))
+    return 0
+
+
+def _command(args: argparse.Namespace) -> str:
+    options = ("out", "seed", "jobs", "objects", "views", "generated")
+    words = [word for name in options for word in (f"--{name}", str(getattr(args, name)))]
+    words += ["--quick"] * args.quick
+    return shlex.join(["feasigrasp", "evaluate", "sampler", *words])
+
+
+def _evaluate_to_file(name: str, what: str, folder: Path, key: dict[str, Any]) -> None:
+    records = evaluate_object(name, what, key["views"], key["held_views"], key["seed"])
+    write_json({"key": key, "records": records}, folder / f"{name}.json")
+
+
+def _finished(filename: Path, key: dict[str, Any]) -> list[Record] | None:
+    """The records in a file if they were made by the same code in the same way."""
+    try:
+        content = json.loads(filename.read_text())
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
+    if content.get("key") != json.loads(json.dumps(key)):
+        return None
+    records: list[Record] = content["records"]
+    return records

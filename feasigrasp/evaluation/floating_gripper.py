@@ -1,0 +1,200 @@
+"""Tries grasps out: a gripper without an arm closes on the object, lifts it and shakes it.
+
+Cheap (well under a second of processor time each) and a screening only: an arm that gives way, the
+approach and the object's own motion are not in it. The contact model is that of the dynamic runs,
+except that palm and finger backs are hydroelastic as well: their point contact would be with the
+convex hull of the object, and no finger could reach into a cup.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    ProximityProperties,
+    RoleAssign,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    CoulombFriction,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
+from pydrake.multibody.tree import PdControllerGains
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.resources import model_path
+from feasigrasp.systems.hand_load import HandLoad, closing_time, end_time
+from feasigrasp.systems.object_model import add_object
+from feasigrasp.systems.station import FINGER_KD, FINGER_KP
+
+Array = NDArray[np.float64]
+
+#: As in the scenarios.
+_PLANT = MultibodyPlantConfig(
+    time_step=0.002,
+    contact_model="hydroelastic_with_fallback",
+    discrete_contact_approximation="lagged",
+)
+#: The point that was between the pads may move this far from there [m].
+HELD_WITHIN = 0.03
+#: Pads closer than this hold nothing [m].
+_EMPTY = 5e-4
+_CHECK_EVERY = 0.1
+#: Surfaces of the hand as in its model file; how finely they are meshed [m].
+_MODULUS, _DISSIPATION, _RESOLUTION = 1e7, 20.0, 0.01
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What became of one grasp.
+
+    Attributes:
+        held: Whether the object is still between the pads after lift and shake.
+        why: ``held``, ``missed`` (the pads met), ``pushed away`` while closing, ``dropped``, or
+            ``solver failed``.
+    """
+
+    held: bool
+    why: str
+
+
+class FloatingGripper:
+    """One object and a gripper without an arm, for any number of trials.
+
+    Args:
+        obj: The object.
+        gripper: The hand; the model file describes the default one only.
+        friction: Coulomb friction between pads and object.
+
+    Raises:
+        GraspError: If the hand is not the one of the model file.
+    """
+
+    def __init__(self, obj: RigidObject, gripper: ParallelGripper, friction: float = 0.6) -> None:
+        if gripper.max_opening != ParallelGripper().max_opening:
+            raise GraspError(
+                f"a hand with max_opening = {gripper.max_opening} m cannot be simulated; the model "
+                f"file models/iiwa/gripper.urdf opens {ParallelGripper().max_opening} m"
+            )
+        self._opening = gripper.max_opening
+        self._files = tempfile.TemporaryDirectory(prefix="feasigrasp-")
+        builder = DiagramBuilder()
+        self._plant, scene_graph = AddMultibodyPlant(_PLANT, builder)
+        plant = self._plant
+        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))  # HandLoad's business
+        parser = Parser(plant)
+        parser.package_map().AddPackageXml(str(model_path("package.xml")))
+        (hand,) = parser.AddModels(str(model_path("iiwa", "gripper.urdf")))
+        instance = add_object(plant, obj, directory=self._files.name, friction=friction)
+        self._body = plant.GetBodyByName("object", instance)
+        grasp_frame = plant.GetFrameByName("grasp_frame", hand)
+        base = plant.GetBodyByName("gripper_body", hand).body_frame()
+        X_BG = grasp_frame.GetFixedPoseInBodyFrame()
+        plant.WeldFrames(plant.world_frame(), base, X_BG.inverse())
+        finger = plant.GetJointActuatorByName("left_finger_joint", hand)
+        finger.set_controller_gains(PdControllerGains(p=FINGER_KP, d=FINGER_KD))
+        _make_hydroelastic(plant, scene_graph, hand, friction)
+        plant.Finalize()
+        self._joints = [plant.GetJointByName(f"{side}_finger_joint") for side in ("left", "right")]
+
+        self._load = builder.AddNamedSystem(
+            "hand_load", HandLoad(plant, self._body.index(), self._opening)
+        )
+        builder.Connect(plant.get_state_output_port(instance), self._load.GetInputPort("state"))
+        builder.Connect(
+            self._load.GetOutputPort("finger_state"), plant.get_desired_state_input_port(hand)
+        )
+        builder.Connect(
+            self._load.GetOutputPort("spatial_force"),
+            plant.get_applied_spatial_force_input_port(),
+        )
+        self._diagram = builder.Build()
+        self._simulator = Simulator(self._diagram)
+
+    def try_grasp(self, X_OG: ArrayLike) -> Trial:
+        """Closes, lifts and shakes with the hand at one grasp (4, 4)."""
+        X_GO = RigidTransform(np.asarray(X_OG, dtype=float)).inverse()
+        context = self._diagram.CreateDefaultContext()
+        plant_context = self._plant.GetMyMutableContextFromRoot(context)
+        self._plant.SetFreeBodyPose(plant_context, self._body, X_GO)
+        for joint in self._joints:
+            joint.set_translation(plant_context, 0.5 * self._opening)
+        self._load.set_pose(self._load.GetMyMutableContextFromRoot(context), X_GO.GetAsMatrix4())
+        self._simulator.reset_context(context)
+        let_go, end = closing_time(self._opening), end_time(self._opening)
+        try:
+            self._simulator.Initialize()
+            for time in (let_go, *np.arange(let_go, end, _CHECK_EVERY)[1:], end):
+                self._simulator.AdvanceTo(time)
+                trial = self._verdict(plant_context, X_GO, time <= let_go)
+                if not trial.held:
+                    break
+        except RuntimeError:
+            return Trial(False, "solver failed")
+        return trial
+
+    def _verdict(self, context, X_GO: RigidTransform, closing: bool) -> Trial:  # type: ignore[no-untyped-def]
+        opening = sum(joint.get_translation(context) for joint in self._joints)
+        # The point of the object that was between the pads, which is the origin.
+        X_GO_now = self._plant.EvalBodyPoseInWorld(context, self._body)
+        moved = np.linalg.norm(X_GO_now.multiply(X_GO.inverse().translation()))
+        if closing and opening < _EMPTY:
+            return Trial(False, "missed")
+        if moved > HELD_WITHIN or opening < _EMPTY:
+            return Trial(False, "pushed away" if closing else "dropped")
+        return Trial(True, "held")
+
+
+def hold_trials(
+    obj: RigidObject,
+    X_OG: ArrayLike,
+    gripper: ParallelGripper | None = None,
+    *,
+    friction: float = 0.6,
+) -> Sequence[Trial]:
+    """Tries grasps of one object.
+
+    Args:
+        obj: The object.
+        X_OG: Grasp frames in its frame O, shape (n, 4, 4).
+        gripper: The hand.
+        friction: Coulomb friction between pads and object.
+    """
+    hand = FloatingGripper(obj, gripper or ParallelGripper(), friction)
+    return [hand.try_grasp(X) for X in np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)]
+
+
+def _make_hydroelastic(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    hand,
+    friction: float,  # type: ignore[no-untyped-def]
+) -> None:
+    """Gives every part of the hand a compliant surface with one friction.
+
+    Drake combines two coefficients to ``2 a b / (a + b)``, which is ``friction`` if both are.
+    """
+    for index in plant.GetBodyIndices(hand):
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
+            properties = ProximityProperties()
+            AddCompliantHydroelasticProperties(_RESOLUTION, _MODULUS, properties)
+            AddContactMaterial(
+                dissipation=_DISSIPATION,
+                friction=CoulombFriction(friction, friction),
+                properties=properties,
+            )
+            scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)

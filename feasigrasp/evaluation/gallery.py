@@ -1,0 +1,125 @@
+"""``feasigrasp evaluate gallery``: a replay for every row of the dynamic table.
+
+Writes ``DIR/index.html``, with every replay as ``DIR/<name>.html`` and the record of its run as
+``DIR/<name>.json``. The paper's scenarios are shown for one lap. Where a Chromium is found, the
+page gets a picture of every replay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import html
+from collections.abc import Sequence
+from importlib import resources
+from string import Template
+from typing import Any
+
+import joblib
+import numpy as np
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.dynamic_plan import PlannedRun, add_plan_arguments, plan
+from feasigrasp.evaluation.finished_runs import finished_records
+from feasigrasp.evaluation.isolated import run_isolated
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.replay_picture import take_picture
+
+#: Columns of the page: metric, heading, digits.
+_COLUMNS = (
+    ("gripper_object_distance_cm_mean", "distance [cm]", 2),
+    ("manipulability_mean", "manipulability", 3),
+    ("joint_limit_violation_percent", "joint limits violated [%]", 1),
+    ("self_collision_percent", "self-collision [%]", 1),
+    ("grasp_held", "held", 0),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/gallery", objects=None)
+    add_plan_arguments(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    runs = shown(plan(args))
+    args.out.mkdir(parents=True, exist_ok=True)
+    finished = {
+        id_: record
+        for id_, record in finished_records(runs, args.out, git_revision()).items()
+        if (args.out / f"{id_}.html").exists()
+    }
+    missing = [planned for planned in runs if planned.id not in finished]
+    parallel = joblib.Parallel(args.jobs, prefer="threads", return_as="generator")
+    records = parallel(
+        joblib.delayed(run_isolated)(
+            planned.scenario,
+            planned.name,
+            args.out / f"{planned.id}.json",
+            replay=args.out / f"{planned.id}.html",
+        )
+        for planned in missing
+    )
+    bar = tqdm(zip(missing, records, strict=True), total=len(missing), unit="run", desc="gallery")
+    for planned, record in bar:
+        finished[planned.id] = record
+        if record["error"]:
+            bar.write(f"{planned.id}: {record['error'][:200]}")
+    pictures = {
+        planned.id
+        for planned in tqdm(runs, unit="picture", desc="pictures")
+        if take_picture(args.out / f"{planned.id}.html")
+    }
+    page = args.out / "index.html"
+    page.write_text(index_page(runs, finished, pictures))
+    print(page)
+    return 0
+
+
+def shown(runs: Sequence[PlannedRun]) -> list[PlannedRun]:
+    """The first object and seed of every scenario, controller and mode; at most one lap."""
+    first: dict[tuple[str, str, str], PlannedRun] = {}
+    for planned in runs:
+        scenario = planned.scenario
+        lap = 2.0 * np.pi / abs(scenario.motion.rate) if scenario.motion.rate else np.inf
+        if not scenario.grasp.close:
+            scenario.simulation_duration = float(min(scenario.simulation_duration, lap))
+        control = scenario.control
+        first.setdefault((planned.name, control.controller, control.mode), planned)
+    return list(first.values())
+
+
+def index_page(
+    runs: Sequence[PlannedRun], records: dict[str, dict[str, Any]], pictures: set[str]
+) -> str:
+    """The page as HTML text."""
+    cards = []
+    for planned in runs:
+        record, control = records[planned.id], planned.scenario.control
+        figures = [
+            f"<dt>{html.escape(head)}</dt><dd>{_text(record['metrics'][name], digits)}</dd>"
+            for name, head, digits in _COLUMNS
+            if record["metrics"][name] is not None
+        ]
+        picture = (
+            f'<img src="{planned.id}.png" alt="the arm at the start" loading="lazy">'
+            if planned.id in pictures
+            else '<span class="play">play</span>'
+        )
+        cards.append(
+            f'<a class="card" href="{planned.id}.html">{picture}'
+            f"<h2>{html.escape(planned.name)}</h2>"
+            f"<p>{control.controller} space, {control.mode} mode, "
+            f"{html.escape(planned.object_name)}</p><dl>{''.join(figures)}</dl></a>"
+        )
+    page = resources.files("feasigrasp.evaluation").joinpath("gallery.html").read_text()
+    return Template(page).substitute(
+        cards="\n".join(cards), revision=html.escape(str(git_revision()))
+    )
+
+
+def _text(value: float | bool, digits: int) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.{digits}f}"

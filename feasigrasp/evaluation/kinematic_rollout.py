@@ -1,0 +1,211 @@
+"""The control loop without physics and without a camera, to tune controllers with.
+
+The systems that run in `feasigrasp.systems.dynamic_grasp` (tracker, reachability filter,
+controller, drive, metrics) run here too, but the grasps come from the object's whole surface, once,
+and the arm is wherever the drive wants it. What is left out is what a controller should not depend
+on: contact, the arm's own dynamics, and what the camera happens to see. Three laps take seconds.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import (
+    ConstantValueSource,
+    ConstantVectorSource,
+    Demultiplexer,
+    LogVectorOutput,
+    ZeroOrderHold,
+)
+from threadpoolctl import threadpool_limits
+
+from feasigrasp.evaluation.rollout_metrics import rollout_metrics
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.gpdf import fit_gpdf
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import NUM_JOINTS
+from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.rigid_object import load_object
+from feasigrasp.scenario import Scenario, make_motion
+from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_controller
+from feasigrasp.systems.metrics import Metrics
+from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.reachability_filter import ReachabilityFilter
+from feasigrasp.systems.velocity_drive import VelocityDrive
+
+FloatArray = NDArray[np.float64]
+#: Makes the controller of a scenario; its ports are those of `RMMTaskController`.
+ControllerFactory = Callable[[Scenario, Reachability], LeafSystem]
+
+_SURFACE_POINTS = 512
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Rollout:
+    """What happened.
+
+    Attributes:
+        metrics: The metrics of `feasigrasp.evaluation.metrics.summarize` and those of
+            `feasigrasp.evaluation.rollout_metrics.rollout_metrics`.
+        times: Times of the samples [s], shape (n,).
+        samples: Samples, one row per entry of `feasigrasp.systems.metrics.SAMPLE_NAMES`.
+        tick_times: Control times [s], shape (m,).
+        states: Joint positions [rad], then velocities [rad/s], at those times, shape (m, 14).
+    """
+
+    metrics: dict[str, Any]
+    times: FloatArray
+    samples: FloatArray
+    tick_times: FloatArray
+    states: FloatArray
+
+
+class _ObjectPose(LeafSystem):
+    """The pose of an object that moves as a `HarmonicMotion` says."""
+
+    def __init__(self, motion: HarmonicMotion) -> None:
+        super().__init__()
+        self._motion = motion
+        self.DeclareAbstractOutputPort(
+            "pose", Value[RigidTransform], self._calc, {self.time_ticket()}
+        )
+
+    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        output.set_value(RigidTransform(self._motion.pose(context.get_time())))
+
+
+@lru_cache(maxsize=64)
+def object_grasps(model: str, scale: float = 1.0, seed: int = 0, n_grasps: int = 64) -> GraspSet:
+    """Grasps of an object whose whole surface is known, in its frame, best score first.
+
+    Args:
+        model: Name of a built-in object, or a mesh file.
+        scale: Factor from the mesh's unit to metres.
+        seed: Seed of the surface points and of the approach directions.
+        n_grasps: Most grasps returned.
+    """
+    mesh = load_object(model, scale=scale).mesh
+    state = np.random.RandomState(seed)  # what trimesh samples with
+    weights = mesh.area_faces / mesh.area_faces.sum()
+    faces = state.choice(len(weights), _SURFACE_POINTS, p=weights)
+    a, b = np.sort(state.random_sample((2, _SURFACE_POINTS, 1)), axis=0)
+    corners = mesh.triangles[faces]
+    points = a * corners[:, 0] + (b - a) * corners[:, 1] + (1.0 - b) * corners[:, 2]
+    return AntipodalSampler(n_grasps=n_grasps, seed=seed)(fit_gpdf(points))
+
+
+def make_rollout(
+    scenario: Scenario, grasps: GraspSet, controller: ControllerFactory = make_controller
+) -> Diagram:
+    """Tracker, reachability filter, controller, drive and metrics around an ideal arm.
+
+    The subsystems are named ``object``, ``tracker``, ``grasps``, ``reachability``, ``reachable``,
+    ``controller``, ``drive`` and ``metrics``, as in `make_dynamic_grasp`; the logs are
+    ``log(metrics)`` at the metrics' rate and ``log(drive)`` at the control rate.
+    """
+    gripper = ParallelGripper()
+    reachability = Reachability(gripper)
+    builder = DiagramBuilder()
+    add, connect = builder.AddNamedSystem, builder.Connect
+    pose = add("object", _ObjectPose(make_motion(scenario)))
+    tracker = add("tracker", ObjectTracker(scenario.tracker))
+    source = add("grasps", ConstantValueSource(AbstractValue.Make(grasps)))
+    config = scenario.reachability
+    reach = add(
+        "reachability",
+        ReachabilityFilter(reachability, method=config.method, horizon=config.horizon),
+    )
+    held = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
+    reachable = add("reachable", held)
+    follow = add("controller", controller(scenario, reachability))
+    safe = scenario.control.mode == "safe"
+    drive = add("drive", VelocityDrive(scenario.control.period, enforce_position_limits=safe))
+    arm = add("arm", Demultiplexer([NUM_JOINTS, NUM_JOINTS]))
+    metrics = add("metrics", Metrics(gripper))
+    phase = add("phase", ConstantVectorSource([0.0]))
+
+    connect(pose.get_output_port(), tracker.GetInputPort("pose"))
+    connect(source.get_output_port(), reach.GetInputPort("grasps"))
+    for port in ("object_pose", "object_velocity"):
+        for system in (reach, follow):
+            connect(tracker.GetOutputPort(port), system.GetInputPort(port))
+    connect(reach.GetOutputPort("grasps"), reachable.get_input_port())
+    connect(reachable.get_output_port(), follow.GetInputPort("grasps"))
+    connect(follow.GetOutputPort("commanded_velocity"), drive.GetInputPort("velocity"))
+    for source_port, port in (
+        (drive.GetOutputPort("desired_velocity"), "desired_velocity"),
+        (tracker.GetOutputPort("object_motion"), "object_motion"),
+    ):
+        if follow.HasInputPort(port):  # a controller may do without
+            connect(source_port, follow.GetInputPort(port))
+    connect(tracker.GetOutputPort("object_motion"), reach.GetInputPort("object_motion"))
+    # The arm is where the drive wants it to be.
+    connect(drive.GetOutputPort("desired_state"), arm.get_input_port())
+    for system in (follow, drive):
+        connect(arm.get_output_port(0), system.GetInputPort("position"))
+    connect(drive.GetOutputPort("desired_state"), metrics.GetInputPort("state"))
+    connect(pose.get_output_port(), metrics.GetInputPort("object_pose"))
+    connect(reachable.get_output_port(), metrics.GetInputPort("grasps"))
+    connect(phase.get_output_port(), metrics.GetInputPort("phase"))
+    log = LogVectorOutput(metrics.GetOutputPort("sample"), builder, LOG_PERIOD)
+    log.set_name("log(metrics)")
+    log = LogVectorOutput(drive.GetOutputPort("desired_state"), builder, scenario.control.period)
+    log.set_name("log(drive)")
+    return builder.Build()
+
+
+def roll_out(
+    scenario: Scenario,
+    grasps: GraspSet | None = None,
+    *,
+    duration: float | None = None,
+    controller: ControllerFactory = make_controller,
+) -> Rollout:
+    """Runs a scenario kinematically.
+
+    Args:
+        scenario: What to run; its cell, cameras, perception and sequencer play no part.
+        grasps: Grasps in the object frame; those of the scenario's object if not given.
+        duration: Length [s]; three laps of the motion if not given.
+        controller: Makes the controller; the scenario's own if not given.
+
+    Raises:
+        MeshError: The scenario's object cannot be loaded.
+    """
+    if grasps is None:
+        grasps = object_grasps(scenario.object.model, scenario.object.scale, scenario.random_seed)
+    if duration is None:
+        duration = 3.0 * 2.0 * np.pi / scenario.motion.rate
+    with threadpool_limits(1):
+        diagram = make_rollout(scenario, grasps, controller)
+        simulator = Simulator(diagram)
+        drive = diagram.GetSubsystemByName("drive")
+        state = np.concatenate([np.deg2rad(scenario.q_start), np.zeros(NUM_JOINTS)])
+        drive.GetMyMutableContextFromRoot(simulator.get_mutable_context()).SetDiscreteState(state)
+        simulator.Initialize()
+        simulator.AdvanceTo(duration)
+    context = simulator.get_context()
+    logs = [
+        diagram.GetSubsystemByName(f"log({name})").FindLog(context) for name in ("metrics", "drive")
+    ]
+    (times, samples), (ticks, states) = [
+        (log.sample_times().copy(), log.data().copy()) for log in logs
+    ]
+    return Rollout(
+        rollout_metrics(samples, states.T, scenario.control.period),
+        times,
+        samples,
+        ticks,
+        states.T,
+    )

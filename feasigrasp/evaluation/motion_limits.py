@@ -1,0 +1,65 @@
+"""Whether the arm kept its velocity and acceleration limits, tick by tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+
+FloatArray = NDArray[np.float64]
+
+#: Rounding of a command that sits exactly at its limit is no violation.
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class JointTicks:
+    """What the arm was told and what it did, at every tick of the control.
+
+    Attributes:
+        commanded: Joint velocities sent to the arm [rad/s], shape (m, 7).
+        measured: True joint velocities [rad/s], shape (m, 7).
+        period: Time between ticks [s].
+    """
+
+    commanded: FloatArray
+    measured: FloatArray
+    period: float
+
+
+def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
+    """Shares of ticks beyond the limits, and the largest values over their limits [%].
+
+    A velocity counts as violating if it is too large in the command *or* in the true motion. An
+    acceleration is that of the command, ``(v_k - v_(k-1)) / period``: it is what the arm's own
+    controller is asked for. The true one is no measure of a controller: the simulated arm answers
+    each step of the command within one or two steps of the physics, so that differences of its
+    velocity show the time step.
+
+    Args:
+        ticks: At least one tick.
+
+    Returns:
+        ``velocity_limit_violation_percent``, ``acceleration_limit_violation_percent``,
+        ``velocity_peak_percent`` (of the true motion), ``acceleration_peak_percent``; the
+        accelerations None for a single tick.
+    """
+    speed = np.maximum(np.abs(ticks.commanded), np.abs(ticks.measured)) / VELOCITY_LIMITS
+    result: dict[str, float | None] = {
+        "velocity_limit_violation_percent": _share_beyond(speed),
+        "acceleration_limit_violation_percent": None,
+        "velocity_peak_percent": 100.0 * float(np.max(np.abs(ticks.measured) / VELOCITY_LIMITS)),
+        "acceleration_peak_percent": None,
+    }
+    if len(ticks.commanded) > 1:
+        change = np.abs(np.diff(ticks.commanded, axis=0)) / ticks.period / ACCELERATION_LIMITS
+        result["acceleration_limit_violation_percent"] = _share_beyond(change)
+        result["acceleration_peak_percent"] = 100.0 * float(np.max(change))
+    return result
+
+
+def _share_beyond(ratio: FloatArray) -> float:
+    return 100.0 * float(np.mean(np.any(ratio > 1.0 + _ROUNDING, axis=1)))

@@ -1,0 +1,132 @@
+"""Where the objects of training data come from: our own stream, or meshes and grasps of others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from feasigrasp.errors import MeshError
+from feasigrasp.evaluation.acronym import acronym_labels, read_acronym
+from feasigrasp.evaluation.sampler_examples import Labeller
+from feasigrasp.models.household_shapes import (
+    HELD_OUT,
+    TRAINED,
+    make_shape,
+    rigid_object,
+    shape_of,
+)
+from feasigrasp.models.rigid_object import DEFAULT_DENSITY, RigidObject, find_objects, load_object
+
+#: One object of our own stream in so many is of a family that is held out.
+HELD_OUT_EVERY = 8
+
+
+@dataclass(frozen=True, eq=False)
+class StreamedObject:
+    """One object of a stream.
+
+    Attributes:
+        obj: The object.
+        family: What it is.
+        seed: Its seed, or its number in a finite stream.
+        label: Labels its surface; None for what its mesh says.
+    """
+
+    obj: RigidObject
+    family: str
+    seed: int
+    label: Labeller | None = None
+
+
+@dataclass(frozen=True)
+class ObjectStream:
+    """A numbered stream of objects; picklable, so that processes can share it.
+
+    Attributes:
+        kind: ``shape`` (household shapes, endless), ``mesh`` or ``acronym``.
+        path: For ``mesh``, a folder of closed meshes [m] or one npz file with ``vertices``,
+            ``faces``, ``vertex_offsets`` and ``face_offsets``; for ``acronym``, a folder with h5
+            files in ``grasps`` and meshes beside it.
+        seed: Of the shapes.
+    """
+
+    kind: str = "shape"
+    path: Path | None = None
+    seed: int = 0
+
+    def __len__(self) -> int:
+        """Number of objects; of an endless stream the largest number there is."""
+        return 2**31 - 1 if self.path is None else len(_entries(self.kind, self.path))
+
+    def __getitem__(self, index: int) -> StreamedObject:
+        """The ``index``-th object.
+
+        Raises:
+            IndexError: Past the end of a finite stream.
+            MeshError: It cannot be read.
+        """
+        if self.path is None:
+            return _shape(index, self.seed)
+        entry = _entries(self.kind, self.path)[index]
+        if self.kind == "acronym":
+            recorded = read_acronym(entry)
+            category = Path(entry).stem.split("_")[0]
+            return StreamedObject(
+                recorded.obj,
+                f"acronym {category}",
+                index,
+                lambda points, normals: acronym_labels(recorded, points, normals),
+            )
+        if self.path.suffix == ".npz":
+            return StreamedObject(_from_npz(self.path, int(entry)), "mesh", index)
+        return StreamedObject(load_object(entry), "mesh", index)
+
+
+def _shape(index: int, seed: int) -> StreamedObject:
+    held, place = divmod(index, HELD_OUT_EVERY)
+    if place == HELD_OUT_EVERY - 1:
+        family, shape_seed = shape_of(held, seed, HELD_OUT)
+    else:
+        family, shape_seed = shape_of(index - held, seed, TRAINED)
+    return StreamedObject(make_shape(family, shape_seed), family, shape_seed)
+
+
+@cache
+def _entries(kind: str, path: Path) -> tuple[str, ...]:
+    """What a finite stream consists of: files, or numbers within one file."""
+    if kind == "acronym":
+        files = sorted((path / "grasps").glob("*.h5"))
+        if not files:
+            raise MeshError(f"{path / 'grasps'}: no h5 files of ACRONYM")
+        return tuple(str(file) for file in files)
+    if path.suffix == ".npz":
+        return tuple(str(i) for i in range(len(_npz(path)["vertex_offsets"]) - 1))
+    return tuple(str(file) for file in find_objects(path).values())
+
+
+@cache
+def _npz(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path) as content:
+            names = ("vertices", "faces", "vertex_offsets", "face_offsets")
+            return {name: content[name] for name in names}
+    except (OSError, ValueError, KeyError) as error:
+        raise MeshError(
+            f"{path}: {error}; give an npz file with vertices, faces and their offsets"
+        ) from error
+
+
+def _from_npz(path: Path, index: int) -> RigidObject:
+    content = _npz(path)
+    (v0, v1), (f0, f1) = (
+        content[name][index : index + 2] for name in ("vertex_offsets", "face_offsets")
+    )
+    mesh = trimesh.Trimesh(
+        content["vertices"][v0:v1].astype(float), content["faces"][f0:f1].astype(np.int64)
+    )
+    mesh.fix_normals()
+    return rigid_object(f"mesh_{index}", mesh, DEFAULT_DENSITY * float(mesh.volume))

@@ -1,0 +1,104 @@
+"""``feasigrasp report DIR``: what an evaluation or a benchmark found, as Markdown.
+
+Reads ``DIR/summary.json``, or those of the folders in DIR, and writes ``DIR/report.md``. The
+dynamic evaluation gets the paper's table beside its own and a figure; any other summary a table of
+its rows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.evaluation.markdown import markdown_table, replace_section
+from feasigrasp.evaluation.report_dynamic import FIGURE, dynamic_report
+from feasigrasp.evaluation.result_files import Row
+
+
+class ReportError(FeasigraspError, FileNotFoundError):
+    """A folder without results."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder with summary.json")
+    parser.add_argument(
+        "--into",
+        type=Path,
+        metavar="FILE.md",
+        help="write the report into this document too, between its report lines; figures go to "
+        "the folder images beside it",
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    text = report(args.folder)
+    filename = args.folder / "report.md"
+    filename.write_text(text + "\n")
+    print(filename)
+    if args.into is not None:
+        images = args.into.parent / "images"
+        for figure in sorted(args.folder.rglob(FIGURE)):
+            images.mkdir(exist_ok=True)
+            shutil.copyfile(figure, images / figure.name)
+        text = re.sub("^#", "##", text, flags=re.MULTILINE)  # below a heading of the document
+        replace_section(args.into, text.replace(f"]({FIGURE})", f"](images/{FIGURE})"))
+        print(args.into)
+    return 0
+
+
+def report(folder: Path) -> str:
+    """The text for the results in a folder; figures are drawn beside each ``summary.json``.
+
+    Raises:
+        ReportError: There are no results.
+    """
+    files = [folder / "summary.json"]
+    if not files[0].exists():
+        files = sorted(folder.glob("*/summary.json"))
+    if not files:
+        raise ReportError(
+            f"neither {folder} nor a folder in it has a summary.json; give the --out of a command"
+        )
+    return "\n\n".join(_section(file) for file in files)
+
+
+def _section(file: Path) -> str:
+    summary: dict[str, Any] = json.loads(file.read_text())
+    rows = [Row(**row) for row in summary["rows"]]
+    body = ""
+    if any(row.name.startswith("dynamic.") for row in rows):
+        body = dynamic_report(rows, file.parent)
+    body = body or _plain_table(rows)
+    return f"## `{summary['command']}`\n\n{_origin(summary)}\n\n{body}"
+
+
+def _origin(summary: dict[str, Any]) -> str:
+    versions = ", ".join(
+        f"{name} {summary['versions'][name]}"
+        for name in ("python", "drake", "numpy")
+        if name in summary["versions"]
+    )
+    quick = " A quick sample, no result to rely on." if summary.get("quick") else ""
+    return f"Revision {summary['git']}, seed {summary['seed']}; {versions}.{quick}"
+
+
+def _plain_table(rows: list[Row]) -> str:
+    lines = [
+        [
+            f"`{row.name}`",
+            row.preset,
+            f"{row.value:.4g}",
+            "" if row.low is None else f"[{row.low:.4g}, {row.high:.4g}]",
+            row.unit,
+            str(row.n),
+        ]
+        for row in rows
+    ]
+    return markdown_table(["row", "preset", "value", "95 % interval", "unit", "n"], lines)

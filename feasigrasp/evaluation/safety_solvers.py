@@ -1,0 +1,150 @@
+"""Solvers of the safety QP beside DAQP, where they are installed.
+
+Each takes ``H, f, A, lower, upper`` of ``min 1/2 x'Hx + f'x`` with ``lower <= [x; A x] <= upper``
+and returns x, or None if it has found none. Tolerances are set so that all are about as accurate as
+an active-set method (1e-6 rad/s), as far as they have any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import daqp
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.solvers import ClarabelSolver, MathematicalProgram, OsqpSolver, SolverOptions
+
+FloatArray = NDArray[np.float64]
+Solver = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], "FloatArray | None"]
+
+_TOLERANCE = 1e-7
+
+
+def solve_daqp(
+    H: FloatArray, f: FloatArray, A: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray | None:
+    """Dual active set with recursive LDL' updates; what the package uses."""
+    x, _, status, _ = daqp.solve(H, f, A, upper, lower)
+    return x if status > 0 else None
+
+
+def _stacked(A: FloatArray) -> FloatArray:
+    return np.vstack([np.eye(7), A])
+
+
+def _quadprog() -> Solver:
+    quadprog = import_module("quadprog")
+
+    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+        C = np.vstack([np.eye(7), -np.eye(7), A])
+        b = np.concatenate([lower[:7], -upper[:7], lower[7:]])
+        try:
+            return quadprog.solve_qp(H, -f, C.T, b)[0]
+        except ValueError:  # inconsistent constraints
+            return None
+
+    return solve
+
+
+def _proxqp() -> Solver:
+    dense = import_module("proxsuite").proxqp.dense
+
+    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+        result = dense.solve(
+            H, f, None, None, _stacked(A), lower, upper, eps_abs=_TOLERANCE, eps_rel=0.0
+        )
+        solved = import_module("proxsuite").proxqp.PROXQP_SOLVED
+        return result.x if result.info.status == solved else None
+
+    return solve
+
+
+def _piqp() -> Solver:
+    piqp = import_module("piqp")
+
+    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+        solver = piqp.DenseSolver()
+        solver.settings.eps_abs = _TOLERANCE
+        solver.setup(H, f, None, None, A, lower[7:], upper[7:], lower[:7], upper[:7])
+        return solver.result.x if solver.solve() == piqp.PIQP_SOLVED else None
+
+    return solve
+
+
+def _osqp() -> Solver:
+    osqp, sparse = import_module("osqp"), import_module("scipy.sparse")
+
+    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+        solver = osqp.OSQP()
+        matrices = sparse.triu(H, format="csc"), sparse.csc_matrix(_stacked(A))
+        solver.setup(
+            matrices[0], f, matrices[1], lower, upper,
+            verbose=False, eps_abs=_TOLERANCE, eps_rel=0.0, max_iter=20000,
+        )  # fmt: skip
+        result = solver.solve(raise_error=False)
+        return result.x if result.info.status_val == 1 else None
+
+    return solve
+
+
+def _clarabel() -> Solver:
+    clarabel, sparse = import_module("clarabel"), import_module("scipy.sparse")
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+
+    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+        G = sparse.csc_matrix(np.vstack([np.eye(7), -np.eye(7), -A]))
+        h = np.concatenate([upper[:7], -lower[:7], -lower[7:]])
+        cones = [clarabel.NonnegativeConeT(len(h))]
+        solver = clarabel.DefaultSolver(sparse.triu(H, format="csc"), f, G, h, cones, settings)
+        solution = solver.solve()
+        return np.array(solution.x) if str(solution.status) == "Solved" else None
+
+    return solve
+
+
+def _drake(solver: Any, options: dict[str, float]) -> Solver:
+    """Drake's MathematicalProgram with one of its solvers."""
+    settings = SolverOptions()
+    for name, value in options.items():
+        settings.SetOption(solver.solver_id(), name, value)
+
+    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+        program = MathematicalProgram()
+        x = program.NewContinuousVariables(7)
+        program.AddQuadraticCost(H, f, x, is_convex=True)
+        program.AddBoundingBoxConstraint(lower[:7], upper[:7], x)
+        if len(A) > 0:
+            program.AddLinearConstraint(A, lower[7:], np.full(len(A), np.inf), x)
+        result = solver.Solve(program, None, settings)
+        return result.GetSolution(x) if result.is_success() else None
+
+    return solve
+
+
+#: PyPI name and maker of every peer that may be installed.
+_INSTALLABLE: dict[str, Callable[[], Solver]] = {
+    "quadprog": _quadprog,
+    "proxsuite": _proxqp,
+    "piqp": _piqp,
+    "osqp": _osqp,
+    "clarabel": _clarabel,
+}
+
+
+def solvers() -> dict[str, Solver]:
+    """All that can run here by preset, DAQP as ``default``; prints which are left out."""
+    found: dict[str, Solver] = {"default": solve_daqp}
+    for name, make in _INSTALLABLE.items():
+        if find_spec(name):
+            found[f"peer:{name}"] = make()
+        else:
+            print(f"{name} is not installed (PyPI: {name}): its rows are left out")
+    found["peer:drake-osqp"] = _drake(
+        OsqpSolver(), {"eps_abs": _TOLERANCE, "eps_rel": 0.0, "max_iter": 20000}
+    )
+    found["peer:drake-clarabel"] = _drake(ClarabelSolver(), {})
+    return found

@@ -1,0 +1,156 @@
+"""Training examples of the grasp network: an object becomes inputs with labels.
+
+Inputs are made as they are at run time: a noisy depth camera looks at the object one to three times
+while it turns, the views are fused with the tracker's error, and the distance field completes the
+surface. One in five is the true surface instead. Labels come from the true mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from feasigrasp.errors import PointCloudError
+from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning_views
+from feasigrasp.models.farthest_points import farthest_points
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.grasp_input import MAX_CHORD, SCALARS, GraspInput, grasp_input
+from feasigrasp.models.grasp_labels import PointLabels, label_points
+from feasigrasp.models.grasp_truth import TrueGrasps
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.models.shape_completion import complete_shape, predicted_deviation
+from feasigrasp.models.view_fusion import FusedCloud
+
+Example = dict[str, Any]
+Array = NDArray[np.float64]
+Labeller = Callable[[Array, Array], PointLabels]
+
+#: Points of an input.
+POINTS = 512
+#: Share of the inputs that are true surfaces; of the others, shares with 1, 2 and 3 views.
+TRUE_SHARE, VIEW_SHARES = 0.2, (0.5, 0.2, 0.3)
+#: Standard deviation of the tracked pose in every other fusion of several views: [m] and [rad].
+TRACKING = (0.002, float(np.deg2rad(1.0)))
+#: Perception's defaults: voxels in which views are merged [m], points that the field is fitted to.
+VOXEL_SIZE, FIELD_POINTS = 0.003, 320
+#: Chords of true surfaces shorter than this are grazing hits [m].
+_MIN_CHORD = 1e-3
+#: Times that a view is drawn anew if it shows too little.
+_TRIES = 4
+
+
+def fuse_and_complete(views: Sequence[PartialView]) -> Gpdf:
+    """Views become a distance field, as perception does it by default."""
+    cloud = FusedCloud.empty(VOXEL_SIZE, smooth=True)
+    for view in views:
+        cloud = cloud.merged(view.points, view.p_OC)
+    return complete_shape(cloud, max_points=FIELD_POINTS)
+
+
+def completed_input(
+    viewed: ViewedObject, n_views: int, rng: np.random.Generator, n_points: int = POINTS
+) -> GraspInput | None:
+    """The input that random views of an object give; None if it can hardly be seen.
+
+    Args:
+        viewed: The object.
+        n_views: Number of views, while it turns.
+        rng: Draws camera poses, sensor noise and errors of the tracker.
+        n_points: Rows of the input. If there are fewer points, some are there twice.
+    """
+    center = 0.5 * (viewed.obj.vertices.min(axis=0) + viewed.obj.vertices.max(axis=0))
+    tracking = TRACKING if n_views > 1 and rng.random() < 0.5 else (0.0, 0.0)
+    for _ in range(_TRIES):
+        try:
+            cameras = turning_views(rng, center, n_views)
+            field = fuse_and_complete([viewed.view(X_OC, rng, tracking) for X_OC in cameras])
+        except PointCloudError:
+            continue
+        made = grasp_input(field, n_points)
+        rows = np.resize(np.arange(len(made)), n_points)
+        return GraspInput(made.points[rows], made.normals[rows], made.scalars[rows])
+    return None
+
+
+def true_input(truth: TrueGrasps, rng: np.random.Generator, n_points: int = POINTS) -> GraspInput:
+    """The input that a perfect reconstruction of an object would give."""
+    mesh = truth.mesh
+    samples, faces = trimesh.sample.sample_surface(mesh, 4 * n_points, seed=rng)
+    chosen = farthest_points(np.ascontiguousarray(samples), n_points)
+    points = np.asarray(samples[chosen], dtype=float)
+    normals = np.asarray(mesh.face_normals[faces[chosen]])
+    length, far = truth.cast(points - 1e-5 * normals, -normals)
+    hit = (length > _MIN_CHORD) & (length <= MAX_CHORD)
+    sure = float(predicted_deviation(0.0, 1.0))
+    scalars = np.zeros((n_points, len(SCALARS)))
+    scalars[:, 0] = sure
+    scalars[hit, 1] = length[hit]
+    scalars[hit, 2] = np.einsum("ij,ij->i", normals[hit], far[hit])
+    scalars[hit, 3] = sure
+    return GraspInput(points, normals, scalars)  # type: ignore[arg-type]
+
+
+def labelled(made: GraspInput, labels: PointLabels) -> Example:
+    """Input and labels as the arrays of a shard."""
+    return {
+        "points": made.points,
+        "normals": made.normals,
+        "scalars": made.scalars,
+        "contact": labels.contact,
+        "width": labels.width.astype(np.float32),
+        "closing": labels.closing.astype(np.float32),
+        "approach": labels.approach.astype(np.float16),
+        "n_approaches": labels.n_approaches.astype(np.int16),
+        "across": labels.across.astype(np.float32),
+        "free": labels.free,
+    }
+
+
+def object_examples(
+    obj: RigidObject,
+    family: str,
+    seed: int,
+    inputs: int,
+    gripper: ParallelGripper,
+    rng: np.random.Generator,
+    label: Labeller | None = None,
+) -> list[Example]:
+    """Examples of one object.
+
+    Args:
+        obj: The object.
+        family: What it is, written beside.
+        seed: Its seed, written beside.
+        inputs: Number of examples; fewer if it cannot be seen.
+        gripper: The hand that the labels are for.
+        rng: Draws everything.
+        label: Labels points (n, 3) with normals (n, 3) of the surface; by default what the true
+            mesh says for that hand.
+    """
+    viewed, truth = ViewedObject(obj), TrueGrasps(obj.mesh)
+    label = label or (lambda points, normals: label_points(truth, points, normals, gripper, rng))
+    examples = []
+    for _ in range(inputs):
+        n_views = 0
+        made: GraspInput | None
+        if rng.random() < TRUE_SHARE:
+            made = true_input(truth, rng)
+        else:
+            n_views = 1 + int(rng.choice(3, p=VIEW_SHARES))
+            made = completed_input(viewed, n_views, rng)
+        if made is None:
+            continue
+        labels = label(made.points.astype(float), made.normals.astype(float))
+        about = {"family": family, "object_seed": seed, "n_views": n_views}
+        examples.append(labelled(made, labels) | about | {"true_surface": n_views == 0})
+    return examples
+
+
+def stacked(examples: Sequence[Example]) -> dict[str, NDArray[Any]]:
+    """Examples as the arrays of one shard, one row per example."""
+    return {name: np.stack([np.asarray(e[name]) for e in examples]) for name in examples[0]}

@@ -1,0 +1,189 @@
+"""``feasigrasp evaluate sampler-figures``: grasps before and after the filter, on six objects.
+
+Each object is seen once by the noisy camera and completed. The upper row shows what the sampler
+proposes, coloured by the network's probability; the lower row what the filter leaves, coloured by
+the score. Grasps that are truly valid, told by the mesh, are counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
+from feasigrasp.evaluation.dense_surface import dense_surface
+from feasigrasp.evaluation.perception import DOT, gripper_outline
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.sampler_examples import fuse_and_complete
+from feasigrasp.evaluation.shape_views import ViewedObject, look_at
+from feasigrasp.evaluation.splats import Viewer, draw_points, frame
+from feasigrasp.models.glyphs import spread_order
+from feasigrasp.models.grasp_truth import TrueGrasps
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.network_sampler import NetworkSampler
+from feasigrasp.models.rigid_object import load_object
+from feasigrasp.models.surface_points import SurfacePoints
+
+Array = NDArray[np.float64]
+
+#: Objects of the picture unless others are asked for.
+OBJECTS = "mustard_bottle,mug,drill,banana,hammer,spray_can"
+#: Direction from the objects to the camera, and its distance [m].
+_DIRECTION, _DISTANCE = np.array([1.0, -0.6, 0.7]), 0.5
+#: Grasps drawn per panel.
+_SHOWN = 18
+#: From unlikely to certain.
+COLORS = LinearSegmentedColormap.from_list("score", ["#c43a31", "#e8a33d", "#4fae4e", "#0b6b3a"])
+_SURFACE = (0.74, 0.77, 0.82)
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """What is drawn of one object.
+
+    Attributes:
+        name: Of the object.
+        surface: The completed surface.
+        poses: Grasps before and after the filter, shapes (n, 4, 4).
+        scores: Their scores, shapes (n,).
+        valid: Which are truly valid, shapes (n,).
+    """
+
+    name: str
+    surface: SurfacePoints
+    poses: tuple[Array, Array]
+    scores: tuple[Array, Array]
+    valid: tuple[NDArray[np.bool_], NDArray[np.bool_]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    add_common_arguments(parser, out="out/sampler_figures", objects=OBJECTS)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    selected = list(select_objects(args.objects).items())[: 2 if args.quick else 6]
+    panels = [make_panel(name, model, args.seed) for name, model in selected]
+    args.out.mkdir(parents=True, exist_ok=True)
+    gripper = ParallelGripper()
+    draw_grasps(panels, gripper, args.out / "grasps.png")
+    write_grasps(panels, args.out / "grasps.csv")
+    rows = [
+        Row(f"sampler_figures.valid_share.{when}", panel.name, float(valid.mean()), None, None, "1",
+            len(valid))
+        for panel in panels
+        for when, valid in zip(("proposed", "filtered"), panel.valid, strict=True)
+        if len(valid)
+    ]  # fmt: skip
+    write_summary(
+        args.out / "summary.json",
+        command=f"feasigrasp evaluate sampler-figures --objects {args.objects} --seed {args.seed}",
+        git=git_revision(),
+        seed=args.seed,
+        rows=rows,
+        quick=args.quick,
+    )
+    print(format_rows(rows))
+    print(f"{args.out}/grasps.png, grasps.csv, summary.json")
+    return 0
+
+
+def make_panel(name: str, model: str, seed: int) -> Panel:
+    """Looks at one object once and samples its grasps."""
+    viewed, rng = ViewedObject(load_object(model)), np.random.default_rng(seed)
+    view = viewed.view(look_at(_DISTANCE * _DIRECTION / np.linalg.norm(_DIRECTION)), rng)
+    field, sampler = fuse_and_complete([view]), NetworkSampler()
+    truth = TrueGrasps(viewed.obj.mesh)
+    X_OG, _, prior, _ = sampler.candidates(field)
+    kept = sampler(field)
+    return Panel(
+        name,
+        dense_surface(field),
+        (X_OG, kept.X_OG),
+        (prior, kept.score),
+        (truth.valid(X_OG, sampler.gripper), truth.valid(kept.X_OG, sampler.gripper)),
+    )
+
+
+def draw_grasps(panels: list[Panel], gripper: ParallelGripper, filename: Path) -> None:
+    """Draws all panels as one picture."""
+    figure = Figure(figsize=(2.6 * len(panels), 6.4))
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, len(panels), squeeze=False)
+    figure.subplots_adjust(left=0.025, right=0.995, top=0.93, bottom=0.1, wspace=0.02, hspace=0.1)
+    viewer = Viewer.at(_DIRECTION, [0.0, 0.0, 1.0], turn=0.35, raised=0.1)
+    hand = gripper_outline(gripper)
+    for column, panel in enumerate(panels):
+        reach = _lines(panel.poses[1] if len(panel.poses[1]) else panel.poses[0], hand)
+        everything = np.concatenate([panel.surface.points, reach.reshape(-1, 3)])
+        for row, (poses, scores, valid) in enumerate(
+            zip(panel.poses, panel.scores, panel.valid, strict=True)
+        ):
+            ax = axes[row, column]
+            _draw_panel(ax, viewer, panel.surface, poses, scores, hand)
+            frame(ax, viewer, everything, margin=0.02)
+            share = f"{valid.sum()} of {len(valid)} valid"
+            ax.text(0.5, -0.01, share, transform=ax.transAxes, ha="center", va="top", fontsize=9)
+        axes[0, column].set_title(panel.name.replace("_", " "), fontsize=11)
+    for row, side in enumerate(("proposed", "filtered")):
+        figure.text(0.008, 0.73 - 0.41 * row, side, rotation=90, va="center", fontsize=11)
+    place = figure.add_axes((0.35, 0.045, 0.3, 0.014))
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(0.0, 1.0), COLORS), cax=place, orientation="horizontal"
+    )
+    bar.set_label("estimated probability that the grasp is valid", fontsize=8, labelpad=1)
+    bar.ax.tick_params(labelsize=7, pad=1)
+    figure.savefig(filename, dpi=110)
+
+
+def _draw_panel(
+    ax: Axes, viewer: Viewer, surface: SurfacePoints, poses: Array, scores: Array, hand: Array
+) -> None:
+    draw_points(ax, viewer, surface.points, _SURFACE, size=DOT, normals=surface.normals)
+    if len(poses) == 0:
+        return
+    order = spread_order(poses, scores)[:_SHOWN]
+    order = order[np.argsort(scores[order])]  # the best on top
+    lines = viewer.project(_lines(poses[order], hand))
+    order_back = np.argsort(lines[..., 2].mean(axis=1))
+    ax.add_collection(
+        LineCollection(
+            list(lines[order_back][..., :2]),
+            colors=COLORS(scores[order][order_back]),
+            linewidths=1.3,
+            alpha=0.85,
+            zorder=3,
+        )
+    )
+
+
+def _lines(poses: Array, hand: Array) -> Array:
+    return np.asarray(np.einsum("nij,kj->nki", poses[:, :3, :3], hand) + poses[:, None, :3, 3])
+
+
+def write_grasps(panels: list[Panel], filename: Path) -> None:
+    """Writes score, truth and position of every grasp as CSV."""
+    with filename.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["object", "when", "score", "valid", "x_m", "y_m", "z_m"])
+        for panel in panels:
+            for when, poses, scores, valid in zip(
+                ("proposed", "filtered"), panel.poses, panel.scores, panel.valid, strict=True
+            ):
+                for X, score, good in zip(poses, scores, valid, strict=True):
+                    place = (f"{value:.5f}" for value in X[:3, 3])
+                    writer.writerow([panel.name, when, f"{score:.4f}", int(good), *place])

@@ -1,0 +1,155 @@
+"""What grasp networks are trained for, and how their proposals are measured against labels.
+
+Everything but the contact counts at points where a valid grasp starts only.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from feasigrasp.models.grasp_architectures import Heads
+
+#: Closing directions off by less than this count by the square, beyond it linearly [rad].
+_SLIGHT = math.radians(3.0)
+#: Weights of the parts.
+_WEIGHTS = {"contact": 1.0, "width": 0.2, "closing": 4.0, "approach": 1.0}
+#: A predicted approach counts as valid from this share of free turns beside it.
+_FREE = 0.5
+
+
+class Labels(NamedTuple):
+    """Truth for a batch of B clouds of n points; zero where no grasp starts.
+
+    Attributes:
+        contact: Whether a valid grasp starts at a point, (B, n).
+        width: Of the best one [m], (B, n).
+        closing: Its closing direction, (B, n, 3).
+        across: Its approach direction of turn 0, (B, n, 3).
+        free: How free the hand is for T turns about the closing direction, (B, n, T), in [0, 1].
+        ring: How free it is for the approach directions that the default network starts from,
+            (B, n, K), in [0, 1].
+    """
+
+    contact: Tensor
+    width: Tensor
+    closing: Tensor
+    across: Tensor
+    free: Tensor
+    ring: Tensor
+
+    def chosen(self, rows: Tensor) -> Labels:
+        """The labels of some rows (B, m)."""
+        return Labels(
+            *(
+                torch.take_along_dim(part, rows.reshape(*rows.shape, *[1] * (part.dim() - 2)), 1)
+                for part in self
+            )
+        )
+
+
+def loss(preset: str, heads: Heads, labels: Labels) -> tuple[Tensor, dict[str, Tensor]]:
+    """The training loss of a preset, and its parts."""
+    mask = labels.contact
+    off = torch.linalg.vector_norm(heads.closing[mask] - labels.closing[mask], dim=-1)
+    if preset == "paper":
+        width = (heads.width[mask].log() - labels.width[mask].log()).abs()
+        approach = _nearest_approach(heads, labels)
+    else:
+        error, spread = (heads.width - labels.width)[mask].abs(), heads.spread[mask]
+        width = error / spread + torch.log(spread / 1e-3)
+        approach = functional.binary_cross_entropy_with_logits(
+            heads.free[mask], labels.ring[mask], reduction="none"
+        )
+    slight = functional.huber_loss(off, torch.zeros_like(off), delta=_SLIGHT, reduction="none")
+    parts = {
+        "contact": functional.binary_cross_entropy_with_logits(
+            heads.contact, mask.to(heads.contact.dtype)
+        ),
+        "width": _mean(width),
+        "closing": _mean(slight / _SLIGHT),
+        "approach": _mean(approach),
+    }
+    total = sum((_WEIGHTS[name] * part for name, part in parts.items()), labels.width.new_zeros(()))
+    return total, parts
+
+
+def _mean(values: Tensor) -> Tensor:
+    """The mean; zero, not NaN, of no values."""
+    return values.sum() / max(values.numel(), 1)
+
+
+def free_share(approach: Tensor, closing: Tensor, across: Tensor, free: Tensor) -> Tensor:
+    """How free the hand is for some approaches, interpolated between the turns of the labels.
+
+    Args:
+        approach: K directions at m contacts, which need not lie across, (m, K, 3).
+        closing: Closing directions of the labels, (m, 3).
+        across: Their approach direction of turn 0, (m, 3).
+        free: How free the hand is for T turns, (m, T).
+
+    Returns:
+        In [0, 1], (m, K).
+    """
+    side = torch.linalg.cross(closing, across)
+    y, x = (approach @ v.unsqueeze(-1) for v in (side, across))
+    turns = free.shape[-1]
+    turn = torch.atan2(y, x).squeeze(-1) * (turns / (2.0 * math.pi)) + turns
+    floor = turn.floor()
+    share = turn - floor
+    first, free = floor.long() % turns, free.float()
+    return free.gather(-1, first) * (1.0 - share) + free.gather(-1, (first + 1) % turns) * share
+
+
+def _nearest_approach(heads: Heads, labels: Labels) -> Tensor:
+    """The least ``1 - a . a_j`` over valid approaches, (m,)."""
+    mask = labels.contact
+    u, b = labels.across[mask], labels.closing[mask]
+    turns = labels.free.shape[-1]
+    t = torch.arange(turns, device=u.device, dtype=u.dtype) * (2.0 * math.pi / turns)
+    v = torch.linalg.cross(b, u)
+    a = heads.approach[mask][:, 0]
+    cosine = (a * u).sum(-1, keepdim=True) * t.cos() + (a * v).sum(-1, keepdim=True) * t.sin()
+    valid = torch.where(labels.free[mask] > _FREE, cosine, -1.0)
+    return 1.0 - valid.amax(-1)
+
+
+def measures(heads: Heads, labels: Labels) -> dict[str, NDArray[np.float64]]:
+    """Errors of single points.
+
+    Returns:
+        ``score`` and ``positive`` of all points; of the points where a grasp starts the errors
+        ``width_mm`` and ``closing_deg``, and whether the best approach is ``approach_valid``.
+    """
+    mask = labels.contact
+    cosine = (heads.closing[mask] * labels.closing[mask]).sum(-1).clamp(-1.0, 1.0)
+    best = heads.free[mask].argmax(-1)
+    approach = heads.approach[mask][torch.arange(len(best), device=best.device), best]
+    truth = (part[mask] for part in (labels.closing, labels.across, labels.free))
+    free = free_share(approach.unsqueeze(1), *truth).squeeze(1)
+    found = {
+        "score": heads.contact.flatten(),
+        "positive": mask.flatten(),
+        "width_mm": 1e3 * (heads.width - labels.width)[mask].abs(),
+        "closing_deg": torch.rad2deg(torch.arccos(cosine)),
+        "approach_valid": free > _FREE,
+        "sure": torch.sigmoid(heads.contact[mask]) > 0.5,
+    }
+    return {name: value.double().cpu().numpy() for name, value in found.items()}
+
+
+def average_precision(score: NDArray[np.float64], positive: NDArray[np.float64]) -> float:
+    """Area under the curve of precision over recall, by steps, as the threshold falls."""
+    order = np.argsort(-score, kind="stable")
+    hits = np.cumsum(positive[order])
+    # Points with the same score pass the threshold together.
+    last = np.concatenate([np.diff(score[order]) != 0.0, [True]])
+    precision = (hits / np.arange(1, len(hits) + 1))[last]
+    recall = hits[last] / max(hits[-1], 1.0)
+    return float(np.sum(np.diff(recall, prepend=0.0) * precision))

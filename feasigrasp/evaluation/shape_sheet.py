@@ -1,0 +1,55 @@
+"""Draws household shapes, one row per family, shaded by a plain software renderer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from feasigrasp.evaluation.shape_views import look_at
+from feasigrasp.models.grasp_truth import TrueGrasps
+from feasigrasp.models.household_shapes import FAMILIES, HELD_OUT, make_shape
+from feasigrasp.models.rigid_object import RigidObject
+
+_PIXELS = 150
+#: Side of a tile [m]; every shape is drawn to this scale.
+_SIDE = 0.22
+#: Where shapes are looked at from, and where the light comes from.
+_EYE = np.array([0.5, -0.75, 0.5])
+_LIGHT = np.array([0.35, -0.55, 0.76])
+
+
+def shape_picture(obj: RigidObject) -> np.ndarray:
+    """A parallel projection from obliquely above, RGB in [0, 1], (pixels, pixels, 3)."""
+    camera = look_at(_EYE)
+    down = np.array([0.0, 0.0, -1.0]) + camera[2, 2] * camera[:3, 2]
+    camera[:3, 1] = down / np.linalg.norm(down)
+    camera[:3, 0] = np.cross(camera[:3, 1], camera[:3, 2])
+    middle = 0.5 * (obj.vertices.min(axis=0) + obj.vertices.max(axis=0))
+    grid = (np.arange(_PIXELS) + 0.5) / _PIXELS * _SIDE - 0.5 * _SIDE
+    u, v = np.meshgrid(grid, grid)
+    starts = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3) @ camera[:3, :3].T
+    starts += camera[:3, 3] + middle
+    directions = np.broadcast_to(camera[:3, 2], starts.shape)
+    length, normals = TrueGrasps(obj.mesh).cast(starts, directions)
+    light = 0.35 + 0.65 * np.clip(normals @ _LIGHT, 0.0, 1.0)
+    picture = np.where(np.isfinite(length)[:, None], light[:, None] * np.array(obj.color[:3]), 1.0)
+    return picture.reshape(_PIXELS, _PIXELS, 3)
+
+
+def draw_sheet(filename: Path, seed: int = 0, columns: int = 9) -> None:
+    """Writes a picture with ``columns`` shapes of every family, all to one scale."""
+    figure, axes = plt.subplots(
+        len(FAMILIES), columns, figsize=(1.05 * columns + 1.1, 1.05 * len(FAMILIES))
+    )
+    for row, family in zip(axes, FAMILIES, strict=True):
+        for column, axis in enumerate(row):
+            axis.imshow(shape_picture(make_shape(family, 1000 * seed + column)))
+            axis.axis("off")
+        label = f"{family}\n(held out)" if family in HELD_OUT else family
+        row[0].text(-0.08, 0.5, label, transform=row[0].transAxes, ha="right", va="center")
+    figure.subplots_adjust(0.11, 0.0, 1.0, 1.0, wspace=0.0, hspace=0.0)
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(filename, dpi=110)
+    plt.close(figure)

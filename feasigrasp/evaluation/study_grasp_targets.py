@@ -1,0 +1,111 @@
+"""Are the means of a mixture over grasps grasps themselves?
+
+For every object a mixture is fitted to its grasps, and its means, medoids and the places where the
+preconditioned ascent comes to rest are put through the grasp filter on the object's whole surface.
+A pose passes if it does with the width of any grasp of the set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
+from feasigrasp.evaluation.kinematic_rollout import object_grasps
+from feasigrasp.evaluation.provenance import git_revision
+from feasigrasp.evaluation.result_files import Row, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.statistics import mean
+from feasigrasp.models import se3
+from feasigrasp.models.gpdf import Gpdf, fit_gpdf
+from feasigrasp.models.grasp_filter import filter_grasps
+from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.mixture_ascent import ascent_direction
+from feasigrasp.models.riemannian_fit import fit_riemannian_mixture
+from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.rigid_object import load_object
+
+FloatArray = NDArray[np.float64]
+
+_STARTS = 32  # hand poses from which the ascent is followed
+_STEPS = 300
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the options."""
+    add_common_arguments(parser, out="out/grasp_targets", objects="builtin")
+    parser.add_argument("--components", type=int, default=4, help="K of the plain mixture")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the study."""
+    objects = select_objects(args.objects)
+    if args.quick:
+        objects = dict(list(objects.items())[:4])
+    parts = []
+    for name, model in tqdm(objects.items(), unit="object"):
+        parts += [(name, what, share) for what, share in _shares(model, args).items()]
+    args.out.mkdir(parents=True, exist_ok=True)
+    with (args.out / "objects.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([("object", "target", "valid_percent"), *parts])
+    rows = [
+        Row.of(
+            "targets.valid_percent",
+            what,
+            mean([share for _, other, share in parts if other == what], 0.0, 100.0),
+            "%",
+        )
+        for what in dict.fromkeys(what for _, what, _ in parts)
+    ]
+    git = git_revision()
+    write_summary(args.out / "summary.json", "evaluate grasp-targets", git, args.seed, rows)
+    print(format_rows(rows))
+    return 0
+
+
+def _shares(model: str, args: argparse.Namespace) -> dict[str, float]:
+    """Percentage of targets of one object that are grasps, by kind; none without grasps."""
+    rng = np.random.default_rng(args.seed)
+    surface, _ = trimesh.sample.sample_surface(load_object(model).mesh, 512, seed=args.seed)
+    field = fit_gpdf(np.asarray(surface))
+    grasps = object_grasps(model, seed=args.seed)
+    if len(grasps) == 0:
+        return {}
+    both = grasps.with_twins()
+    plain = fit_riemannian_mixture(both.X_OG, args.components, rng)
+    best = fit_grasp_mixture(both, 10, rng)
+    X_OH = se3.random_pose(rng, _STARTS)
+    X_OH[:, :3, 3] *= 0.15 / np.linalg.norm(X_OH[:, :3, 3], axis=1, keepdims=True)
+    targets = {
+        f"mean, K = {args.components}": plain.means,
+        "mean, K by BIC": best.mixture.means,
+        "ascent to means": _climb(best.mixture, X_OH),
+        "medoid": best.targets.means,
+        "ascent to medoids": _climb(best.targets, X_OH),
+    }
+    return {what: _valid_percent(field, X, best, grasps.width) for what, X in targets.items()}
+
+
+def _climb(mixture: RiemannianMixture, X: FloatArray) -> FloatArray:
+    for _ in range(_STEPS):
+        X = X @ se3.exp(0.05 * ascent_direction(mixture, X))
+    return X
+
+
+def _valid_percent(
+    field: Gpdf, X_OG: FloatArray, mixture: GraspMixture, widths: FloatArray
+) -> float:
+    """Share of poses that are a grasp with one of the widths."""
+    gripper = ParallelGripper()
+    tried = np.quantile(widths, np.linspace(0.0, 1.0, 12))
+    valid = 0
+    for X in X_OG:
+        poses = np.tile(X, (len(tried), 1, 1))
+        valid += len(filter_grasps(field, poses, tried, gripper, cosine_steps=(-0.8,))) > 0
+    return 100.0 * valid / len(X_OG)

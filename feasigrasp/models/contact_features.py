@@ -1,0 +1,218 @@
+"""From a grasp input to what the grasp networks start from: equivariant vectors, invariant numbers.
+
+All of it moves with the object: translations leave it as it is, rotations turn the vectors, another
+order of the points gives the same rows in that order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.contact_surroundings import hand_room, neighbourhoods
+from feasigrasp.models.farthest_points import farthest_points
+from feasigrasp.models.gripper import ParallelGripper
+
+Array = NDArray[np.floating]
+
+#: Lengths enter the network in this unit [m].
+LENGTH_SCALE = 0.05
+#: Room for the hand enters in this unit [m].
+ROOM_SCALE = 0.01
+#: Approach directions that are looked at round a contact.
+DIRECTIONS = 16
+#: Channels of `ContactFeatures.vectors` and `ContactFeatures.numbers`.
+VECTORS, NUMBERS = 13, 20
+#: Points of the object that stand for it when the room for the hand is measured.
+_CLOUD = 128
+#: Surface is half as sure when it is expected to be this far off [m].
+_UNSURE = 0.004
+#: Radii of the neighbourhoods of a contact, the last one among the points that stand for the
+#: object, and of the contact opposite [m].
+_NEAR_RADII, _WIDE_RADIUS, _FAR_RADIUS = (0.012, 0.024), 0.048, 0.02
+#: Points that neighbourhoods are counted as if there were.
+_COUNT = 512
+#: The contact opposite is looked for here where no chord is known [m].
+_UNKNOWN_WIDTH = 0.06
+
+
+@dataclass(frozen=True, eq=False)
+class ContactFeatures:
+    """What is known of n contacts before anything learnt comes in.
+
+    Attributes:
+        axes: Inward unit normals, shape (n, 3).
+        across: Reference directions across them, unit, shape (n, 3).
+        chords: Lengths of the chords [m], zero where there is none, shape (n,).
+        vectors: Equivariant vectors, shape (3, `VECTORS`, n): from the centre, the outward normal,
+            the chord, the first two weighted by how sure the point is, and means over the
+            neighbourhoods of both ends of the chord.
+        numbers: Invariant, shape (`NUMBERS`, n).
+        room: Room for the hand, shape (ROOM, `DIRECTIONS`, n), in units of `ROOM_SCALE`.
+    """
+
+    axes: Array
+    across: Array
+    chords: Array
+    vectors: Array
+    numbers: Array
+    room: Array
+
+
+def contact_features(
+    points: ArrayLike,
+    normals: ArrayLike,
+    scalars: ArrayLike,
+    gripper: ParallelGripper | None = None,
+) -> ContactFeatures:
+    """Features of contacts, in the precision of the points.
+
+    Args:
+        points: Shape (n, 3) [m], n > 0.
+        normals: Outward unit normals, shape (n, 3).
+        scalars: Invariants by the names in `SCALARS`, shape (n, 4).
+        gripper: The hand; the default hand when None.
+
+    Raises:
+        GraspError: Without points, or if a normal is not of unit length.
+    """
+    points = np.asarray(points)
+    kind = points.dtype if points.dtype == np.float32 else np.dtype(np.float64)
+    points, normals, scalars = (
+        np.ascontiguousarray(array, dtype=kind) for array in (points, normals, scalars)
+    )
+    if len(points) == 0:
+        raise GraspError("a grasp network needs points; the input has none")
+    if np.abs(np.einsum("ni,ni->n", normals, normals) - 1.0).max() > 1e-3:
+        raise GraspError("the normals of a grasp input must have unit length")
+    centred = points - points.mean(0)
+    axes, across = -normals, np.empty_like(normals)
+    sure = kind.type(_UNSURE) / (scalars[:, 0] + kind.type(_UNSURE))
+    chosen = farthest_points(centred.astype(float), min(_CLOUD, len(centred)))
+    cloud = (centred[chosen], normals[chosen], sure[chosen])
+    _reference_directions(centred, axes, across)
+    chord = scalars[:, 1].copy()
+    ends, facing = centred + chord[:, None] * axes, (chord > 0.0)[:, None] * axes
+    vectors = np.empty((3, VECTORS, len(points)), dtype=kind)
+    numbers = np.empty((NUMBERS, len(points)), dtype=kind)
+    _assemble(
+        centred,
+        normals,
+        scalars,
+        sure,
+        neighbourhoods(centred, normals, centred, normals, sure, _NEAR_RADII),
+        neighbourhoods(centred, normals, *cloud, (_WIDE_RADIUS,)),
+        neighbourhoods(ends, facing, centred, normals, sure, (_FAR_RADIUS,)),
+        kind.type(_COUNT / len(centred)),
+        kind.type(_COUNT / len(chosen)),
+        vectors,
+        numbers,
+    )
+    room = hand_room(
+        centred,
+        axes,
+        across,
+        np.where(chord > 0.0, chord, kind.type(_UNKNOWN_WIDTH)),
+        cloud[0],
+        cloud[2],
+        gripper or ParallelGripper(),
+        DIRECTIONS,
+    )
+    room *= kind.type(1.0 / ROOM_SCALE)
+    return ContactFeatures(axes, across, chord, vectors, numbers, room)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _assemble(  # type: ignore[no-untyped-def]
+    centred, normals, scalars, sure, near, wide, far, count, wide_count, vectors, numbers
+):
+    """Writes vectors and numbers; numbers are logarithms where magnitudes differ widely."""
+    kind = centred.dtype.type
+    scale, unsure, least, zero = kind(1.0 / LENGTH_SCALE), kind(_UNSURE), kind(1e-3), kind(0.0)
+    largest, six = zero, kind(6.0)
+    for i in range(len(centred)):
+        square = centred[i, 0] ** 2 + centred[i, 1] ** 2 + centred[i, 2] ** 2
+        largest = max(largest, square)
+    size = np.sqrt(largest) * scale
+    for i in range(len(centred)):
+        chord, far_deviation = scalars[i, 1], scalars[i, 3]
+        for axis in range(3):
+            p, n = centred[i, axis] * scale, normals[i, axis]
+            vectors[axis, 0, i], vectors[axis, 1, i] = p, n
+            vectors[axis, 2, i] = -chord * scale * n
+            vectors[axis, 3, i], vectors[axis, 4, i] = p * sure[i], n * sure[i]
+            for s in range(2):
+                vectors[axis, 5 + s, i] = near[i, s, 1 + axis]
+                vectors[axis, 7 + s, i] = near[i, s, 4 + axis]
+            vectors[axis, 9, i], vectors[axis, 10, i] = wide[i, 0, 1 + axis], wide[i, 0, 4 + axis]
+            vectors[axis, 11, i], vectors[axis, 12, i] = far[i, 0, 1 + axis], far[i, 0, 4 + axis]
+        hit = chord > zero
+        numbers[0, i] = sure[i]
+        numbers[1, i] = np.log(scalars[i, 0] + least) + six
+        numbers[2, i] = chord * scale
+        numbers[3, i] = kind(1.0) if hit else zero
+        numbers[4, i] = scalars[i, 2]
+        numbers[5, i] = unsure / (far_deviation + unsure) if hit else zero
+        numbers[6, i] = np.log(far_deviation + least) + six if hit else zero
+        numbers[7, i] = size
+        for s in range(2):
+            _describe(near[i, s], count, numbers[8 + s :: 2, i])
+        _describe(wide[i, 0], wide_count, numbers[14:, i])
+        _describe(far[i, 0], count, numbers[17:, i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _describe(mean, count, out):  # type: ignore[no-untyped-def]
+    """The invariants of a neighbourhood: its weight, how flat it is, how sure."""
+    out[0] = np.log1p(mean[0] * count)
+    out[1] = np.sqrt(mean[1] ** 2 + mean[2] ** 2 + mean[3] ** 2)
+    out[2] = mean[7]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reference_directions(centred, axes, across):  # type: ignore[no-untyped-def]
+    """Writes unit directions across the axes that move with the cloud.
+
+    Towards the centroid, or along the cloud's skewness, whichever lies more across the axis. Only
+    where both lie along it, as on a perfect solid of revolution, is the direction arbitrary; then
+    the cloud looks the same from all of them.
+    """
+    skewness, largest = np.zeros(3, dtype=centred.dtype), centred.dtype.type(0.0)
+    for i in range(len(centred)):
+        p = centred[i]
+        square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+        largest = max(largest, square)
+        for k in range(3):
+            skewness[k] += square * p[k]
+    if largest > 0.0:
+        skewness /= largest
+    for i in range(len(centred)):
+        axis, best = axes[i], centred.dtype.type(1e-9)
+        for towards in range(3):
+            if towards == 2 and best > 1e-9:
+                break
+            if towards == 0:
+                x, y, z = -centred[i, 0], -centred[i, 1], -centred[i, 2]
+            elif towards == 1:
+                x, y, z = skewness[0], skewness[1], skewness[2]
+            else:
+                flattest = np.argmin(np.abs(axis))
+                x, y, z = axis[0] * 0, axis[0] * 0, axis[0] * 0
+                if flattest == 0:
+                    x = x + axis.dtype.type(1.0)
+                elif flattest == 1:
+                    y = y + axis.dtype.type(1.0)
+                else:
+                    z = z + axis.dtype.type(1.0)
+            # Twice: what rounding has left along the axis is not small beside a short direction.
+            for _ in range(2):
+                along = x * axis[0] + y * axis[1] + z * axis[2]
+                x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
+            length = np.sqrt(x * x + y * y + z * z)
+            if length > best:
+                best = length
+                across[i, 0], across[i, 1], across[i, 2] = x / length, y / length, z / length

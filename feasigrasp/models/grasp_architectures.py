@@ -1,0 +1,263 @@
+"""The grasp networks in torch: what maps features of contacts to grasps.
+
+Both take a batch of B clouds of n points and give, for every point, how likely a grasp starts
+there and which. `ContactNetwork` is the default:
+
+- vector neurons over position, normal, chord and neighbourhood vectors, with the mean over the
+  cloud as context, give a correction of the closing direction, which starts out as the inward
+  normal, and invariants;
+- a perceptron on the invariants, with mean and maximum over the cloud as context, gives contact
+  probability and a correction of the width, which starts out as the chord, with its spread;
+- a ring of approach directions round each contact shares one small perceptron; it sees the room
+  that the hand has that way and in the ways beside it, the vectors' components in the ring's frame,
+  and the invariants, and tells how likely the hand is free.
+
+`PaperNetwork` is the network of "Towards Feasible Dynamic Grasping" (arXiv 2311.02576) as its
+authors published it: two VN-PointNet encoders, an equivariant decoder for the directions b and a,
+and an invariant one for contact and width.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from feasigrasp.models.contact_features import (
+    DIRECTIONS,
+    LENGTH_SCALE,
+    NUMBERS,
+    VECTORS,
+    ContactFeatures,
+)
+from feasigrasp.models.contact_surroundings import ROOM
+from feasigrasp.models.vector_neurons import (
+    VectorLinear,
+    VectorLinearReLU,
+    across,
+    lengths,
+    unit,
+    with_mean,
+)
+
+#: Spread of widths that the default network starts out with, and the least one [m].
+SPREAD, LEAST_SPREAD = 5e-3, 2e-4
+#: Vectors that may tilt the closing direction, and that the ring sees.
+_TILTS, _BESIDE = 8, 6
+#: Narrowest grasp [m].
+NARROWEST = 1e-3
+
+
+class Contacts(NamedTuple):
+    """A batch of `feasigrasp.models.contact_features.ContactFeatures`, channels last."""
+
+    axes: Tensor
+    across: Tensor
+    chords: Tensor
+    vectors: Tensor
+    numbers: Tensor
+    room: Tensor
+
+    @classmethod
+    def of(cls, features: ContactFeatures) -> Contacts:
+        """A batch of one."""
+        parts = (torch.from_numpy(getattr(features, name)) for name in cls._fields)
+        axes, across, chords, vectors, numbers, room = parts
+        last = (vectors.mT, numbers.mT, room.permute(2, 1, 0))
+        return cls(*(part.contiguous()[None] for part in (axes, across, chords, *last)))
+
+    def chosen(self, rows: Tensor) -> Contacts:
+        """The contacts of some rows (B, m)."""
+        return Contacts(
+            *(
+                _chosen(part, rows, -2 if name == "vectors" else 1)
+                for name, part in zip(self._fields, self, strict=True)
+            )
+        )
+
+
+class Heads(NamedTuple):
+    """What a network says of every contact.
+
+    Attributes:
+        contact: Logit that a grasp starts there, (B, n).
+        closing: b, unit, into the object, (B, n, 3).
+        width: Distance to the contact opposite [m], (B, n).
+        spread: Scale of the Laplace distribution of the width [m], (B, n).
+        approach: K directions, unit, across the closing direction, (B, n, K, 3).
+        free: Logits that the whole hand is free that way, (B, n, K).
+    """
+
+    contact: Tensor
+    closing: Tensor
+    width: Tensor
+    spread: Tensor
+    approach: Tensor
+    free: Tensor
+
+
+class ContactNetwork(nn.Module):
+    """The default network, see the head of this module.
+
+    Args:
+        vectors: Channels of the vector neurons.
+        hidden: Width of the invariant perceptron.
+        ring: Width of the perceptron that approach directions share.
+    """
+
+    def __init__(self, vectors: int = 24, hidden: int = 128, ring: int = 32) -> None:
+        super().__init__()
+        self.sizes = {"vectors": vectors, "hidden": hidden, "ring": ring}
+        self.encode = VectorLinearReLU(VECTORS, vectors)
+        self.survey = nn.Linear(NUMBERS + vectors, hidden // 2)
+        self.refine = VectorLinearReLU(2 * vectors, vectors)
+        self.tilt = VectorLinear(vectors, _TILTS)
+        self.beside = VectorLinear(vectors, _BESIDE)
+        self.first = nn.Linear(NUMBERS + 2 * vectors, hidden)
+        self.context = nn.Linear(hidden, hidden)
+        self.second = nn.Linear(hidden, hidden)
+        self.to_ring = nn.Linear(hidden, ring)
+        self.ring_room = nn.Linear(3 * ROOM + 2 * _BESIDE, ring, bias=False)
+        self.ring_hidden = nn.Linear(ring, ring)
+        self.ring_free = nn.Linear(ring, 1)
+        self.judge = nn.Linear(hidden + ring + 1, hidden // 2)
+        self.last = nn.Linear(hidden // 2, 3)
+        self.gates = nn.Linear(hidden, _TILTS)
+        with torch.no_grad():  # start with b the inward normal and the width the chord
+            self.last.weight[1:].mul_(0.1)
+            self.last.bias[1:].zero_()
+            self.gates.weight.mul_(0.1)
+            self.gates.bias.zero_()
+
+    def forward(self, x: Contacts, rows: Tensor | None = None) -> Heads:
+        """What the network says of a batch of contacts; of m chosen ones if their rows are given.
+
+        Args:
+            x: Features of whole clouds.
+            rows: Indices (B, m). Training on some points of many clouds is worth more than on all
+                points of few.
+        """
+        encoded = self.encode(x.vectors)
+        seen = torch.cat((x.numbers, lengths(encoded)), -1)
+        seen = torch.relu(self.survey(seen))
+        context = self.context(torch.cat((seen.mean(-2), seen.amax(-2)), -1)).unsqueeze(-2)
+        mean = encoded.mean(-2, keepdim=True)
+        if rows is not None:
+            x, encoded = x.chosen(rows), _chosen(encoded, rows, -2)
+        vectors = self.refine(torch.cat((encoded, mean.expand_as(encoded)), -1))
+        along = (vectors * x.axes.transpose(-1, -2).unsqueeze(-1)).sum(-3)
+        h = torch.relu(self.first(torch.cat((x.numbers, along, lengths(vectors)), -1)))
+        h = torch.relu(self.second(h) + context)
+        beside = self._ring(x, self.beside(vectors))
+        r = self.ring_room(torch.cat((_with_neighbours(x.room), beside), -1))
+        r = torch.relu(r + self.to_ring(h).unsqueeze(-2))
+        r = torch.relu(self.ring_hidden(r))
+        free = self.ring_free(r).squeeze(-1)
+        judged = torch.cat((h, r.amax(-2), free.amax(-1, keepdim=True)), -1)
+        contact, width, spread = self.last(torch.relu(self.judge(judged))).unbind(-1)
+        tilt = (self.tilt(vectors) * self.gates(h).unsqueeze(-3)).sum(-1).transpose(-1, -2)
+        closing = unit(x.axes + tilt)
+        width = (x.chords + LENGTH_SCALE * width).clamp_min(NARROWEST)
+        spread = LEAST_SPREAD + SPREAD * torch.nn.functional.softplus(spread)
+        return Heads(contact, closing, width, spread, self._approaches(x, closing), free)
+
+    def _ring(self, x: Contacts, vectors: Tensor) -> Tensor:
+        """Components of vectors (B, 3, n, C) along and beside each direction, (B, n, K, 2 C).
+
+        Those beside without sign: the hand's camera may be on either side, so mirrored objects have
+        mirrored grasps, and the network is equivariant to reflections as well.
+        """
+        side = torch.linalg.cross(x.axes, x.across)
+        u = (vectors * x.across.transpose(-1, -2).unsqueeze(-1)).sum(-3).unsqueeze(-2)
+        v = (vectors * side.transpose(-1, -2).unsqueeze(-1)).sum(-3).unsqueeze(-2)
+        cos, sin = _turns(u)
+        return torch.cat((cos * u + sin * v, torch.abs(sin * u - cos * v)), -1)
+
+    def _approaches(self, x: Contacts, closing: Tensor) -> Tensor:
+        """The ring's directions, bent to lie across the closing direction."""
+        return unit(across(ring_directions(x.axes, x.across), closing.unsqueeze(-2)))
+
+
+class PaperNetwork(nn.Module):
+    """The paper's network; one approach direction, as likely free as the contact is a contact."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sizes: dict[str, int] = {}
+        self.equivariant_encoder = _PaperEncoder()
+        self.invariant_encoder = _PaperEncoder()
+        self.directions = nn.Sequential(
+            VectorLinearReLU(128, 64), VectorLinearReLU(64, 32), VectorLinear(32, 2)
+        )
+        self.numbers = nn.Sequential(
+            nn.Linear(32 * 32, 256), nn.ReLU(), nn.Linear(256, 64), nn.ReLU(), nn.Linear(64, 2)
+        )
+
+    def forward(self, x: Contacts, rows: Tensor | None = None) -> Heads:
+        """What the network says of a batch of contacts, see `ContactNetwork.forward`."""
+        position, normal = x.vectors[..., 0], x.vectors[..., 1]
+        inputs = torch.stack((position * LENGTH_SCALE, -normal), -1)
+        a, b = self.equivariant_encoder(inputs), self.invariant_encoder(inputs)
+        both = with_mean(torch.cat((a, b), -1))
+        if rows is not None:
+            a, b, both = (_chosen(part, rows, -2) for part in (a, b, both))
+        closing, approach = self.directions(both).unbind(-1)
+        closing = unit(closing.transpose(-1, -2))
+        approach = unit(across(approach.transpose(-1, -2), closing))
+        a, b = a.transpose(-3, -2), b.transpose(-3, -2)  # (B, n, 3, 32)
+        contact, width = self.numbers((a.transpose(-1, -2) @ b).flatten(-2)).unbind(-1)
+        width = torch.exp(width)
+        return Heads(
+            contact, closing, width, 0.3 * width, approach.unsqueeze(-2), contact.unsqueeze(-1)
+        )
+
+
+class _PaperEncoder(nn.Sequential):
+    def __init__(self) -> None:
+        super().__init__(
+            VectorLinearReLU(2, 32),
+            VectorLinear(32, 64),
+            _WithMean(),
+            VectorLinearReLU(128, 64),
+            VectorLinear(64, 32),
+        )
+
+
+class _WithMean(nn.Module):
+    def forward(self, vectors: Tensor) -> Tensor:
+        return with_mean(vectors)
+
+
+def ring_directions(axes: Tensor, reference: Tensor) -> Tensor:
+    """Unit directions all round unit axes (..., 3), counted from unit references across them.
+
+    Returns:
+        Shape (..., K, 3).
+    """
+    side = torch.linalg.cross(axes, reference)
+    cos, sin = _turns(axes)
+    return cos * reference.unsqueeze(-2) + sin * side.unsqueeze(-2)
+
+
+def _turns(like: Tensor) -> tuple[Tensor, Tensor]:
+    """Cosines and sines (K, 1) of the ring's directions."""
+    angle = torch.arange(DIRECTIONS, dtype=like.dtype, device=like.device).unsqueeze(-1)
+    angle = angle * (2.0 * math.pi / DIRECTIONS)
+    return torch.cos(angle), torch.sin(angle)
+
+
+def _chosen(values: Tensor, rows: Tensor, dim: int) -> Tensor:
+    """Some of the points, whose axis is ``dim``, of every cloud of a batch."""
+    dim = dim % values.dim()
+    shape = [1] * values.dim()
+    shape[0], shape[dim] = rows.shape
+    index = rows.reshape(shape)
+    return torch.take_along_dim(values, index, dim)
+
+
+def _with_neighbours(ring: Tensor) -> Tensor:
+    """Channels (..., K, C) with the less and the greater of the next directions', (..., K, 3 C)."""
+    before, after = ring.roll(1, -2), ring.roll(-1, -2)
+    return torch.cat((ring, torch.minimum(before, after), torch.maximum(before, after)), -1)

@@ -1,0 +1,212 @@
+"""Which grasp to go for, in which configuration, and when to change it.
+
+An object that turns, or that goes round the robot's base, takes every grasp out of the arm's reach
+sooner or later. A controller that follows the nearest grasp until a limit stops it loses the object
+for long, and where it ends up is chance. Here the object's motion is predicted, and all *strands*
+(a grasp or its 180-degree flip, and one of the eight inverse-kinematics branches, over all arm
+angles) are followed along it until they end at a joint limit, a collision or the table. What is
+minimised is the distance of hand and object, added up over the time that is looked ahead:
+
+- of going to a strand: the way there, at the joints' speed limits, to where its grasp will be;
+- of being there: the grasp's own distance from the object's centre, and prices for low
+  manipulability and for being close to a joint limit;
+- of its end: a price that falls with the time until then.
+
+The present strand may also be left later, for what will then be best. So the arm changes grasps in
+time, takes the way round that is shorter in the long run, and unwinds before a limit stops it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.grasp_funnel import Funnel, grasp_errors
+from feasigrasp.models.grasp_strands import Costs, strands_kernel
+from feasigrasp.models.grasp_transfers import stay_kernel, transfer_kernel
+from feasigrasp.models.reachability import Reachability
+
+FloatArray = NDArray[np.float64]
+
+#: A grasp this close to the chosen one is taken for it when grasps are sampled anew [m, rad].
+SAME_GRASP = np.array([0.012, 0.25])
+
+
+@dataclass(frozen=True)
+class ChoiceOptions:
+    """How far a plan looks ahead, and what it charges.
+
+    Attributes:
+        times: Instants that are looked at, from now on [s].
+        hysteresis: A grasp is kept at least so long [s].
+        advantage: Another strand must be better by this much [m s].
+        commitment: The same, on the way to a strand [m s].
+        speed_share: Share of the joints' speed limits that a plan counts on.
+        regrip_time: Time that going round the object takes at most, beside that of the joints [s].
+        manipulability: Manipulability below which there is a price.
+        manipulability_weight: Price of no manipulability at all [m].
+        limit_zone: Distance to a joint limit below which there is a price [rad].
+        limit_weight: Price of being at a limit [m].
+        end: Price of a strand that ends at once [m s]; it falls to zero over `outlook`.
+        outlook: A strand that lasts this long counts as lasting for ever [s].
+        collision: Price of every point of the straight way to a strand that collides [m s].
+        motion: Price of joint motion, per second of it at the speed limits [m].
+        waiting: Price of being at a place before the grasp is, per second [m].
+        smoothing: Share of the way to a new arm angle that is gone when a choice is confirmed.
+        funnel: The way into a grasp.
+    """
+
+    times: tuple[float, ...] = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0, 9.0)
+    hysteresis: float = 0.3
+    advantage: float = 0.02
+    commitment: float = 0.10
+    speed_share: float = 0.7
+    regrip_time: float = 0.5
+    manipulability: float = 0.12
+    manipulability_weight: float = 0.05
+    limit_zone: float = 0.2
+    limit_weight: float = 0.02
+    end: float = 1.0
+    outlook: float = 16.0
+    collision: float = 0.2
+    motion: float = 0.02
+    waiting: float = 0.05
+    smoothing: float = 0.25
+    funnel: Funnel = field(default_factory=Funnel)
+
+    @cached_property
+    def instants(self) -> FloatArray:
+        """``times`` as an array."""
+        return np.array(self.times)
+
+    @cached_property
+    def costs(self) -> Costs:
+        """What the kernels need to know."""
+        return Costs(
+            self.speed_share,
+            self.regrip_time,
+            self.funnel.max_standoff,
+            self.manipulability,
+            self.manipulability_weight,
+            self.limit_zone,
+            self.limit_weight,
+            self.end,
+            self.outlook,
+            self.collision,
+            self.motion,
+            self.waiting,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class GraspChoice:
+    """The strand that the arm is on, or on its way to.
+
+    Attributes:
+        X_OG: The grasp in the object frame, shape (4, 4) [m].
+        branch: Its inverse-kinematics branch, see `feasigrasp.models.arm_circle`; -1 for no choice.
+        psi: Arm angle to be at by the time ``due`` [rad].
+        due: When that is [s].
+        since: When this strand was chosen [s].
+        count: How many times another strand was chosen.
+        cost: Of the plan [m s].
+    """
+
+    X_OG: FloatArray = field(default_factory=lambda: np.eye(4))
+    branch: int = -1
+    psi: float = 0.0
+    due: float = 0.0
+    since: float = -np.inf
+    count: int = 0
+    cost: float = np.inf
+
+    def __bool__(self) -> bool:
+        """Whether there is a choice."""
+        return self.branch >= 0
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GraspChoice:
+        """Immutable, so a copy is itself."""
+        return self
+
+
+def choose_grasp(
+    choice: GraspChoice,
+    t: float,
+    q: FloatArray,
+    X_OG: FloatArray,
+    X_WO: FloatArray,
+    reachability: Reachability,
+    options: ChoiceOptions,
+) -> GraspChoice:
+    """Confirms or changes the choice; to be called 10 to 50 times a second.
+
+    Args:
+        choice: The present one; ``GraspChoice()`` at first.
+        t: Time [s].
+        q: Joint positions [rad], shape (7,).
+        X_OG: Hand poses to choose from, flips included, in the object frame, shape (n, 4, 4) [m].
+        X_WO: Predicted poses of the object at ``options.times`` from now, shape (K + 1, 4, 4).
+        reachability: Tells which configurations are admissible.
+        options: Horizon and prices.
+
+    Returns:
+        The choice; none (false) if nothing can be reached within the horizon.
+    """
+    q = np.ascontiguousarray(q, dtype=float)
+    if len(X_OG) == 0 or not (np.isfinite(X_WO).all() and np.isfinite(q).all()):
+        return GraspChoice(count=choice.count)
+    X_FG, X_GF = reachability.gripper.X_FG, np.linalg.inv(reachability.gripper.X_FG)
+    times, costs, search = options.instants, options.costs, reachability.search
+    poses = np.ascontiguousarray(X_WO, dtype=float)
+    grasps = np.ascontiguousarray(X_OG, dtype=float)
+    strands = strands_kernel(q, poses, times, grasps, X_GF, search, costs)
+    scene = (strands, poses, times, grasps, X_FG, options.funnel.parameters, search, costs)
+    nobody, present = (-1, -1), _present(choice, grasps)
+    plan, margin = None, 0.0
+    if present >= 0:
+        plan, _ = stay_kernel(q, present, choice.branch, *scene)
+        margin = options.advantage if t >= choice.due else options.commitment
+        if plan.grasp >= 0 and t - choice.since < options.hysteresis:
+            margin = np.inf
+    skipped = nobody if plan is None else (present, choice.branch)
+    other = transfer_kernel(q, 0, nobody, skipped, *scene)
+    if plan is None or plan.grasp < 0 or other.cost < plan.cost - margin:
+        if other.grasp < 0:
+            return GraspChoice(count=choice.count)
+        return GraspChoice(
+            grasps[other.grasp],
+            other.branch,
+            _arm_angle(reachability, other.angle),
+            t + times[other.instant],
+            t,
+            choice.count + 1,
+            other.cost,
+        )
+    # The arm angles are a grid: a part of the way each time makes a smooth path of it.
+    change = (_arm_angle(reachability, plan.angle) - choice.psi + np.pi) % (2.0 * np.pi) - np.pi
+    return GraspChoice(
+        grasps[present],
+        choice.branch,
+        choice.psi + options.smoothing * change,
+        t + times[plan.instant],
+        choice.since,
+        choice.count,
+        plan.cost,
+    )
+
+
+def _present(choice: GraspChoice, X_OG: FloatArray) -> int:
+    """Index of the grasp that was chosen, -1 if it is not among them any more."""
+    if not choice:
+        return -1
+    errors = np.max(grasp_errors(X_OG, choice.X_OG) / SAME_GRASP, axis=1)
+    index = int(np.argmin(errors))
+    return index if errors[index] <= 1.0 else -1
+
+
+def _arm_angle(reachability: Reachability, index: int) -> float:
+    return float(reachability.search.psis[index])

@@ -1,0 +1,161 @@
+"""What a grasp network is shown of an object: points, normals and invariant scalars.
+
+Surface that was seen is best known by the observed points, the rest by the completed surface, so
+the input is a choice of both that covers the object evenly. The scalars do not change with the
+object's pose; they spare a network what the distance field already knows: how sure the surface is,
+and what a finger opposite would meet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.farthest_points import farthest_points
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.grasp_input_kernels import chords, nearest_distance
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.shape_completion import CompletedField, predicted_deviation
+
+Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+#: Names of the invariant features of a point, in the order of `GraspInput.scalars`.
+SCALARS = ("deviation", "chord", "chord_cosine", "chord_deviation")
+#: Chords are followed this far beyond the opening of the hand [m].
+BEYOND_OPENING = 0.02
+#: Longest chord that is handed on, for the default hand [m].
+MAX_CHORD = ParallelGripper().max_opening + BEYOND_OPENING
+#: A cloud is thinned to so many points for each one wanted, before the even choice.
+_CANDIDATES = 2
+#: Smoothed and field normals that differ by more than this cosine: the field's is a thin wall's.
+_AGREE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class GraspInput:
+    """Points on the surface of an object, in its frame O.
+
+    Attributes:
+        points: Shape (n, 3) [m].
+        normals: Outward unit normals, shape (n, 3).
+        scalars: Invariant features by the names in `SCALARS`, shape (n, 4): expected distance of
+            this surface from the true one [m]; length of the chord from here along the inward
+            normal to where it leaves the object [m], 0 if it does not within reach; cosine between
+            the outward normals at its ends, -1 for parallel faces; expected deviation at its far
+            end [m]. The last two are 0 as well where there is no chord.
+    """
+
+    points: Float32
+    normals: Float32
+    scalars: Float32
+
+    def __post_init__(self) -> None:
+        """Makes the arrays read-only float32 and checks that they agree.
+
+        Raises:
+            GraspError: If the shapes do not match, or there is NaN or infinity.
+        """
+        shapes = {"points": 3, "normals": 3, "scalars": len(SCALARS)}
+        for name, columns in shapes.items():
+            array = np.array(getattr(self, name), dtype=np.float32)
+            if array.ndim != 2 or array.shape != (len(self.points), columns):
+                raise GraspError(
+                    f"GraspInput.{name} has shape {array.shape}; give ({len(self.points)}, "
+                    f"{columns}), one row per point"
+                )
+            if not np.isfinite(array).all():
+                raise GraspError(f"GraspInput.{name} holds NaN or infinity; drop those points")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GraspInput:
+        """Immutable, so a copy is itself."""
+        return self
+
+
+def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) -> GraspInput:
+    """An even choice of points on a completed surface, with normals and invariant features.
+
+    Args:
+        field: The distance field, in O.
+        n_points: Points wanted. A small object seen once may have fewer.
+        max_chord: Longest chord that is followed [m].
+
+    Returns:
+        The input, in O; the same field gives the same points.
+
+    Raises:
+        GraspError: If ``n_points`` is less than 1, or nothing of the surface is known.
+    """
+    if n_points < 1:
+        raise GraspError(f"n_points = {n_points}; give 1 or more")
+    points, normals = _candidates(field, n_points)
+    if len(points) == 0:
+        raise GraspError("the field has no surface; fit it to more points")
+    chosen = farthest_points(points, min(n_points, len(points)))
+    points = np.ascontiguousarray(points[chosen])
+    normals = _normals(field, points, normals[chosen])
+    length, ends, end_normals = chords(
+        field._tiles,
+        field.length_scale,
+        points - field.center,
+        normals,
+        max_chord,
+    )
+    hit = length > 0.0
+    scalars = np.zeros((len(points), len(SCALARS)))
+    scalars[:, 0] = _deviation(field, points)
+    scalars[hit, 1] = length[hit]
+    scalars[hit, 2] = np.einsum("ij,ij->i", normals[hit], end_normals[hit])
+    scalars[hit, 3] = _deviation(field, ends[hit] + field.center)
+    return GraspInput(points, normals, scalars)  # type: ignore[arg-type]
+
+
+def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array]:
+    """Points of the surface, and their smoothed normals; zero where the field has to tell."""
+    completed = field.completion.points
+    if isinstance(field, CompletedField):
+        cloud, normals = field.cloud, field.cloud_normals
+    else:
+        cloud, normals = field.points, np.zeros_like(field.points)
+    most = _CANDIDATES * n_points
+    if len(cloud) > most:
+        even = np.linspace(0, len(cloud) - 1, most).astype(int)
+        cloud, normals = cloud[even], normals[even]
+    return (
+        np.concatenate([cloud, completed]),
+        np.concatenate([normals, np.zeros_like(completed)]),
+    )
+
+
+def _normals(field: Gpdf, points: Array, smoothed: Array) -> Array:
+    """Means of the field's and the smoothed normals where both exist and agree.
+
+    Between the two faces of a wall the field's gradient may point to either side; there the
+    smoothed normal, made from the points of one face, is right.
+    """
+    of_field = field.normals(points)
+    known = np.einsum("ij,ij->i", smoothed, smoothed) > 0.5
+    agree = np.einsum("ij,ij->i", of_field, smoothed) > _AGREE
+    mean = smoothed + np.where(known & ~agree, 0.0, 1.0)[:, None] * of_field
+    unit: Array = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
+    return unit
+
+
+def _deviation(field: Gpdf, points: Array) -> Array:
+    """Expected distance of surface points (m, 3) from the true surface [m], (m,).
+
+    `predicted_deviation` of the variance that the nearest observed point alone would leave: the
+    others hardly add to it, and the full variance would cost more than everything else here.
+    """
+    apart = nearest_distance(points, field.points)
+    return predicted_deviation(-np.expm1(-2.0 * apart / field.length_scale), field.length_scale)

@@ -1,0 +1,129 @@
+"""Compiled loops of `grasp_input`: chords through a completed object, and nearest points."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from feasigrasp.models.gpdf_kernels import newton_step
+from feasigrasp.models.gpdf_pairs import make_workspace, value_and_gradient_at
+from feasigrasp.models.vector_math import wide_vectors
+
+Array = NDArray[np.float64]
+
+#: Walls thinner than this have no chord [m].
+_MIN_CHORD = 1.5e-3
+#: A face that meets the ray at a flatter cosine than this is not an exit.
+_MIN_SLOPE = 0.15
+#: A surface point farther from the ray than this says nothing about its exit [m].
+_REACH = 0.012
+#: Newton steps along the ray, how close they have to come, and how far they may lead [m].
+_STEPS, _CONVERGED, _ACCEPTED, _STRAYS = 4, 1e-4, 1e-3, 8e-3
+#: In walls thinner than this the field is not trusted more than the points [m].
+_WALL = 0.01
+#: More than any length [m].
+_NO_EXIT = 1e9
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _exit_costs(
+    planes: Array, x: float, y: float, z: float, u: float, v: float, w: float, out: Array
+) -> float:
+    """Length from (x, y, z) along (u, v, w) to every plane, raised by the offset; the least.
+
+    `_NO_EXIT` where a plane faces the ray, is met too soon or too far from its own point.
+    """
+    wide_vectors()
+    least = _NO_EXIT
+    for j in range(planes.shape[1]):
+        dx, dy, dz = planes[0, j] - x, planes[1, j] - y, planes[2, j] - z
+        a, b, c = planes[3, j], planes[4, j], planes[5, j]
+        slope = a * u + b * v + c * w
+        t = (dx * a + dy * b + dz * c) / max(slope, _MIN_SLOPE)
+        a, b, c = t * u - dx, t * v - dy, t * w - dz
+        square = a * a + b * b + c * c
+        usable = (slope > _MIN_SLOPE) & (square < _REACH * _REACH) & (t > _MIN_CHORD)
+        cost = t + np.sqrt(square) if usable else _NO_EXIT
+        out[j] = cost
+        least = min(least, cost)
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def chords(
+    tiles: Array, length_scale: float, points: Array, normals: Array, longest: float
+) -> tuple[Array, Array, Array]:
+    """Chords from surface points along their inward normals to where they leave the object.
+
+    A first guess is the tangent plane, of the points themselves, that the ray leaves through
+    first: many times quicker than marching through the field. Newton steps along the ray make it
+    exact. Where they fail in a thin wall, in which the field may have the wrong sign, it stays.
+
+    Args:
+        tiles: Of the field.
+        length_scale: Of the field [m].
+        points: On the surface, relative to the field's centre, shape (n, 3) [m].
+        normals: Outward unit normals there, shape (n, 3).
+        longest: Longest chord [m].
+
+    Returns:
+        Lengths (n,), -1 where there is none; far ends (n, 3); outward unit normals there (n, 3).
+    """
+    n = len(points)
+    lengths, ends, outward = np.full(n, -1.0), np.zeros((n, 3)), np.zeros((n, 3))
+    planes = np.empty((6, n))
+    for i in range(n):
+        for k in range(3):
+            planes[k, i], planes[3 + k, i] = points[i, k], normals[i, k]
+    work, costs = make_workspace(), np.empty(n)
+    for i in range(n):
+        px, py, pz, u, v, w = planes[:, i]
+        u, v, w = -u, -v, -w
+        least = _exit_costs(planes, px, py, pz, u, v, w, costs)
+        if least >= _NO_EXIT:
+            continue
+        j = 0
+        while j < n - 1 and costs[j] != least:
+            j += 1
+        a, b, c = planes[3:, j]
+        guess = planes[0, j] * a + planes[1, j] * b + planes[2, j] * c
+        guess = (guess - px * a - py * b - pz * c) / (u * a + v * b + w * c)
+        t = guess
+        for _ in range(_STEPS):
+            x, y, z = px + t * u, py + t * v, pz + t * w
+            d, gx, gy, gz = value_and_gradient_at(tiles, work, length_scale, x, y, z)
+            slope = gx * u + gy * v + gz * w
+            if abs(d) < _CONVERGED or slope <= 0.0:
+                break
+            t -= newton_step(d, slope)
+        size = max(np.sqrt(gx * gx + gy * gy + gz * gz), 1e-12)
+        if abs(d) < _ACCEPTED and slope > _MIN_SLOPE * size and abs(t - guess) < _STRAYS:
+            a, b, c = gx / size, gy / size, gz / size
+        elif guess < _WALL:
+            t = guess
+        else:
+            continue
+        if t <= longest:
+            lengths[i] = t
+            ends[i, 0], ends[i, 1], ends[i, 2] = px + t * u, py + t * v, pz + t * w
+            outward[i, 0], outward[i, 1], outward[i, 2] = a, b, c
+    return lengths, ends, outward
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _least_square(xs: Array, ys: Array, zs: Array, x: float, y: float, z: float) -> float:
+    wide_vectors()
+    least = 1e30
+    for j in range(len(xs)):
+        a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
+        least = min(least, a * a + b * b + c * c)
+    return least
+
+
+@njit(cache=True, nogil=True)
+def nearest_distance(points: Array, others: Array) -> Array:
+    """Distance from each point (m, 3) to the nearest of the others (k, 3), shape (m,)."""
+    xs, ys, zs = others[:, 0].copy(), others[:, 1].copy(), others[:, 2].copy()
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        out[i] = np.sqrt(_least_square(xs, ys, zs, points[i, 0], points[i, 1], points[i, 2]))
+    return out

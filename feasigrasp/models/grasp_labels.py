@@ -1,0 +1,293 @@
+"""Labels for a grasp network: at which points of a (completed) surface which grasps truly start.
+
+Contact pairs are searched densely on the true mesh. From the true surface point under a completed
+point, lines in the friction cone give the opposite contacts; at every pair that is antipodal, the
+whole hand is turned about the closing line, and the turns in which it is free are its approaches.
+A label answers for the grasp that starts at a point with a closing direction b into the object:
+the hand's camera may be on either side (b and -b are the same grasp, seen from its two contacts).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models.grasp_label_kernels import blocked_turns, turn_table
+from feasigrasp.models.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
+from feasigrasp.models.gripper import ParallelGripper
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: A completed point counts if it is this near to the true surface [m] and turned so little [deg].
+NEAR, ALIGNED_DEG = 0.004, 25.0
+#: Directions in which the hand is turned about a closing line.
+N_TURNS = 36
+#: Approach directions that a label holds.
+N_APPROACHES = 16
+#: Clearance of the open hand that a label asks for [m]: what it calls valid is not marginal.
+CLEARANCE = 0.0015
+#: Widths up to the opening less this [m].
+SLACK = 0.004
+#: Pairs at one point that are kept, best first.
+PAIRS_PER_POINT = 2
+#: Angles off the normal of the lines that are tried [deg], and how many round each.
+_RINGS = ((7.0, 6), (14.0, 8))
+_SURFACE = 1e-5
+_SAME_CONTACT = 5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPairs:
+    """Valid grasps by the point at which they start, best first at every point.
+
+    Attributes:
+        point: Index of that point, shape (m,).
+        contact: Where the pads touch the true surface there, shape (m, 3) [m].
+        closing: Closing directions b from there into the object, unit, shape (m, 3).
+        width: Distance to the opposite contact, shape (m,) [m].
+        cosine: The lesser cosine between closing line and normal of the two faces, shape (m,).
+        across: Approach direction of turn 0, unit, perpendicular to b, shape (m, 3).
+        free: Turns about b in which the hand is free, shape (m, N_TURNS). Turn k has the approach
+            ``cos(t) u + sin(t) (b x u)``, ``t = 2 pi k / N_TURNS``, u being ``across``.
+    """
+
+    point: NDArray[np.int64]
+    contact: Array
+    closing: Array
+    width: Array
+    cosine: Array
+    across: Array
+    free: Mask
+
+    def approaches(self, index: int) -> Array:
+        """Valid approach directions of one pair, shape (k, 3)."""
+        return self.turned()[index][self.free[index]]
+
+    def turned(self) -> Array:
+        """All approach directions that were tried, shape (m, N_TURNS, 3)."""
+        t = 2 * np.pi * np.arange(N_TURNS) / N_TURNS
+        v = np.cross(self.closing, self.across)
+        return np.cos(t)[:, None] * self.across[:, None] + np.sin(t)[:, None] * v[:, None]
+
+    def closing_error_deg(self, point: ArrayLike, closing: ArrayLike) -> Array:
+        """Angle between closing directions (k, 3) at points (k,) and the nearest valid one there.
+
+        Returns:
+            Shape (k,) [deg]; NaN where no valid grasp starts.
+        """
+        error = np.full(len(np.asarray(point)), np.nan)
+        for row, (at, b) in enumerate(zip(np.asarray(point), np.asarray(closing), strict=True)):
+            cosine = self.closing[self.point == at] @ b
+            if len(cosine):
+                error[row] = np.rad2deg(np.arccos(np.clip(cosine.max(), -1.0, 1.0)))
+        return error
+
+
+@dataclass(frozen=True, eq=False)
+class PointLabels:
+    """One label per point; zero where ``contact`` is False.
+
+    Attributes:
+        contact: Whether a valid grasp starts at the point, shape (n,).
+        width: Of the best one [m], shape (n,).
+        closing: Its closing direction, unit, shape (n, 3).
+        approach: Some of its valid approach directions, spread evenly, shape (n, N_APPROACHES, 3).
+        n_approaches: How many of those rows are filled, shape (n,).
+        across: Approach direction of turn 0, shape (n, 3).
+        free: Turns in which the hand is free, see `ContactPairs`, shape (n, N_TURNS).
+    """
+
+    contact: Mask
+    width: Array
+    closing: Array
+    approach: Array
+    n_approaches: NDArray[np.int64]
+    across: Array
+    free: Mask
+
+
+def label_points(
+    truth: TrueGrasps,
+    points: ArrayLike,
+    normals: ArrayLike,
+    gripper: ParallelGripper,
+    rng: np.random.Generator,
+) -> PointLabels:
+    """Labels the points of a network's input.
+
+    Args:
+        truth: The true object.
+        points: Shape (n, 3), in its frame [m].
+        normals: Outward unit normals, shape (n, 3).
+        gripper: The hand, approaching fully open.
+        rng: Turns the sets of directions that are tried.
+    """
+    return best_labels(find_pairs(truth, points, normals, gripper, rng), len(np.asarray(points)))
+
+
+def best_labels(pairs: ContactPairs, n_points: int) -> PointLabels:
+    """The label of every point: the best of its pairs."""
+    contact = np.zeros(n_points, dtype=bool)
+    width, closing = np.zeros(n_points), np.zeros((n_points, 3))
+    approach, count = np.zeros((n_points, N_APPROACHES, 3)), np.zeros(n_points, dtype=np.int64)
+    across, free = np.zeros((n_points, 3)), np.zeros((n_points, N_TURNS), dtype=bool)
+    points, first = np.unique(pairs.point, return_index=True)
+    contact[points], width[points] = True, pairs.width[first]
+    closing[points], across[points] = pairs.closing[first], pairs.across[first]
+    free[points] = pairs.free[first]
+    turned = pairs.turned()[first]
+    for row, at in enumerate(points):
+        valid = np.flatnonzero(free[at])
+        if len(valid) > N_APPROACHES:
+            valid = valid[np.linspace(0, len(valid) - 1, N_APPROACHES).round().astype(int)]
+        approach[at, : len(valid)], count[at] = turned[row, valid], len(valid)
+    return PointLabels(contact, width, closing, approach, count, across, free)
+
+
+def find_pairs(
+    truth: TrueGrasps,
+    points: ArrayLike,
+    normals: ArrayLike,
+    gripper: ParallelGripper,
+    rng: np.random.Generator,
+    per_point: int = PAIRS_PER_POINT,
+    clearance: float = CLEARANCE,
+) -> ContactPairs:
+    """Valid grasps that start at points of a completed surface.
+
+    Args:
+        truth: The true object.
+        points: Shape (n, 3), in its frame [m].
+        normals: Outward unit normals, shape (n, 3).
+        gripper: The hand, approaching fully open.
+        rng: Turns the sets of directions that are tried.
+        per_point: Pairs kept at a point; the search is as fine for any number.
+        clearance: Distance that the open hand keeps from the surface [m].
+    """
+    at, outward = truth.closest(np.asarray(points, dtype=float))
+    real = np.linalg.norm(at - points, axis=1) <= NEAR
+    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(ALIGNED_DEG))
+    index, center, b, width, cosine = _antipodal_lines(
+        truth, np.flatnonzero(real), at, outward, gripper, rng
+    )
+    order = np.lexsort((-cosine, index))
+    rank = np.arange(len(order)) - np.searchsorted(index[order], index[order])
+    order = order[rank < per_point]
+    index, center, b, width, cosine = (part[order] for part in (index, center, b, width, cosine))
+
+    across = _perpendicular(b)
+    free = _free_turns(truth, center, b, across, gripper, clearance)
+    left = free.any(axis=1)
+    # Best first: well opposed, and free all round.
+    score = cosine + 0.1 * free.mean(axis=1)
+    kept = np.flatnonzero(left)
+    kept = kept[np.lexsort((-score[kept], index[kept]))]
+    return ContactPairs(
+        point=index[kept],
+        contact=center[kept] - 0.5 * width[kept, None] * b[kept],
+        closing=b[kept],
+        width=width[kept],
+        cosine=cosine[kept],
+        across=across[kept],
+        free=free[kept],
+    )
+
+
+def _free_turns(
+    truth: TrueGrasps,
+    center: Array,
+    b: Array,
+    across: Array,
+    gripper: ParallelGripper,
+    clearance: float,
+) -> Mask:
+    """Turns about closing lines in which the open hand is free, shape (m, N_TURNS)."""
+    boxes, table = _turning_hand(gripper, clearance)
+    blocked = blocked_turns(truth.samples, center, b, across, boxes[:, :, 0].copy(), table)
+    hand = np.bitwise_or.reduce(blocked[:, :-2], axis=1)
+    # The camera blocks a turn only if it does on both sides: they are twins of one grasp.
+    hand |= blocked[:, -2] & blocked[:, -1]
+    bits = hand[:, None] >> np.arange(N_TURNS, dtype=np.uint64)
+    free: Mask = (bits & np.uint64(1)) == 0
+    return free
+
+
+@lru_cache(maxsize=8)
+def _turning_hand(gripper: ParallelGripper, clearance: float) -> tuple[Array, NDArray[np.uint64]]:
+    """Boxes of the open hand, the last two the camera on either side, and their turn table."""
+    boxes = hand_boxes(gripper, None, clearance)
+    other_side = boxes[-1].copy()
+    other_side[:, 1] = -boxes[-1, ::-1, 1]
+    boxes = np.concatenate([boxes, other_side[None]])
+    return boxes, turn_table(boxes, N_TURNS)
+
+
+def _antipodal_lines(
+    truth: TrueGrasps,
+    index: NDArray[np.int64],
+    at: Array,
+    outward: Array,
+    gripper: ParallelGripper,
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
+    """Closing lines that start at true surface points and are within both friction cones.
+
+    Returns:
+        Index of the point, middle between the contacts, direction, width, cosine.
+    """
+    opening, limit = gripper.max_opening, np.cos(np.deg2rad(CONE_DEG))
+    normal = outward[index]
+    lines = _cone_directions(-normal, rng)
+    # The bisector of both normals is the direction that suits both faces best.
+    length, far = truth.cast(at[index] - _SURFACE * normal, -normal)
+    bisector = np.where(np.isfinite(length)[:, None], far - normal, -normal)
+    bisector /= np.maximum(np.linalg.norm(bisector, axis=1, keepdims=True), 1e-9)
+    lines = np.concatenate([lines, bisector[:, None]], axis=1)
+    per_point = lines.shape[1]
+    b, which = lines.reshape(-1, 3), np.repeat(index, per_point)
+    steep = -np.einsum("ij,ij->i", b, outward[which]) >= limit
+    b, which = b[steep], which[steep]
+    start = at[which]
+
+    through, _ = truth.cast(start - _SURFACE * outward[which], b)
+    back, _ = truth.cast(start + opening * b, -b)
+    outermost = opening - back
+    # Nothing, or a face seen from inside: the object goes on beyond the opening.
+    several = np.isfinite(outermost) & (outermost > through + _SAME_CONTACT)
+    widths = [through, outermost[several]]
+    width = np.concatenate(widths)
+    b, which = np.concatenate([b, b[several]]), np.concatenate([which, which[several]])
+    usable = np.isfinite(width) & (width <= opening - SLACK) & (width > _SAME_CONTACT)
+    b, which, width = b[usable], which[usable], width[usable]
+
+    center = at[which] + 0.5 * width[:, None] * b
+    closed = truth.close_lines(center, b, opening)
+    good = closed.cosine >= limit
+    # The pads must meet the faces that this pair is made of, and no others on the way.
+    good &= np.linalg.norm(closed.first - at[which], axis=1) < _SAME_CONTACT
+    good &= np.abs(closed.width - width) < _SAME_CONTACT
+    return which[good], center[good], b[good], width[good], closed.cosine[good]
+
+
+def _cone_directions(axis: Array, rng: np.random.Generator) -> Array:
+    """Directions on rings round unit vectors (n, 3) and these themselves, (n, k, 3)."""
+    u = _perpendicular(axis)
+    v = np.cross(axis, u)
+    directions = [axis[:, None]]
+    for angle_deg, count in _RINGS:
+        turn = rng.uniform(0.0, 2 * np.pi, (len(axis), 1)) + 2 * np.pi * np.arange(count) / count
+        side = np.cos(turn)[..., None] * u[:, None] + np.sin(turn)[..., None] * v[:, None]
+        angle = np.deg2rad(angle_deg)
+        directions.append(np.cos(angle) * axis[:, None] + np.sin(angle) * side)
+    return np.concatenate(directions, axis=1)
+
+
+def _perpendicular(b: Array) -> Array:
+    """A unit vector perpendicular to each unit vector (n, 3)."""
+    u = np.cross(b, np.eye(3)[np.abs(b).argmin(axis=1)])
+    unit: Array = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
+    return unit

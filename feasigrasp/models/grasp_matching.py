@@ -1,0 +1,145 @@
+"""Who is who in successive sets of grasps of one object.
+
+Every new view gives a new distance field and new grasps, most of them the old ones moved by a
+millimetre. Whoever follows a grasp needs to know that, and the grasp should stay where it is: one
+that is still good is kept as it was, and a new one takes its place only if it is clearly better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.grasp_filter import filter_grasps
+from feasigrasp.models.grasp_thinning import SAME_ANGLE, SAME_POSITION, thin_grasps
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+
+Indices = NDArray[np.intp]
+
+#: By which factor a new grasp has to score higher than an old one beside it, to replace it.
+HYSTERESIS = 1.25
+_NO_MATCH = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class GraspHistory:
+    """The grasps of the latest field, with ids that say which of them were there before.
+
+    Attributes:
+        gpdf: The field that the grasps belong to; None before the first.
+        grasps: Its grasps.
+        next_id: The id of the next grasp that was not there before.
+    """
+
+    gpdf: Gpdf | None = None
+    grasps: GraspSet = field(default_factory=GraspSet.empty)
+    next_id: int = 0
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GraspHistory:
+        """Immutable, so a copy is itself."""
+        return self
+
+    def followed_by(
+        self,
+        gpdf: Gpdf,
+        found: GraspSet,
+        recheck: Callable[[Gpdf, GraspSet], GraspSet] | None = None,
+        count: int | None = None,
+    ) -> GraspHistory:
+        """The history after one more field.
+
+        Args:
+            gpdf: The new field.
+            found: The grasps sampled from it, best first.
+            recheck: Which of the old grasps are still good on the new field, rescored; ids as
+                before. Without it none is kept, and the new ones are given the ids of the old.
+            count: Most grasps kept; as many as were found or were there before by default.
+
+        Returns:
+            Old grasps that are still good, as they were, unless a clearly better one is beside
+            them, and what was found besides; best first.
+        """
+        old = self.grasps
+        count = max(len(old), len(found)) if count is None else count
+        if count == 0:
+            return GraspHistory(gpdf, found, self.next_id)
+        ids = np.full(len(found), -1, dtype=np.int64)
+        matched_old, matched_new = match_grasps(old, found)
+        ids[matched_new] = old.id[matched_old]
+
+        good = GraspSet.empty() if recheck is None or not len(old) else recheck(gpdf, old)
+        before = dict(zip(old.id.tolist(), old.score, strict=True))
+        fresh = dict(zip(ids.tolist(), found.score, strict=True))
+        score = np.array(
+            [min(now, before[i]) for i, now in zip(good.id.tolist(), good.score, strict=True)]
+        )
+        beside = np.array([fresh.get(i, 0.0) for i in good.id.tolist()])
+        stays = beside <= HYSTERESIS * score
+        kept = replace(good, score=np.maximum(score, beside)).select(stays)
+
+        new = replace(found, id=ids).select(~np.isin(ids, kept.id))
+        numbers = new.id.copy()
+        unknown = numbers < 0
+        numbers[unknown] = self.next_id + np.arange(np.count_nonzero(unknown))
+        grasps = _merged(kept, replace(new, id=numbers), count)
+        return GraspHistory(gpdf, grasps, self.next_id + int(np.count_nonzero(unknown)))
+
+
+def match_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indices]:
+    """Which grasps of two sets are the same, each of one with at most one of the other.
+
+    The assignment of the least total distance within the tolerance of near copies; a grasp and its
+    180-degree flip about z are the same.
+
+    Returns:
+        Indices into the first and into the second set, shape (k,) each.
+    """
+    if len(first) == 0 or len(second) == 0:
+        nothing = np.zeros(0, dtype=np.intp)
+        return nothing, nothing
+    distance = grasp_distance(first, second)
+    rows, columns = linear_sum_assignment(np.where(distance <= 1.0, distance, _NO_MATCH))
+    same = distance[rows, columns] <= 1.0
+    return rows[same], columns[same]
+
+
+def grasp_distance(first: GraspSet, second: GraspSet) -> NDArray[np.float64]:
+    """Distances between grasps in units of what counts as a near copy, shape (n, m).
+
+    Position and angle as the root of their squares; of a grasp and its flip the nearer one.
+    """
+    apart = first.X_OG[:, None, :3, 3] - second.X_OG[None, :, :3, 3]
+    square = np.einsum("nmi,nmi->nm", apart, apart) / SAME_POSITION**2
+    x, y, z = (
+        np.einsum("ni,mi->nm", first.X_OG[:, :3, axis], second.X_OG[:, :3, axis])
+        for axis in range(3)
+    )
+    angle = np.arccos(np.clip(0.5 * (np.abs(x + y) + z - 1.0), -1.0, 1.0))
+    return np.asarray(np.sqrt(square + (angle / SAME_ANGLE) ** 2))
+
+
+def recheck_grasps(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> GraspSet:
+    """The grasps that pass the filter on another field, with their ids and new scores."""
+    passed = filter_grasps(gpdf, grasps.X_OG, grasps.width, gripper)
+    return replace(passed, id=grasps.id[passed.id])
+
+
+def _merged(kept: GraspSet, new: GraspSet, count: int) -> GraspSet:
+    """Both sets as one, best first; beside each other an old grasp wins over a new one."""
+    both = GraspSet(
+        np.concatenate([kept.X_OG, new.X_OG]),
+        np.concatenate([kept.width, new.width]),
+        np.concatenate([kept.score, new.score]),
+        new.rejected,
+        np.concatenate([kept.id, new.id]),
+    )
+    preference = both.score * np.repeat([HYSTERESIS, 1.0], [len(kept), len(new)])
+    thinned = thin_grasps(both.select(np.argsort(-preference, kind="stable")), count)
+    return thinned.select(np.argsort(-thinned.score, kind="stable"))

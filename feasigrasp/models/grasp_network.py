@@ -1,0 +1,236 @@
+"""The trained grasp networks: from the surface of an object to a grasp at every point.
+
+Two presets: ``default``, and ``paper``, the paper's own architecture with weights trained on the
+same data for the same time; see `feasigrasp.models.grasp_architectures` for what they compute. Both
+are exactly equivariant: grasps move with the object.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.models.contact_features import ContactFeatures, contact_features
+from feasigrasp.models.grasp_architectures import ContactNetwork, Contacts, Heads, PaperNetwork
+from feasigrasp.models.grasp_inference import FusedContactNetwork
+from feasigrasp.models.grasp_input import GraspInput
+from feasigrasp.models.gripper import ParallelGripper
+
+Array = NDArray[np.float64]
+
+#: Architectures by preset.
+ARCHITECTURES: dict[str, type[nn.Module]] = {"default": ContactNetwork, "paper": PaperNetwork}
+PRESETS = tuple(ARCHITECTURES)
+#: Approach directions that are handed on for each contact.
+MODES = 6
+#: Of the weights files; another layout gets another number.
+FORMAT = "feasigrasp grasp_network 1"
+_FOLDER = Path(__file__).resolve().parent / "weights"
+
+
+class GraspWeightsError(FeasigraspError, ValueError):
+    """Weights of a grasp network that are missing, broken, or of another network."""
+
+
+@dataclass(frozen=True, eq=False)
+class GraspProposals:
+    """What a network proposes at each of n points, in the frame O of its input.
+
+    Attributes:
+        contact: Probability that a valid grasp starts at the point, shape (n,).
+        closing: Closing direction b from there into the object, unit, shape (n, 3).
+        width: Distance to the contact opposite [m], shape (n,).
+        width_deviation: Standard deviation of the width [m], shape (n,).
+        approach: M approach directions, best first, unit and perpendicular to ``closing``, shape
+            (n, M, 3).
+        approach_score: Probability that the whole open hand is free that way, shape (n, M).
+    """
+
+    contact: Array
+    closing: Array
+    width: Array
+    width_deviation: Array
+    approach: Array
+    approach_score: Array
+
+    def __post_init__(self) -> None:
+        """Makes the arrays read-only."""
+        for name in (field.name for field in fields(self)):
+            getattr(self, name).flags.writeable = False
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GraspProposals:
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class GraspNetwork:
+    """A grasp network, ready to propose.
+
+    Attributes:
+        preset: One of `PRESETS`.
+        network: Its torch module.
+        gripper: The hand whose room is measured round each contact.
+    """
+
+    preset: str
+    network: nn.Module
+    gripper: ParallelGripper
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GraspNetwork:
+        return self
+
+    @classmethod
+    def untrained(cls, preset: str = "default", seed: int = 0) -> GraspNetwork:
+        """A network with random weights, to train or to test.
+
+        Raises:
+            GraspWeightsError: There is no such preset.
+        """
+        state = torch.random.get_rng_state()
+        torch.manual_seed(seed)
+        network = _architecture(preset)()
+        torch.random.set_rng_state(state)
+        return cls(preset, network.eval().requires_grad_(False), ParallelGripper())
+
+    @classmethod
+    def load(cls, path: str | Path, gripper: ParallelGripper | None = None) -> GraspNetwork:
+        """Loads a network that `save` wrote.
+
+        Raises:
+            GraspWeightsError: The file is missing, broken, or does not match its architecture.
+        """
+        path = Path(path)
+        mend = "train it with `feasigrasp train sampler`, or reinstall feasigrasp"
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                content = {name: file[name] for name in file.files}
+        except FileNotFoundError:
+            raise GraspWeightsError(
+                f"there are no grasp network weights at {path}; {mend}"
+            ) from None
+        except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+            raise GraspWeightsError(
+                f"{path} is not a readable weights file ({error}); {mend}"
+            ) from None
+        try:
+            header = json.loads(str(content.pop("header")))
+            if header["format"] != FORMAT:
+                raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
+            network = _architecture(header["preset"])(**header["sizes"])
+            _fill(network, content)
+        except (KeyError, TypeError, ValueError) as error:
+            raise GraspWeightsError(
+                f"{path} does not hold a grasp network of this version: {error}; {mend}"
+            ) from None
+        network.eval().requires_grad_(False)
+        return cls(header["preset"], network, gripper or ParallelGripper())
+
+    def save(self, path: str | Path) -> None:
+        """Writes preset, sizes and weights into one ``.npz`` file, whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        header = {"format": FORMAT, "preset": self.preset, "sizes": self.network.sizes}
+        state = self.network.state_dict()
+        arrays = {name: tensor.float().cpu().numpy() for name, tensor in state.items()}
+        partial = path.with_name(f"{path.name}.part.npz")
+        np.savez_compressed(partial, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
+        partial.replace(path)
+
+    def with_gripper(self, gripper: ParallelGripper) -> GraspNetwork:
+        """The same network for another hand; no training is needed."""
+        return GraspNetwork(self.preset, self.network, gripper)
+
+    def propose(self, surface: GraspInput) -> GraspProposals:
+        """Proposes a grasp at every point of a surface.
+
+        The number of threads is torch's, see ``torch.set_num_threads``; one is best at control
+        rate.
+
+        Args:
+            surface: Points, normals and invariants; n > 0.
+
+        Raises:
+            GraspError: The input has no points.
+        """
+        arrays = (surface.points, surface.normals, surface.scalars)
+        return self.propose_at(contact_features(*arrays, self.gripper))
+
+    def propose_at(self, features: ContactFeatures) -> GraspProposals:
+        """As `propose`, from features in the precision of the network's weights."""
+        if self._fused is not None:
+            contact, closing, width, spread, approach, score = self._fused(features, MODES)
+        else:
+            with torch.inference_mode():
+                heads = self.network(Contacts.of(features))
+            heads = Heads(*(head[0].double() for head in heads))
+            contact, score = (torch.sigmoid(logit).numpy() for logit in (heads.contact, heads.free))
+            closing, width = heads.closing.numpy(), heads.width.numpy()
+            spread, approach = heads.spread.numpy(), heads.approach.numpy()
+        return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
+
+    @cached_property
+    def _fused(self) -> FusedContactNetwork | None:
+        if not isinstance(self.network, ContactNetwork):
+            return None
+        state = self.network.state_dict()
+        return FusedContactNetwork({name: tensor.cpu().numpy() for name, tensor in state.items()})
+
+
+def load_grasp_network(preset: str = "default") -> GraspNetwork:
+    """The trained network that comes with the package, loaded once.
+
+    Args:
+        preset: One of `PRESETS`.
+
+    Raises:
+        GraspWeightsError: There is no such preset, or see `GraspNetwork.load`.
+    """
+    return _load(preset)
+
+
+def weights_file(preset: str) -> Path:
+    """Where the trained weights of a preset are.
+
+    Raises:
+        GraspWeightsError: There is no such preset.
+    """
+    _architecture(preset)
+    return _FOLDER / ("grasp_network.npz" if preset == "default" else f"grasp_network_{preset}.npz")
+
+
+@lru_cache(maxsize=len(PRESETS))
+def _load(preset: str) -> GraspNetwork:
+    return GraspNetwork.load(weights_file(preset))
+
+
+def _architecture(preset: str) -> type[nn.Module]:
+    if preset not in ARCHITECTURES:
+        raise GraspWeightsError(
+            f"there is no grasp network {preset!r}; there are {', '.join(PRESETS)}"
+        )
+    return ARCHITECTURES[preset]
+
+
+def _fill(network: nn.Module, arrays: dict[str, NDArray[Any]]) -> None:
+    """Fills a network; raises ValueError where arrays are not its own."""
+    expected = network.state_dict()
+    if set(arrays) != set(expected):
+        missing, surplus = sorted(set(expected) - set(arrays)), sorted(set(arrays) - set(expected))
+        raise ValueError(f"arrays missing: {missing or 'none'}, unknown: {surplus or 'none'}")
+    for name, array in arrays.items():
+        shape = tuple(expected[name].shape)
+        if array.shape != shape or array.dtype != np.float32:
+            raise ValueError(f"{name} is {array.dtype} {array.shape}, not float32 {shape}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite")
+    network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})

@@ -1,0 +1,65 @@
+"""Fewer grasps, as different as before: no near copies, and no long shots beside safe ones."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from feasigrasp.models.grasps import GraspSet
+
+#: Grasps closer than this to a better one are copies of it.
+SAME_POSITION, SAME_ANGLE = 0.010, np.deg2rad(20.0)
+#: Grasps that score less are left out, as long as `ENOUGH` are there.
+LEAST_SCORE, ENOUGH = 0.8, 12
+
+
+def thin_grasps(
+    grasps: GraspSet, count: int, *, least_score: float = LEAST_SCORE, enough: int = ENOUGH
+) -> GraspSet:
+    """The best grasps that differ from each other.
+
+    Args:
+        grasps: Best first.
+        count: Most grasps wanted.
+        least_score: Grasps that score less are left out ...
+        enough: ... unless fewer than this many are left.
+
+    Returns:
+        Best first; what is dropped counts as "near copy" or "uncertain".
+    """
+    kept = grasps.select(distinct(grasps, count), "near copy")
+    certain = kept.score >= least_score
+    certain[:enough] = True
+    return kept.select(certain, "uncertain")
+
+
+def distinct(grasps: GraspSet, count: int) -> NDArray[np.int64]:
+    """Indices of at most ``count`` grasps, in their order, none a near copy of an earlier one."""
+    chosen = np.empty(count, dtype=np.int64)
+    return chosen[: _distinct_kernel(grasps.X_OG, chosen)]
+
+
+@njit(cache=True)
+def _distinct_kernel(X_OG, chosen):  # type: ignore[no-untyped-def]
+    """Writes the indices and returns their number; a grasp and its flip about z are the same."""
+    n = 0
+    for i in range(len(X_OG)):
+        copy = False
+        for j in chosen[:n]:
+            square, xx, yy, zz = 0.0, 0.0, 0.0, 0.0
+            for k in range(3):
+                square += (X_OG[i, k, 3] - X_OG[j, k, 3]) ** 2
+                xx += X_OG[i, k, 0] * X_OG[j, k, 0]
+                yy += X_OG[i, k, 1] * X_OG[j, k, 1]
+                zz += X_OG[i, k, 2] * X_OG[j, k, 2]
+            angle = np.arccos(min(1.0, max(-1.0, (abs(xx + yy) + zz - 1.0) / 2.0)))
+            if square / SAME_POSITION**2 + (angle / SAME_ANGLE) ** 2 <= 1.0:
+                copy = True
+                break
+        if not copy:
+            chosen[n] = i
+            n += 1
+            if n == len(chosen):
+                break
+    return n

@@ -1,0 +1,167 @@
+"""Ways from one strand of grasps to another, and when to take them.
+
+Strands, nodes and costs are those of `feasigrasp.models.grasp_strands`.
+"""
+
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+
+from feasigrasp.models.collision_kernels import is_clear_kernel
+from feasigrasp.models.grasp_funnel import standoff_kernel
+from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
+from feasigrasp.models.inverse_kinematics import travel_time_kernel
+from feasigrasp.models.se3_kernels import inverse_kernel
+
+#: Points at which a transfer is looked at on its way.
+_ON_THE_WAY = 3
+#: No transfer keeps the hand closer to the object than this, on average [m].
+_CLOSEST = 0.02
+#: Added to the cost of a strand that cannot be reached within the horizon.
+_LATE = 1e6
+
+
+class Transfer(NamedTuple):
+    """The best way onto some strand.
+
+    Attributes:
+        cost: Of the way and of what follows, to the horizon [m s]; infinite if there is none.
+        grasp: Index of the grasp.
+        branch: Branch.
+        instant: When it is reached, index of the instant.
+        angle: Index of the arm angle there.
+    """
+
+    cost: float
+    grasp: int
+    branch: int
+    instant: int
+    angle: int
+
+
+_NO_TRANSFER = Transfer(np.inf, -1, -1, -1, -1)
+
+
+@nb.njit(cache=True)
+def _way_cost(q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG, costs):  # type: ignore[no-untyped-def]
+    """Mean distance of hand and object on the straight way in joint space, times its duration."""
+    total, hits = 0.5 * (start + standoff), 0
+    on_way, X, J = np.empty(7), np.empty((4, 4)), np.empty((6, 7))
+    duration = times[k] - times[k0]
+    for step in range(1, _ON_THE_WAY + 1):
+        s = step / (_ON_THE_WAY + 1.0)
+        on_way[:] = q + s * (node - q)
+        pose_jacobian_kernel(on_way, X_FG, X, J)
+        # The object meanwhile, between two instants.
+        t = times[k0] + min(s * travel, duration)
+        m = k0
+        while m + 1 < k and times[m + 1] <= t:
+            m += 1
+        f = (t - times[m]) / (times[m + 1] - times[m])
+        square = 0.0
+        for i in range(3):
+            p = X_WO[m, i, 3] + f * (X_WO[m + 1, i, 3] - X_WO[m, i, 3])
+            square += (X[i, 3] - p) ** 2
+        total += max(np.sqrt(square), (1.0 - abs(2.0 * s - 1.0)) * standoff)
+        if not is_clear_kernel(on_way, search.capsules, 0.0, search.table_height):
+            hits += 1
+    return travel * total / (_ON_THE_WAY + 1.0) + costs.collision * hits
+
+
+@nb.njit(cache=True)
+def transfer_kernel(  # type: ignore[no-untyped-def]
+    q, k0, only, skipped, strands, X_WO, times, X_OG, X_FG, funnel, search, costs
+):
+    """The best `Transfer` that leaves configuration ``q`` at instant ``k0``.
+
+    ``only`` and ``skipped`` are the grasp and branch of the one strand that is looked at, or of the
+    one that is not; (-1, -1) for none.
+    """
+    best = _NO_TRANSFER
+    K, n, P = len(times) - 1, len(X_OG), strands.rate.shape[3]
+    X_WH, J = np.empty((4, 4)), np.empty((6, 7))
+    pose_jacobian_kernel(q, X_FG, X_WH, J)
+    X_OH = inverse_kernel(X_WO[k0]) @ X_WH
+    start = np.sqrt(X_OH[0, 3] ** 2 + X_OH[1, 3] ** 2 + X_OH[2, 3] ** 2)
+    shortest = np.inf
+    for i in range(n):
+        if only[0] >= 0 and i != only[0]:
+            continue
+        standoff = standoff_kernel(X_OG[i], X_OH, funnel)
+        overhead = costs.regrip_time * standoff / max(costs.standoff, 1e-9)
+        for b in range(8):
+            if (only[1] >= 0 and b != only[1]) or (i == skipped[0] and b == skipped[1]):
+                continue
+            for k in range(min(k0 + 1, K), K + 1):
+                available = times[k] - times[k0]
+                for j in range(P):
+                    rate = strands.rate[k, i, b, j]
+                    if rate == np.inf:
+                        continue
+                    node = strands.q[k, i, b, j]
+                    motion = travel_time_kernel(q, node)
+                    travel = motion / costs.speed_share + overhead
+                    late = travel > available
+                    if late and (k < K or (best.cost < np.inf and shortest <= travel)):
+                        continue
+                    wait = max(0.0, available - travel)
+                    cost = strands.to_go[k, i, b, j] + costs.motion * motion
+                    cost += (rate + costs.waiting) * wait
+                    if not late and cost + _CLOSEST * travel >= best.cost:
+                        continue
+                    cost += _way_cost(
+                        q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG, costs
+                    )
+                    if late:  # only where nothing else is in time
+                        if best.cost < _LATE:
+                            continue
+                        cost += _LATE
+                        shortest = travel
+                    if cost < best.cost:
+                        best = Transfer(cost, i, b, k, j)
+    return best
+
+
+@nb.njit(cache=True)
+def stay_kernel(q, grasp, branch, strands, X_WO, times, X_OG, X_FG, funnel, search, costs):  # type: ignore[no-untyped-def]
+    """What it costs to go on with a strand, and to leave it at the best moment.
+
+    Returns the `Transfer` onto the strand, its cost that of the whole plan, and the instant at
+    which it is left; -1 if not before the horizon.
+    """
+    there = transfer_kernel(
+        q, 0, (grasp, branch), (-1, -1), strands, X_WO, times, X_OG, X_FG, funnel, search, costs
+    )
+    if there.grasp < 0:
+        return there, -1
+    best, leave = there.cost, -1
+    to_go = strands.to_go[there.instant, grasp, branch, there.angle]
+    until = there.cost - to_go  # cost until the instant that is looked at
+    k, j = there.instant, there.angle
+    K = len(times) - 1
+    while k < K:
+        away = transfer_kernel(
+            strands.q[k, grasp, branch, j],
+            k,
+            (-1, -1),
+            (grasp, branch),
+            strands,
+            X_WO,
+            times,
+            X_OG,
+            X_FG,
+            funnel,
+            search,
+            costs,
+        )
+        if until + away.cost < best:
+            best, leave = until + away.cost, k
+        m = strands.following[k, grasp, branch, j]
+        if m < 0:
+            break
+        dt = times[k + 1] - times[k]
+        here, there_rate = strands.rate[k, grasp, branch, j], strands.rate[k + 1, grasp, branch, m]
+        until += 0.5 * dt * (here + there_rate)
+        k, j = k + 1, m
+    return Transfer(best, there.grasp, there.branch, there.instant, there.angle), leave

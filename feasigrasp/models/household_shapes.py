@@ -1,0 +1,122 @@
+"""Household-like shapes from a seed: what the grasp network learns on, in data that we own.
+
+Every family draws its sizes and proportions, in metres and in the range of things that stand in a
+kitchen or lie on a bench: 2 to 25 cm, some of them too large for the hand everywhere. Some families
+are never trained on (`HELD_OUT`), so that they can tell whether a network has learnt shapes or
+grasps. Needs ``manifold3d`` (the ``train`` extra).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from feasigrasp.errors import MeshError
+from feasigrasp.models.rigid_object import RigidObject
+
+try:
+    from manifold3d import Manifold
+
+    from feasigrasp.models import household_compounds as compounds
+    from feasigrasp.models import household_solids as solids
+except ImportError as error:
+    raise MeshError(
+        "household shapes need manifold3d; install feasigrasp[train] (or manifold3d>=3.5)"
+    ) from error
+
+Array = NDArray[np.float64]
+Maker = Callable[[np.random.Generator], Manifold]
+
+FAMILIES: dict[str, Maker] = {
+    "box": solids.box,
+    "cylinder": solids.cylinder,
+    "capsule": solids.capsule,
+    "blob": solids.blob,
+    "prism": solids.prism,
+    "bottle": solids.bottle,
+    "cup": solids.cup,
+    "bowl": solids.bowl,
+    "bent": solids.bent,
+    "compound": compounds.compound,
+    "superquadric": solids.superquadric,
+    "mug": compounds.mug,
+    "tool": compounds.tool,
+}
+#: Families that are never trained on.
+HELD_OUT = ("superquadric", "mug", "tool")
+TRAINED = tuple(name for name in FAMILIES if name not in HELD_OUT)
+
+#: Largest side of a shape, least and most [m].
+_LEAST, _MOST = 0.02, 0.26
+#: Densities of solids and lightly filled things [kg/m^3], and masses that a hand can hold [kg].
+_DENSITY, _MASS = (150.0, 900.0), (0.02, 0.6)
+_FACES = 4000
+
+
+def make_shape(family: str, seed: int) -> RigidObject:
+    """One shape of a family; the same seed makes the same shape.
+
+    Args:
+        family: One of `FAMILIES`.
+        seed: Any whole number from 0 on.
+
+    Returns:
+        A closed surface of one piece, its origin at the centre of mass.
+
+    Raises:
+        MeshError: If there is no such family.
+    """
+    if family not in FAMILIES:
+        raise MeshError(f"family '{family}' is unknown; give one of {', '.join(FAMILIES)}")
+    rng = np.random.default_rng([seed, list(FAMILIES).index(family)])
+    mesh = _mesh(FAMILIES[family](rng))
+    largest = float(mesh.extents.max())
+    if not _LEAST <= largest <= _MOST:
+        mesh.apply_scale(float(np.clip(largest, _LEAST, _MOST)) / largest)
+    mass = float(np.clip(rng.uniform(*_DENSITY) * mesh.volume, *_MASS))
+    color = (*rng.uniform(0.25, 0.9, 3).tolist(), 1.0)
+    return rigid_object(f"{family}_{seed}", mesh, mass, color)
+
+
+def shape_of(index: int, seed: int = 0, families: tuple[str, ...] = TRAINED) -> tuple[str, int]:
+    """Family and seed of the ``index``-th shape of an endless stream that visits them in turn."""
+    return families[index % len(families)], 1_000_003 * seed + index // len(families)
+
+
+def rigid_object(
+    name: str,
+    mesh: trimesh.Trimesh,
+    mass: float,
+    color: tuple[float, float, float, float] = (0.65, 0.65, 0.68, 1.0),
+) -> RigidObject:
+    """A closed mesh [m] as a rigid object of uniform density, its origin at the centre of mass."""
+    unit = mesh.mass_properties
+    center = np.asarray(unit.center_mass)
+    return RigidObject(
+        name=name,
+        vertices=np.asarray(mesh.vertices) - center,
+        faces=np.asarray(mesh.faces),
+        mass=mass,
+        p_MO=center,
+        inertia=np.asarray(unit.inertia) * mass / float(unit.volume),
+        color=color,
+    )
+
+
+def _mesh(body: Manifold) -> trimesh.Trimesh:
+    """The largest piece of a solid as a mesh, its slivers removed."""
+    tolerance = 2e-5
+    while body.num_tri() > _FACES and tolerance < 1e-3:
+        body = body.simplify(tolerance)
+        tolerance *= 2.0
+    pieces = body.decompose()
+    largest = max(pieces, key=lambda piece: piece.volume()) if len(pieces) > 1 else body
+    made = largest.to_mesh64()
+    return trimesh.Trimesh(
+        np.asarray(made.vert_properties)[:, :3],
+        np.asarray(made.tri_verts, dtype=np.int64),
+        process=False,
+    )

@@ -1,0 +1,63 @@
+"""How fast each joint may be, so that it never leaves its limits however the request changes.
+
+With the room ``r`` to a position limit, a joint may approach it at most at::
+
+    v_max(r) = min(v_limit, g r, v_brake(r))
+
+``v_brake(r)`` is the largest velocity from which braking by ``b`` per second, in steps of the
+control period T, ends inside the limit: a step at v uses up ``T v``, the next ones ``T (v - b T)``,
+``T (v - 2 b T)`` and so on. With ``b = a / (2 + g T)``, a the joint's acceleration limit, a joint
+that kept to its bounds can keep to them at the next step too without decelerating by more than a:
+
+- on the parabola it decelerates by b;
+- where the line ``g r`` is lower, ``v <= 2 b / g + b T``, and following the line from v takes
+  ``g v <= (2 + g T) b = a``.
+
+So the interval of admissible velocities, between the bounds and the acceleration limits, is never
+empty. Should it be all the same (a joint that was pushed, or that begins outside), the acceleration
+limits come first.
+"""
+
+import numba as nb
+import numpy as np
+
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+
+
+@nb.njit(cache=True, forceinline=True)
+def braking_speed(room, deceleration, period):  # type: ignore[no-untyped-def]
+    """The fastest approach that steps of ``deceleration * period`` stop within ``room`` > 0."""
+    unit = deceleration * period**2
+    # n whole steps of braking take n (n + 1) / 2 units of way; what is left is shared by them.
+    n = np.floor(0.5 * (np.sqrt(1.0 + 8.0 * room / unit) - 1.0))
+    return deceleration * period * (0.5 * n + room / (unit * (n + 1.0)))
+
+
+@nb.njit(cache=True, forceinline=True)
+def _approach(room, gain, speed, deceleration, period):  # type: ignore[no-untyped-def]
+    """Bound on the velocity towards a limit; beyond the limit it is negative and leads back."""
+    if room <= 0.0:
+        return max(gain * room, -speed)
+    return min(gain * room, braking_speed(room, deceleration, period), speed)
+
+
+@nb.njit(cache=True)
+def bounds_kernel(  # type: ignore[no-untyped-def]
+    q, qd_last, margin, gain, velocity_scale, acceleration_scale, period, lower, upper
+):
+    """Writes joint velocity bounds into the first seven entries of ``lower`` and ``upper``.
+
+    ``qd_last`` is the previous command (7,), or empty if accelerations are not limited.
+    """
+    for i in range(7):
+        speed = velocity_scale * VELOCITY_LIMITS[i]
+        acceleration = acceleration_scale * ACCELERATION_LIMITS[i]
+        deceleration = acceleration / (2.0 + gain * period)
+        limit = POSITION_LIMITS[i] - margin
+        up = _approach(limit - q[i], gain, speed, deceleration, period)
+        down = -_approach(limit + q[i], gain, speed, deceleration, period)
+        if len(qd_last) > 0:
+            least = qd_last[i] - acceleration * period
+            most = qd_last[i] + acceleration * period
+            up, down = min(max(up, least), most), min(max(down, least), most)
+        lower[i], upper[i] = down, up

@@ -1,0 +1,57 @@
+"""The shortest joint velocity that moves a hand with a given twist."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: Added to the diagonal of J J^T: no singular value is taken for smaller than its square root.
+_REGULARIZATION = 1e-12
+#: Least pivot of the factorisation, in case rounding eats up even that.
+_LEAST_PIVOT = 1e-14
+
+
+@njit(cache=True, error_model="numpy")
+def least_norm_kernel(J: Array, V: Array) -> Array:
+    """``J^T (J J^T)^-1 V``, shape (7,), by Cholesky factorisation of the 6 x 6 matrix."""
+    L, y, qd = np.empty((6, 6)), np.empty(6), np.zeros(7)
+    for i in range(6):
+        for j in range(i + 1):
+            s = _REGULARIZATION if i == j else 0.0
+            for k in range(7):
+                s += J[i, k] * J[j, k]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(max(s, _LEAST_PIVOT)) if i == j else s / L[j, j]
+    for i in range(6):
+        s = V[i]
+        for k in range(i):
+            s -= L[i, k] * y[k]
+        y[i] = s / L[i, i]
+    for i in range(5, -1, -1):
+        s = y[i]
+        for k in range(i + 1, 6):
+            s -= L[k, i] * y[k]
+        y[i] = s / L[i, i]
+    for i in range(6):
+        for k in range(7):
+            qd[k] += J[i, k] * y[i]
+    return qd
+
+
+def least_norm_velocity(J: ArrayLike, V: ArrayLike) -> Array:
+    """The pseudo-inverse solution ``J^+ V`` of ``J qd = V``.
+
+    Args:
+        J: Jacobian, shape (6, 7), rows [angular; linear].
+        V: Twist [rad/s; m/s], shape (6,).
+
+    Returns:
+        Joint velocity [rad/s], shape (7,). Where J loses rank it is large but finite.
+    """
+    J, V = np.ascontiguousarray(J, dtype=float), np.ascontiguousarray(V, dtype=float)
+    result: Array = least_norm_kernel(J, V)
+    return result

@@ -1,0 +1,111 @@
+"""Ascent of a Riemannian mixture's log density that does not get stuck between components.
+
+The direction that is followed, ``u = -sum_i r_i Log_mu_i(x)``, vanishes where the pulls of several
+components cancel: half-way between two of them, for instance. The paper samples surrounding points
+there and adds a disturbance if the density is higher at one of them (section IV-D.1). So does
+this, with two changes: the samples are not random, so that the law stays a function of the pose;
+and beside the six axes, both ways, they lie on the geodesics to the components, because one of
+those leads uphill whatever the covariances are like.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models.riemannian_kernels import Parameters, evaluate_kernel, posterior_kernel
+from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.se3_kernels import compose_kernel, exp_kernel
+
+Array = NDArray[np.float64]
+
+#: Metres that count as much as one radian in comparing pulls.
+LENGTH_PER_RADIAN = 0.1
+#: Pulls cancel where their sum is shorter than this share of their lengths ...
+CANCEL = 0.2
+#: ... and surrounding points are this share of the mean pull away.
+RADIUS = 0.1
+
+
+@njit(cache=True)
+def _length(v: Array) -> float:
+    angular = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    linear = v[3] * v[3] + v[4] * v[4] + v[5] * v[5]
+    return np.sqrt(angular + linear / LENGTH_PER_RADIAN**2)
+
+
+@njit(cache=True)
+def ascent_kernel(X: Array, parameters: Parameters, out: Array) -> None:
+    """Writes the direction of :func:`ascent_direction` at one pose."""
+    n = len(parameters[0])
+    tangents, log_densities, r = np.empty((n, 6)), np.empty(n), np.empty(n)
+    evaluate_kernel(X, parameters, tangents, log_densities)
+    here = posterior_kernel(parameters[0], log_densities, r)
+    out[:] = 0.0
+    pull = 0.0
+    for k in range(n):
+        pull += r[k] * _length(tangents[k])
+        for i in range(6):
+            out[i] -= r[k] * tangents[k, i]
+    share = _length(out) / max(pull, 1e-12)
+    if share < CANCEL and pull > 1e-9:
+        _disturb(X, parameters, here, tangents, pull, 1.0 - share / CANCEL, out)
+
+
+@njit(cache=True)
+def _disturb(
+    X: Array,
+    parameters: Parameters,
+    here: float,
+    tangents: Array,
+    pull: float,
+    strength: float,
+    out: Array,
+) -> None:
+    """Adds a pull towards the likeliest of the surrounding points, if it is likelier than here."""
+    n, radius = len(tangents), RADIUS * pull
+    room, log_densities, r = np.empty((n, 6)), np.empty(n), np.empty(n)
+    best, likeliest, step = here, np.zeros(6), np.empty(6)
+    for sample in range(12 + n):
+        if sample < 12:
+            step[:] = 0.0
+            axis = sample // 2
+            size = radius if axis < 3 else radius * LENGTH_PER_RADIAN
+            step[axis] = size if sample % 2 == 0 else -size
+        else:
+            length = _length(tangents[sample - 12])
+            if length < radius:
+                continue
+            for i in range(6):
+                step[i] = -tangents[sample - 12, i] * radius / length
+        evaluate_kernel(compose_kernel(X, exp_kernel(step)), parameters, room, log_densities)
+        there = posterior_kernel(parameters[0], log_densities, r)
+        if there > best:
+            best = there
+            likeliest[:] = step
+    for i in range(6):
+        out[i] += strength * likeliest[i] / RADIUS
+
+
+@njit(cache=True)
+def _ascents(X: Array, parameters: Parameters, out: Array) -> None:
+    for i in range(len(X)):
+        ascent_kernel(X[i], parameters, out[i])
+
+
+def ascent_direction(mixture: RiemannianMixture, X: ArrayLike) -> Array:
+    """The preconditioned ascent direction, with a disturbance where the pulls cancel.
+
+    Args:
+        mixture: Density over poses.
+        X: Poses, shape (..., 4, 4).
+
+    Returns:
+        Body displacements, shape (..., 6) [rad, m]. Zero only if the pulls cancel and none
+        of the surrounding points is likelier.
+    """
+    X = np.ascontiguousarray(X, dtype=float)
+    out = np.empty((*X.shape[:-2], 6))
+    _ascents(X.reshape(-1, 4, 4), mixture.parameters, out.reshape(-1, 6))
+    return out

@@ -1,0 +1,179 @@
+"""Learned grasp sampler: what the equivariant network proposes, checked on the distance field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.farthest_points import farthest_points
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.grasp_certainty import surface_deviation
+from feasigrasp.models.grasp_filter import THIN_WALL, filter_grasps
+from feasigrasp.models.grasp_input import grasp_input
+from feasigrasp.models.grasp_network import GraspNetwork, GraspProposals, load_grasp_network
+from feasigrasp.models.grasp_thinning import thin_grasps
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+
+Array = NDArray[np.float64]
+
+#: Contacts that the network gives less than this are not looked at ...
+LEAST_CONTACT = 0.2
+#: ... and so many of the rest are spread over the object, per contact that is taken.
+_CHOICE = 2
+#: First point looked at on the way through the object; thinner walls are not seen [m].
+_ENTRY = 0.002
+#: The far side is taken from the field if it is this near to the predicted width: in standard
+#: deviations of the width, and at least [m].
+_DEVIATIONS, _NEAR = 2.0, 0.004
+#: Closing lines are turned so often towards the normals, by less than this; a line is not followed
+#: further from its middle than this, nor if its far end is expected to be off by more [m].
+_TURNS, _LEAST_TURN_COSINE, _FARTHEST, _WELL_KNOWN = 2, np.cos(np.deg2rad(20.0)), 0.06, 0.0025
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkSampler:
+    """Samples parallel-jaw grasps from a distance field: ``sampler(gpdf) -> GraspSet``.
+
+    The network says for every point of the completed surface whether a grasp starts there, where
+    its other contact is and which approaches are free. The best contacts, spread over the object,
+    are put together with their approaches; the field settles the width where both agree; the
+    filter judges every one, and weighs its verdict with the network's. The same field gives the
+    same grasps.
+
+    Attributes:
+        gripper: The hand; the network need not have been trained with it.
+        network: The network; by default the one that comes with the package.
+        n_points: Surface points shown to the network.
+        n_contacts: Contacts that are put together with approaches.
+        n_approaches: Approach directions per contact, at most.
+        n_grasps: Most grasps returned.
+        table: A plane that the hand stays above, see `filter_grasps`.
+    """
+
+    gripper: ParallelGripper = field(default_factory=ParallelGripper)
+    network: GraspNetwork = field(default_factory=load_grasp_network)
+    n_points: int = 512
+    n_contacts: int = 96
+    n_approaches: int = 4
+    n_grasps: int = 64
+    table: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        """Checks the counts."""
+        for name in ("n_points", "n_contacts", "n_approaches", "n_grasps"):
+            if getattr(self, name) < 1:
+                raise GraspError(f"NetworkSampler.{name} = {getattr(self, name)}; give 1 or more")
+
+    def __call__(self, gpdf: Gpdf) -> GraspSet:
+        """Filtered grasps, best first, in the frame of the field (object frame O)."""
+        X_OG, width, prior, unlikely = self.candidates(gpdf)
+        grasps = filter_grasps(gpdf, X_OG, width, self.gripper, prior=prior, table=self.table)
+        return thin_grasps(grasps, self.n_grasps).counted({"unlikely contact": unlikely})
+
+    def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, Array, int]:
+        """Unfiltered grasps.
+
+        Returns:
+            Poses X_OG (n, 4, 4); widths (n,) [m]; probabilities (n,) that the contact is one by the
+            network; and the number of surface points that were not taken.
+        """
+        surface = grasp_input(gpdf, self.n_points)
+        proposals = self._network.propose(surface)
+        chosen = _choose(proposals.contact, surface.points, self.n_contacts)
+        first = surface.points[chosen].astype(float)
+        b = proposals.closing[chosen]
+        width = _settled_width(gpdf, first, proposals, chosen, self.gripper.max_opening)
+        z = proposals.approach[chosen, : self.n_approaches]
+        lines = _straightened(gpdf, first + 0.5 * width[:, None] * b, b, width)
+        middle, b, width = lines
+        X_OG = _frames(middle, b, z)
+        width, prior = (np.repeat(each, z.shape[1]) for each in (width, proposals.contact[chosen]))
+        return X_OG.reshape(-1, 4, 4), width, prior, len(surface) - len(chosen)
+
+    @cached_property
+    def _network(self) -> GraspNetwork:
+        return self.network.with_gripper(self.gripper)
+
+
+def _choose(contact: Array, points: NDArray[np.float32], count: int) -> NDArray[np.intp]:
+    """At most ``count`` of the most likely contacts, spread over the object."""
+    best = np.argsort(-contact, kind="stable")[: _CHOICE * count]
+    likely = best[contact[best] >= LEAST_CONTACT]
+    if len(likely) <= count:
+        return likely
+    return likely[farthest_points(points[likely].astype(float), count)]
+
+
+def _settled_width(
+    gpdf: Gpdf,
+    first: Array,
+    proposals: GraspProposals,
+    chosen: NDArray[np.intp],
+    opening: float,
+) -> Array:
+    """Widths that end on the field's far side where network and field agree about it [m]."""
+    width = proposals.width[chosen]
+    reach = np.maximum(_DEVIATIONS * proposals.width_deviation[chosen], _NEAR)
+    to_exit = gpdf.ray_exits(first, proposals.closing[chosen], opening, _ENTRY)
+    return np.where(np.abs(to_exit - width) <= reach, to_exit, width)  # NaN is not near
+
+
+def _straightened(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Array, Array, Array]:
+    """Closing lines turned towards both normals, where that makes the contacts more opposed.
+
+    The network's direction is a few degrees off; between seen faces the field knows better. The
+    line turns about its middle to the mean of both inward normals and ends on the surface again.
+
+    Args:
+        gpdf: The field.
+        middle: Middles of the lines, shape (n, 3) [m].
+        b: Their directions, unit, shape (n, 3).
+        width: Their lengths, shape (n,) [m].
+
+    Returns:
+        Middles, directions and lengths.
+    """
+    before = _opposition(gpdf, middle, b, width)
+    for _ in range(_TURNS):
+        half = 0.5 * width[:, None] * b
+        turned = gpdf.normals(middle + half) - gpdf.normals(middle - half)
+        turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
+        ahead = gpdf.ray_exits(middle, turned, _FARTHEST, 0.0)
+        behind = gpdf.ray_exits(middle, -turned, _FARTHEST, 0.0)
+        length = ahead + behind
+        there = middle + 0.5 * (ahead - behind)[:, None] * turned
+        ends = (np.einsum("ni,ni->n", turned, b) > _LEAST_TURN_COSINE) & (width > THIN_WALL)
+        ends &= np.isfinite(length) & (surface_deviation(gpdf, middle + half) < _WELL_KNOWN)
+        after = np.full(len(b), np.inf)
+        after[ends] = _opposition(gpdf, there[ends], turned[ends], length[ends])
+        better = after < before
+        middle = np.where(better[:, None], there, middle)
+        b = np.where(better[:, None], turned, b)
+        width, before = np.where(better, length, width), np.minimum(before, after)
+    return middle, b, width
+
+
+def _opposition(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> Array:
+    """As `contact_cosine`, of lines: -1 where both ends oppose each other perfectly, (n,)."""
+    half = 0.5 * width[:, None] * b
+    n1, n2 = gpdf.normals(middle - half), gpdf.normals(middle + half)
+    return np.maximum(np.einsum("ni,ni->n", n1, b), -np.einsum("ni,ni->n", n2, b))
+
+
+def _frames(center: Array, b: Array, approach: Array) -> Array:
+    """Grasp frames [b, a x b, a] with origins (n, 3), for approaches (n, m, 3): (n, m, 4, 4).
+
+    Approaches are made perpendicular to b.
+    """
+    approach = approach - np.einsum("nmi,ni->nm", approach, b)[..., None] * b[:, None]
+    approach = approach / np.linalg.norm(approach, axis=2, keepdims=True)
+    X_OG = np.tile(np.eye(4), (*approach.shape[:2], 1, 1))
+    x = np.broadcast_to(b[:, None], approach.shape)
+    X_OG[..., :3, :3] = np.stack([x, np.cross(approach, x), approach], axis=-1)
+    X_OG[..., :3, 3] = center[:, None]
+    return X_OG

@@ -1,0 +1,201 @@
+"""A scene's distance on a voxel grid: a look-up costs a fraction of a microsecond, the field 30.
+
+A node has the distance to the observed point that is nearest, by a distance transform. Near a
+surface it has that of the scene's field (`feasigrasp.models.scene_field`), if that is less: the
+field knows what lies between the points and which side is inside, the points know the edges, which
+the field rounds. Between the nodes the distance is trilinear, and its gradient is that of this.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.iiwa import D_BASE_SHOULDER
+from feasigrasp.models.scene_field import SceneField
+
+FloatArray = NDArray[np.float64]
+
+#: What the arm with a hand reaches about its shoulder, and how far below the base [m].
+_REACH, _BELOW = 1.2, 0.2
+#: Nodes so many voxels from an observed point ask the field.
+_BAND = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleGrid:
+    """Signed distances to a scene on a regular grid, in the frame of the arm's base.
+
+    Attributes:
+        values: Distances at the nodes, shape (nx, ny, nz) [m], at most ``max_distance``.
+        frame: Position of the first node x, y, z [m], edge length of a voxel [m], and the distance
+            that counts as far [m]: the kernel's parameters, shape (5,).
+    """
+
+    values: NDArray[np.float32]
+    frame: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for array in (self.values, self.frame):
+            array.flags.writeable = False
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> ObstacleGrid:
+        """Immutable, so a copy is itself."""
+        return self
+
+    def distance_and_gradient(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Distances (m,) [m] and their gradients (m, 3) at points x (m, 3) [m].
+
+        Outside the grid nothing is known, and nothing near: ``max_distance`` with gradient zero.
+        """
+        x = np.ascontiguousarray(x, dtype=float).reshape(-1, 3)
+        distance, gradient = np.empty(len(x)), np.empty((len(x), 3))
+        _lookup(x, self.values, self.frame, distance, gradient)
+        return distance, gradient
+
+
+class MovingObject(NamedTuple):
+    """An object that the hand keeps off while it moves.
+
+    Attributes:
+        grid: Distances to its surface, in the object's frame O.
+        X_WO: Its pose, shape (4, 4) [m].
+        V_WO: Its twist [angular; linear], of its origin, shape (6,) [rad/s; m/s].
+    """
+
+    grid: ObstacleGrid
+    X_WO: FloatArray
+    V_WO: FloatArray
+
+
+@njit(cache=True)
+def grid_kernel(x, values, frame):  # type: ignore[no-untyped-def]
+    """Distance and gradient (a tuple of 3) at one point: trilinear between the nodes."""
+    nx, ny, nz = values.shape
+    per_metre = 1.0 / frame[3]
+    u, v, w = (
+        (x[0] - frame[0]) * per_metre,
+        (x[1] - frame[1]) * per_metre,
+        (x[2] - frame[2]) * per_metre,
+    )
+    if not (0.0 <= u < nx - 1 and 0.0 <= v < ny - 1 and 0.0 <= w < nz - 1):
+        return frame[4], (0.0, 0.0, 0.0)
+    i, j, k = int(u), int(v), int(w)
+    u, v, w = u - i, v - j, w - k
+    c000, c001 = values[i, j, k], values[i, j, k + 1]
+    c010, c011 = values[i, j + 1, k], values[i, j + 1, k + 1]
+    c100, c101 = values[i + 1, j, k], values[i + 1, j, k + 1]
+    c110, c111 = values[i + 1, j + 1, k], values[i + 1, j + 1, k + 1]
+    # Along z, then y, then x; each difference is the slope across the voxel.
+    c00, c01 = c000 + w * (c001 - c000), c010 + w * (c011 - c010)
+    c10, c11 = c100 + w * (c101 - c100), c110 + w * (c111 - c110)
+    c0, c1 = c00 + v * (c01 - c00), c10 + v * (c11 - c10)
+    gx = c1 - c0
+    gy = (c01 - c00) + u * ((c11 - c10) - (c01 - c00))
+    low = (c001 - c000) + v * ((c011 - c010) - (c001 - c000))
+    high = (c101 - c100) + v * ((c111 - c110) - (c101 - c100))
+    gz = low + u * (high - low)
+    return c0 + u * gx, (gx * per_metre, gy * per_metre, gz * per_metre)
+
+
+@njit(cache=True)
+def _lookup(x, values, frame, distance, gradient):  # type: ignore[no-untyped-def]
+    for m in range(len(x)):
+        distance[m], g = grid_kernel((x[m, 0], x[m, 1], x[m, 2]), values, frame)
+        gradient[m, 0], gradient[m, 1], gradient[m, 2] = g
+
+
+@njit(cache=True)
+def _nearest_point_kernel(points, low, size, squares):  # type: ignore[no-untyped-def]
+    """Lowers ``squares`` (nx, ny, nz) to the squared distance of each node's nearest point.
+
+    Points tell the nodes around them; nodes tell their neighbours which point they took, in sweeps
+    through the grid along each of its eight diagonals (vector distance transform, Danielsson 1980).
+    """
+    n = squares.shape
+    taken = np.full(n, -1, dtype=np.int32)
+    for m in range(len(points)):
+        base = [int(np.rint((points[m, d] - low[d]) / size)) for d in range(3)]
+        for i in range(max(base[0] - 1, 0), min(base[0] + 2, n[0])):
+            for j in range(max(base[1] - 1, 0), min(base[1] + 2, n[1])):
+                for k in range(max(base[2] - 1, 0), min(base[2] + 2, n[2])):
+                    _take(points, m, low, size, i, j, k, taken, squares)
+    for sweep in range(8):
+        di, dj, dk = 1 - 2 * (sweep & 1), 1 - (sweep & 2), 1 - (sweep & 4) // 2
+        for a in range(n[0]):
+            i = a if di > 0 else n[0] - 1 - a
+            for b in range(n[1]):
+                j = b if dj > 0 else n[1] - 1 - b
+                for c in range(n[2]):
+                    k = c if dk > 0 else n[2] - 1 - c
+                    if a > 0 and taken[i - di, j, k] >= 0:
+                        _take(points, taken[i - di, j, k], low, size, i, j, k, taken, squares)
+                    if b > 0 and taken[i, j - dj, k] >= 0:
+                        _take(points, taken[i, j - dj, k], low, size, i, j, k, taken, squares)
+                    if c > 0 and taken[i, j, k - dk] >= 0:
+                        _take(points, taken[i, j, k - dk], low, size, i, j, k, taken, squares)
+
+
+@njit(cache=True, forceinline=True)
+def _take(points, m, low, size, i, j, k, taken, squares):  # type: ignore[no-untyped-def]
+    """Lets node i, j, k take point m if it is nearer than the one it has."""
+    x, y, z = low[0] + size * i, low[1] + size * j, low[2] + size * k
+    square = (x - points[m, 0]) ** 2 + (y - points[m, 1]) ** 2 + (z - points[m, 2]) ** 2
+    if square < squares[i, j, k]:
+        squares[i, j, k] = square
+        taken[i, j, k] = m
+
+
+def obstacle_grid(
+    scene: SceneField, *, voxel_size: float = 0.025, max_distance: float = 0.4
+) -> ObstacleGrid:
+    """The grid of a scene where the arm can reach; takes about half a second.
+
+    Args:
+        scene: The scene, in the frame of the arm's base, without the arm and what it grasps.
+        voxel_size: Edge length of a voxel [m].
+        max_distance: Farther away is far enough [m].
+    """
+    low = np.array([-_REACH, -_REACH, -_BELOW])
+    size = np.array([2 * _REACH, 2 * _REACH, _BELOW + D_BASE_SHOULDER + _REACH])
+    shape = tuple((np.ceil(size / voxel_size).astype(int) + 1).tolist())
+    values = np.full(shape, max_distance**2)
+    _nearest_point_kernel(np.ascontiguousarray(scene.points), low, voxel_size, values)
+    values = np.sqrt(values)
+    near = np.nonzero(values < _BAND * voxel_size)
+    if len(near[0]) > 0:
+        nodes = np.stack(near, axis=1) * voxel_size + low
+        values[near] = np.minimum(values[near], scene.distance(nodes))
+    return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))
+
+
+def object_grid(
+    gpdf: Gpdf, *, voxel_size: float = 0.008, max_distance: float = 0.05
+) -> ObstacleGrid:
+    """The grid of an object's completed surface, in the field's frame; takes some 50 ms.
+
+    Args:
+        gpdf: Distance field of the object.
+        voxel_size: Edge length of a voxel [m].
+        max_distance: Farther away is far enough; the grid ends there [m].
+    """
+    surface = np.ascontiguousarray(gpdf.completion.points)
+    low = surface.min(axis=0) - max_distance
+    cells = np.ceil((np.ptp(surface, axis=0) + 2 * max_distance) / voxel_size).astype(int)
+    shape = tuple((cells + 1).tolist())
+    values = np.full(shape, max_distance**2)
+    _nearest_point_kernel(surface, low, voxel_size, values)
+    values = np.sqrt(values)
+    nodes = np.moveaxis(np.indices(shape), 0, -1) * voxel_size + low
+    near = values < _BAND * voxel_size
+    # Farther inside only the sign matters: the way out is towards the surface.
+    bulk = ~near & ((nodes > gpdf.bounds[0]) & (nodes < gpdf.bounds[1])).all(axis=-1)
+    values[bulk] *= np.where(gpdf.distance(nodes[bulk]) < 0.0, -1.0, 1.0)
+    values[near] = gpdf.refine(nodes[near], 3)[0]
+    return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))

@@ -1,0 +1,234 @@
+"""Fits Riemannian mixtures: of a given size, of the best size, and anew after a small change."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.riemannian_em import expectation_maximization
+from feasigrasp.models.riemannian_mixture import RiemannianMixture, checked_poses, unit_quaternions
+from feasigrasp.models.riemannian_seeding import seed_means
+
+Array = NDArray[np.float64]
+
+#: Free parameters of one component: weight, mean, covariance (the weights sum to one).
+_FREE_PARAMETERS = 28
+
+
+def fit_riemannian_mixture(
+    X: ArrayLike,
+    n_components: int,
+    rng: np.random.Generator,
+    *,
+    sample_weights: ArrayLike | None = None,
+    length_scale: float = 0.1,
+    rotation_floor: float = 0.05,
+    translation_floor: float = 0.005,
+    max_iterations: int = 50,
+    tolerance: float = 1e-4,
+) -> RiemannianMixture:
+    """Fits a mixture to poses by expectation maximisation with Riemannian means.
+
+    Components start at k-means++ seeds. Each M step iterates every mean to convergence and adds
+    the squared floors once to the diagonal of every covariance. A component that is left with
+    less than one effective pose is dropped, and K never exceeds the number of distinct poses.
+    The fit of ``T X`` is ``T`` times the fit of ``X`` for the same state of ``rng``.
+
+    Args:
+        X: Poses, shape (n, 4, 4), n >= 1 [m].
+        n_components: Number of components K wanted; the result may have fewer.
+        rng: Source of randomness of the seeds.
+        sample_weights: Importance of each pose, not negative, shape (n,); only ratios matter.
+        length_scale: The distance that weighs as much as one radian in seeding [m/rad].
+        rotation_floor: Standard deviation added to every rotational direction [rad].
+        translation_floor: Standard deviation added to every translational direction [m].
+        max_iterations: Upper bound on the number of EM iterations.
+        tolerance: EM ends when the mean log likelihood per pose gains less than this.
+
+    Raises:
+        GraspError: If X is empty, not finite or not rigid, or a parameter is out of range.
+    """
+    problem = _Problem(
+        checked_poses(X, "fit_riemannian_mixture: X"),
+        sample_weights,
+        length_scale,
+        rotation_floor,
+        translation_floor,
+        max_iterations,
+        tolerance,
+    )
+    if not (math.isfinite(n_components) and n_components > 0):
+        raise GraspError(f"fit_riemannian_mixture: n_components = {n_components} must be positive.")
+    return problem.seeded(n_components, rng).mixture()
+
+
+def fit_best_mixture(
+    X: ArrayLike,
+    rng: np.random.Generator,
+    max_components: int = 10,
+    *,
+    start: RiemannianMixture | None = None,
+    max_rotation: float = math.pi,
+    **options: Any,
+) -> RiemannianMixture:
+    """The fit with the lowest Bayesian information criterion (BIC).
+
+    Without ``start`` the candidates are seeded fits of K = 1 ... ``max_components``. With it there
+    are three, so that components persist from one set of poses to a similar one and the fit is
+    quick: EM from ``start``; the same with one component more, at the pose that ``start`` explains
+    least; and with one less, without its lightest.
+
+    Args:
+        X: Poses, shape (n, 4, 4), n >= 1 [m].
+        rng: Source of randomness of the seeds.
+        max_components: Largest K.
+        start: A mixture fitted to similar poses.
+        max_rotation: Fits that leave a pose farther than this from all means [rad] are taken only
+            if all do. A wide Gaussian that straddles opposite hand poses has its mean where no
+            pose is; BIC alone can prefer it when poses are few.
+        options: Those of :func:`fit_riemannian_mixture`.
+
+    Raises:
+        GraspError: As :func:`fit_riemannian_mixture`.
+    """
+    problem = _Problem(checked_poses(X, "fit_best_mixture: X"), **options)
+    most = max(1, min(max_components, len(problem.X)))
+    if start is None:
+        fits = [problem.seeded(k, rng) for k in range(1, most + 1)]
+    else:
+        fits = problem.continued(start, most)
+    return min(fits, key=lambda fit: fit.cost(problem, max_rotation)).mixture()
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """What EM found, and the log likelihood of the poses under it."""
+
+    weights: Array
+    means: Array
+    covariances: Array
+    log_likelihood: float
+
+    def mixture(self) -> RiemannianMixture:
+        return RiemannianMixture(self.weights, self.means, self.covariances)
+
+    def cost(self, problem: _Problem, max_rotation: float) -> tuple[bool, float]:
+        """Sorts by whether a pose is too far from all means, then by BIC."""
+        free = _FREE_PARAMETERS * len(self.weights) - 1
+        bic = free * math.log(len(problem.X)) - 2.0 * self.log_likelihood
+        if max_rotation >= math.pi:
+            return False, bic
+        means = unit_quaternions(np.ascontiguousarray(self.means))
+        return _smallest_cosine(problem.quaternions, means) < math.cos(0.5 * max_rotation), bic
+
+
+@dataclass(eq=False)
+class _Problem:
+    """Poses (n, 4, 4) to fit to, and how to fit."""
+
+    X: Array
+    sample_weights: ArrayLike | None = None
+    length_scale: float = 0.1
+    rotation_floor: float = 0.05
+    translation_floor: float = 0.005
+    max_iterations: int = 50
+    tolerance: float = 1e-4
+    weights: Array = field(init=False)
+    quaternions: Array = field(init=False)
+    positions: Array = field(init=False)
+    scale: Array = field(init=False)
+    floor: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        for name in ("length_scale", "rotation_floor", "translation_floor", "max_iterations"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise GraspError(f"fit_riemannian_mixture: {name} = {value} must be positive.")
+        self.weights = _checked_weights(self.sample_weights, len(self.X))
+        self.quaternions = np.ascontiguousarray(unit_quaternions(self.X).T)
+        self.positions = np.ascontiguousarray(self.X[:, :3, 3].T)
+        self.scale = np.array([1.0] * 3 + [self.length_scale] * 3)
+        floors = [self.rotation_floor] * 3 + [self.translation_floor] * 3
+        self.floor = np.array(floors) ** 2
+
+    def seeded(self, n_components: int, rng: np.random.Generator) -> _Fit:
+        """EM from k-means++ seeds."""
+        draws = rng.random((min(n_components, len(self.X)), 4))
+        seeds, spread = seed_means(
+            self.quaternions, self.positions, self.weights, self.length_scale, draws
+        )
+        k = len(seeds)
+        covariance = np.diag(spread**2 * self.scale**2 + self.floor)
+        return self._em(np.full(k, 1.0 / k), self.X[seeds], np.tile(covariance, (k, 1, 1)))
+
+    def continued(self, start: RiemannianMixture, max_components: int) -> list[_Fit]:
+        """EM from ``start``, from one component more and from one less, as far as allowed."""
+        keep = np.sort(np.argsort(-start.weights, kind="stable")[:max_components])
+        weights, means = start.weights[keep] / start.weights[keep].sum(), start.means[keep]
+        covariances, k = start.covariances[keep], len(keep)
+        fits = [self._em(weights, means, covariances)]
+        if k < max_components:
+            lonely = int(np.argmin(start.log_density(self.X)))
+            share = 1.0 / (k + 1)
+            fits.append(
+                self._em(
+                    np.append((1.0 - share) * weights, share),
+                    np.concatenate([means, self.X[lonely, None]]),
+                    np.concatenate([covariances, covariances.mean(axis=0, keepdims=True)]),
+                )
+            )
+        if k > 1:
+            rest = np.arange(k) != int(np.argmin(weights))
+            fits.append(
+                self._em(weights[rest] / weights[rest].sum(), means[rest], covariances[rest])
+            )
+        return fits
+
+    def _em(self, weights: Array, means: Array, covariances: Array) -> _Fit:
+        found = expectation_maximization(
+            self.quaternions,
+            self.positions,
+            self.weights,
+            np.maximum(weights, 1e-300),
+            np.ascontiguousarray(means),
+            np.ascontiguousarray(covariances),
+            self.scale,
+            self.floor,
+            self.max_iterations,
+            self.tolerance,
+        )
+        return _Fit(found[0], found[1], found[2], float(found[3][-1]))
+
+
+def _checked_weights(sample_weights: ArrayLike | None, n: int) -> Array:
+    """Sample weights that sum to n."""
+    weights = np.ones(n) if sample_weights is None else np.array(sample_weights, dtype=float)
+    if weights.shape != (n,) or not np.isfinite(weights).all() or (weights < 0).any():
+        raise GraspError(
+            f"fit_riemannian_mixture: sample_weights of shape {weights.shape} for {n} poses; give "
+            "one finite weight >= 0 per pose."
+        )
+    if not weights.sum() > 0:
+        raise GraspError("fit_riemannian_mixture: all sample_weights are 0; give a positive one.")
+    return weights * (n / weights.sum())
+
+
+@njit(cache=True)
+def _smallest_cosine(quaternions: Array, means: Array) -> float:
+    """Cosine of half the largest angle of a pose (4, n) to the nearest of the means (K, 4)."""
+    smallest = 1.0
+    for i in range(quaternions.shape[1]):
+        nearest = 0.0
+        for k in range(len(means)):
+            cosine = 0.0
+            for j in range(4):
+                cosine += quaternions[j, i] * means[k, j]
+            nearest = max(nearest, abs(cosine))
+        smallest = min(smallest, nearest)
+    return smallest

@@ -1,0 +1,153 @@
+"""Compiled: the matrices of the safety QP, and rounding of its solution."""
+
+import numba as nb
+import numpy as np
+
+from feasigrasp.models.clearance_rows import object_rows_kernel, rows_kernel
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS
+from feasigrasp.models.joint_speed_bounds import bounds_kernel
+
+_UNBOUNDED = 1e30
+#: Requests are cut to this, far beyond what the arm can do, so that no square overflows.
+_LARGEST_REQUEST = 1e3
+
+
+@nb.njit(cache=True)
+def _write_request(  # type: ignore[no-untyped-def]
+    qd_preferred, J, V, rotation_weight, damping, H, f
+):
+    """Writes the quadratic objective, H (7, 7) and f (7,); false if the request is not finite."""
+    H[:] = 0.0
+    weight = damping if len(V) > 0 else 1.0
+    for i in range(7):
+        wish = min(max(qd_preferred[i], -_LARGEST_REQUEST), _LARGEST_REQUEST)
+        H[i, i] = weight
+        f[i] = -weight * wish
+    total = 0.0
+    for r in range(len(V)):
+        square = rotation_weight**2 if r < 3 else 1.0
+        wish = min(max(V[r], -_LARGEST_REQUEST), _LARGEST_REQUEST)
+        total += V[r]
+        for i in range(7):
+            scaled = square * J[r, i]
+            f[i] -= scaled * wish
+            for j in range(7):
+                H[i, j] += scaled * J[r, j]
+    for i in range(7):
+        total += qd_preferred[i] + f[i]
+        for j in range(7):
+            total += H[i, j]
+    return np.isfinite(total)
+
+
+@nb.njit(cache=True)
+def stop_kernel(H, f):  # type: ignore[no-untyped-def]
+    """Writes the objective of standing still."""
+    f[:] = 0.0
+    for i in range(7):
+        for j in range(7):
+            H[i, j] = 1.0 if i == j else 0.0
+
+
+@nb.njit(cache=True)
+def problem_kernel(  # type: ignore[no-untyped-def]
+    q,
+    qd_preferred,
+    J,
+    V,
+    qd_last,
+    options,
+    link,
+    ends,
+    radius,
+    pairs,
+    movers,
+    ball_link,
+    ball_center,
+    ball_radius,
+    hand,
+    grid,
+    frame,
+    object_grid,
+    object_frame,
+    X_WO,
+    V_WO,
+    matrix,
+    vector,
+):
+    """Writes the QP; returns the number of hard rows, -1 if the state is not finite, and of all.
+
+    Everything in two arrays, since making a NumPy array costs as much as filling it: ``matrix``
+    has H (7, 7) and below it the rows (m, 7), ``vector`` the lines lower bounds, upper bounds and
+    f. The arguments are single arrays, since numba takes ten times as long to unpack a tuple.
+    """
+    period, margin, speed, acceleration = options[:4]
+    clearance, obstacle_clearance, object_clearance, height = options[4:8]
+    gain, rotation, damping = options[8:]
+    lower, upper, f = vector[0], vector[1], vector[2, :7]
+    state = 0.0
+    for i in range(7):
+        state += q[i] + (qd_last[i] if len(qd_last) > 0 else 0.0)
+    if not np.isfinite(state):
+        return -1, -1
+    bounds_kernel(q, qd_last, margin, gain, speed, acceleration, period, lower, upper)
+    m = rows_kernel(
+        q,
+        lower,
+        upper,
+        clearance,
+        obstacle_clearance,
+        height,
+        gain,
+        link,
+        ends,
+        radius,
+        pairs,
+        movers,
+        ball_link,
+        ball_center,
+        ball_radius,
+        grid,
+        frame,
+        matrix[7:],
+        lower[7:],
+    )
+    total = m + object_rows_kernel(
+        q,
+        lower,
+        upper,
+        object_clearance,
+        gain,
+        hand,
+        object_grid,
+        object_frame,
+        X_WO,
+        V_WO,
+        matrix[7 + m :],
+        lower[7 + m :],
+    )
+    upper[7 : 7 + total] = _UNBOUNDED
+    if not _write_request(qd_preferred, J, V, rotation, damping, matrix[:7], f):
+        stop_kernel(matrix[:7], f)
+    return m, total
+
+
+@nb.njit(cache=True)
+def clip_kernel(qd, vector):  # type: ignore[no-untyped-def]
+    """Rounds a solution into the joints' bounds; false if it is not finite."""
+    total = 0.0
+    for i in range(7):
+        total += qd[i]
+        qd[i] = min(max(qd[i], vector[0, i]), vector[1, i])
+    return np.isfinite(total)
+
+
+@nb.njit(cache=True)
+def brake_kernel(qd_last, acceleration_scale, period):  # type: ignore[no-untyped-def]
+    """The next velocity (7,) if only the last one is known: slower; zero where not finite."""
+    qd = np.zeros(7)
+    for i in range(len(qd_last)):
+        change = acceleration_scale * ACCELERATION_LIMITS[i] * period
+        if np.isfinite(qd_last[i]):
+            qd[i] = qd_last[i] - min(max(qd_last[i], -change), change)
+    return qd

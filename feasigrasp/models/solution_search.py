@@ -1,0 +1,300 @@
+"""Keeps a set of inverse-kinematics solutions up to date while grasps and object change.
+
+Between two updates solutions move by themselves (`feasigrasp.models.solutions`). An update matches
+them with the grasps that are offered now, lets arm angles glide to where the outlook is better,
+looks for new ones, and drops those that do not count. Nothing that counts appears or vanishes at
+once: a new solution starts at a cost at which it has no influence, and costs change at a bounded
+rate; one whose grasp is gone rises in cost until it has none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.errors import ControlError
+from feasigrasp.models import se3
+from feasigrasp.models.arm_circle import arm_angle_kernel
+from feasigrasp.models.grasp_funnel import Funnel, standoff_kernel
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.inverse_kinematics import inside_limits_kernel
+from feasigrasp.models.joint_field import spacing_length_scale
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.solution_outlook import Outlook, outlook_kernel, way_cost_kernel
+from feasigrasp.models.solution_sources import SOURCES, new_configurations
+from feasigrasp.models.solutions import Solutions, branches_of, flange_pose_kernel, solve_kernel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: A solution counts nothing if going there is so many length scales longer than the best.
+IRRELEVANT = 12.0
+#: Grasps whose solutions are looked for at one update, once some are known.
+GRASPS_AT_ONCE = 12
+#: Grasps count as the same if no entry of their poses differs by more.
+SAME_GRASP = 1e-9
+# Step of arm angle at which the outlook is compared [rad]; how far its lowest point may be away, in
+# steps; and the least that it counts as bent between them [rad].
+_STEP, _MOST_STEPS, _LEAST_BEND = 0.08, 4.0, 1e-3
+# Largest rate of the length scale [rad/s].
+_LENGTH_SCALE_RATE = 0.2
+
+
+@dataclass(frozen=True)
+class SolutionOptions:
+    """Which solutions are kept.
+
+    Attributes:
+        source: Where they come from: ``closed_form``, ``flow`` (drawn from the IK flow, refined) or
+            ``dls`` (damped least squares from random configurations).
+        n_solutions: How many are kept. The best one of every grasp comes first.
+        per_grasp: How many of one grasp, at most.
+        cost_rate: How fast a cost changes at most [rad/s].
+        glide: Largest rate of an arm angle [rad/s].
+        glide_acceleration: Its largest change [rad/s^2].
+        glide_gain: Rate per distance to the arm angle of least cost [1/s].
+    """
+
+    source: str = "closed_form"
+    n_solutions: int = 64
+    per_grasp: int = 4
+    cost_rate: float = 4.0
+    glide: float = 0.6
+    glide_acceleration: float = 3.0
+    glide_gain: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Checks the choice."""
+        if self.source not in SOURCES:
+            raise ControlError(
+                f"solutions come from {self.source!r}; choose one of {', '.join(SOURCES)}"
+            )
+        if self.n_solutions < 1 or self.per_grasp < 1:
+            raise ControlError(
+                f"n_solutions is {self.n_solutions} and per_grasp {self.per_grasp}; "
+                "give at least 1 of each"
+            )
+
+
+class _Items(NamedTuple):
+    """Solutions at the time of an update.
+
+    Attributes:
+        X_OG: Their grasps, shape (n, 4, 4).
+        grasp: Which of the grasps on offer that is, -1 for none, shape (n,).
+        branch: Their branches, shape (n,).
+        psi: Arm angles, shape (n,) [rad].
+        rate: Their rates, shape (n,) [rad/s].
+        cost: Costs, shape (n,) [rad].
+        target: What the costs should be, shape (n,) [rad].
+        better: How far it is to the arm angle at which that is least, shape (n,) [rad].
+        q: Configurations, shape (n, 7) [rad].
+        reached: Whether there is one inside the joint limits, shape (n,).
+    """
+
+    X_OG: FloatArray
+    grasp: IntArray
+    branch: IntArray
+    psi: FloatArray
+    rate: FloatArray
+    cost: FloatArray
+    target: FloatArray
+    better: FloatArray
+    q: FloatArray
+    reached: NDArray[np.bool_]
+
+    def select(self, which: NDArray[np.bool_] | IntArray) -> _Items:
+        return _Items._make(array[which] for array in self)
+
+    def with_others(self, others: _Items) -> _Items:
+        return _Items._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
+
+
+@nb.njit(cache=True)
+def _outlook(  # type: ignore[no-untyped-def]
+    q_now, X_FG, X_WO, X_OG, standoffs, X_GF, branch, psi, search, prices, q, reached, cost, better
+):
+    """Writes configuration now, outlook, and the way to a better arm angle, of every solution.
+
+    ``X_WO`` (k, 4, 4) are the object's poses ahead, the first one that of now.
+    """
+    X_WF, scratch, values = np.empty((4, 4)), np.empty(7), np.empty(3)
+    p_WO = X_WO[0, :3, 3].copy()
+    for i in range(len(branch)):
+        flange_pose_kernel(X_WO[0], X_OG[i], standoffs[i], X_GF, X_WF)
+        reached[i] = solve_kernel(X_WF, branch[i], psi[i], q[i]) and inside_limits_kernel(q[i], 0.0)
+        if not reached[i]:
+            continue
+        for j in range(3):
+            angle = psi[i] + (j - 1) * _STEP
+            values[j] = outlook_kernel(
+                *(X_WO, X_OG[i], standoffs[i], X_GF, branch[i], angle),
+                *(search, prices, X_WF, scratch),
+            )
+        way = way_cost_kernel(q_now, q[i], X_FG, p_WO, search, prices, scratch, X_WF)
+        cost[i] = values[1] + way
+        # To the lowest point of the parabola through the three, a few steps at most.
+        bend = max(values[2] - 2.0 * values[1] + values[0], _LEAST_BEND)
+        steps = 0.5 * (values[0] - values[2]) / bend
+        better[i] = _STEP * min(max(steps, -_MOST_STEPS), _MOST_STEPS)
+
+
+@dataclass(frozen=True, eq=False)
+class SolutionSearch:
+    """Keeps solutions up to date.
+
+    Attributes:
+        reachability: Limits, clearances and the hand.
+        funnel: The way into a grasp.
+        outlook: Prices.
+        options: Which solutions are kept.
+        period: Time between updates [s].
+    """
+
+    reachability: Reachability
+    funnel: Funnel
+    outlook: Outlook
+    options: SolutionOptions
+    period: float
+
+    def update(
+        self,
+        previous: Solutions,
+        time: float,
+        X_OG: FloatArray,
+        X_WO: FloatArray,
+        q: FloatArray,
+    ) -> Solutions:
+        """The solutions for the next period.
+
+        Args:
+            previous: Those until now.
+            time: Now [s].
+            X_OG: Grasps on offer, in the object frame, shape (m, 4, 4).
+            X_WO: Poses of the object at the outlook's instants, now first, shape (k, 4, 4).
+            q: Joint positions [rad], shape (7,).
+        """
+        angles, costs, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
+        grasp = matches(previous.X_OG, X_OG)
+        old = self._items(
+            previous.X_OG, grasp, previous.branch, angles[:, 0], angles[:, 1], costs, X_WO, q
+        )
+        old.target[grasp < 0] = np.inf
+        old = old.select(old.reached)
+        best = float((_apart(old.q, q) + old.cost).min()) if len(old.q) else np.inf
+
+        looked_at = np.arange(len(X_OG))
+        if len(old.q) and len(X_OG) > GRASPS_AT_ONCE:
+            looked_at = (previous.turn + np.arange(GRASPS_AT_ONCE)) % len(X_OG)
+        new = self._new_items(old, X_OG, looked_at, X_WO, q)
+        if len(old.q):
+            # Where they have no influence on what the arm does.
+            np.maximum(new.cost, best + IRRELEVANT * scale - _apart(new.q, q), out=new.cost)
+        items, n_kept = self._ranked(old, new, q, best + IRRELEVANT * scale)
+        items.target[n_kept:] = np.inf
+
+        period, most = self.period, self.options
+        cost_rate = np.clip((items.target - items.cost) / period, -most.cost_rate, most.cost_rate)
+        glide = np.clip(most.glide_gain * items.better, -most.glide, most.glide)
+        acceleration = np.clip(
+            (glide - items.rate) / period, -most.glide_acceleration, most.glide_acceleration
+        )
+        wanted = spacing_length_scale(items.q)
+        if len(old.q) == 0:
+            scale = wanted
+        scale_rate = np.clip((wanted - scale) / period, -_LENGTH_SCALE_RATE, _LENGTH_SCALE_RATE)
+        return Solutions(
+            items.X_OG,
+            items.branch,
+            np.column_stack([items.psi, items.rate, acceleration]),
+            np.column_stack([items.cost, cost_rate]),
+            np.array([scale, scale_rate]),
+            time,
+            int((previous.turn + len(looked_at)) % max(len(X_OG), 1)),
+        )
+
+    def _items(  # type: ignore[no-untyped-def]
+        self, X_OG, grasp, branch, psi, rate, cost, X_WO, q
+    ) -> _Items:
+        """Solutions with their configurations and their outlook; cost: the outlook if None."""
+        n, X_FG = len(branch), self.reachability.gripper.X_FG
+        standoffs = self._standoffs(X_OG, X_WO[0], q)
+        configurations, reached = np.empty((n, 7)), np.zeros(n, dtype=bool)
+        target, better = np.zeros(n), np.zeros(n)
+        _outlook(
+            *(q, X_FG, X_WO, X_OG, standoffs, se3.inverse(X_FG), branch, psi),
+            *(self.reachability.search, self.outlook.prices),
+            *(configurations, reached, target, better),
+        )
+        cost = target.copy() if cost is None else cost
+        return _Items(X_OG, grasp, branch, psi, rate, cost, target, better, configurations, reached)
+
+    def _new_items(  # type: ignore[no-untyped-def]
+        self, old: _Items, X_OG, looked_at, X_WO, q
+    ) -> _Items:
+        """Solutions of some of the grasps that are apart from those there are."""
+        X_GF = se3.inverse(self.reachability.gripper.X_FG)
+        X_WF = np.empty((len(looked_at), 4, 4))
+        standoffs = self._standoffs(X_OG[looked_at], X_WO[0], q)
+        for k, g in enumerate(looked_at):
+            flange_pose_kernel(X_WO[0], X_OG[g], standoffs[k], X_GF, X_WF[k])
+        found = new_configurations(
+            self.options.source,
+            X_WF,
+            q,
+            [old.q[old.grasp == g] for g in looked_at],
+            self.options.per_grasp,
+            self.reachability.search,
+            self.outlook.prices,
+        )
+        grasp = np.repeat(looked_at, [len(one) for one in found])
+        configurations = np.concatenate([*found, np.empty((0, 7))])
+        psi = np.array([arm_angle_kernel(one) for one in configurations])
+        items = self._items(
+            X_OG[grasp], grasp, branches_of(configurations), psi, np.zeros(len(psi)), None, X_WO, q
+        )
+        return items.select(items.reached)
+
+    def _ranked(
+        self, old: _Items, new: _Items, q: FloatArray, relevant: float
+    ) -> tuple[_Items, int]:
+        """The solutions that stay, best first, and how many of them are there to stay.
+
+        The best one of each grasp comes first. Beyond the number that is kept, and without a grasp,
+        only those remain that count now; they leave slowly.
+        """
+        items = old.with_others(new)
+        way = _apart(items.q, q)
+        order = np.argsort(way + np.minimum(items.target, 1e3), kind="stable")
+        _, first = np.unique(items.grasp[order], return_index=True)
+        later = np.ones(len(order), dtype=bool)
+        later[first] = False
+        order = order[np.argsort(later | (items.grasp[order] < 0), kind="stable")]
+        counts = (way + items.cost < relevant) & (np.arange(len(way)) < len(old.q))
+        counts, offered = counts[order], items.grasp[order] >= 0
+        stays = counts | offered
+        stays[self.options.n_solutions :] = counts[self.options.n_solutions :]
+        n_kept = int(stays[: self.options.n_solutions].sum())
+        return items.select(order[stays]), n_kept
+
+    def _standoffs(self, X_OG: FloatArray, X_WO: FloatArray, q: FloatArray) -> FloatArray:
+        X_OH = se3.inverse(X_WO) @ forward_kinematics(q, self.reachability.gripper.X_FG)
+        return np.array([standoff_kernel(X, X_OH, self.funnel.parameters) for X in X_OG])
+
+
+def _apart(configurations: FloatArray, q: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(configurations - q, axis=1))
+
+
+def matches(X_OA: FloatArray, X_OB: FloatArray) -> IntArray:
+    """For each pose of the one set, the index of the same pose in the other, or -1, shape (n,)."""
+    if len(X_OA) == 0 or len(X_OB) == 0:
+        return np.full(len(X_OA), -1)
+    apart = np.abs(X_OA[:, None, :3] - X_OB[None, :, :3]).max(axis=(2, 3))
+    nearest = apart.argmin(axis=1)
+    same = apart[np.arange(len(X_OA)), nearest] < SAME_GRASP
+    return np.where(same, nearest, -1)

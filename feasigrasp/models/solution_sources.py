@@ -1,0 +1,153 @@
+"""Where new inverse-kinematics solutions of a grasp come from: closed form, flow, least squares.
+
+All sources give configurations of one flange pose, best first, inside the limits, clear of
+collisions, and apart from one another and from those that are known. The closed form finds
+whatever there is; the IK flow, as in the paper, and damped least squares draw from it.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.arm_circle import arm_angle_kernel, arm_circle_kernel, configuration_kernel
+from feasigrasp.models.collision_kernels import is_clear_kernel
+from feasigrasp.models.damped_least_squares import refine
+from feasigrasp.models.fast_trig import fast_sincos
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.ik_flow import IkFlow
+from feasigrasp.models.inverse_kinematics import inside_limits_kernel
+from feasigrasp.models.reachability_kernels import Search
+from feasigrasp.models.solution_outlook import posture_cost_kernel
+
+FloatArray = NDArray[np.float64]
+
+#: Where configurations of new solutions come from.
+SOURCES = ("closed_form", "flow", "dls")
+#: Two solutions of one grasp are at least so far apart [rad].
+APART = 1.0
+# Draws for each pose of the flow and of damped least squares; steps and damping of the latter.
+_DRAWS, _STEPS, _DAMPING = 8, 20, 0.05
+# A configuration reaches its pose below these errors [m, rad].
+_POSITION_TOLERANCE, _ANGLE_TOLERANCE = 1e-3, 0.02
+
+
+@nb.njit(cache=True)
+def distance_kernel(a, b):  # type: ignore[no-untyped-def]
+    """Euclidean distance of two configurations (7,) [rad]."""
+    square = 0.0
+    for k in range(7):
+        square += (a[k] - b[k]) ** 2
+    return np.sqrt(square)
+
+
+@nb.njit(cache=True)
+def _select(candidates, scores, known, search, found):  # type: ignore[no-untyped-def]
+    """Writes candidates (n, 7), best score first, clear and apart; uses the scores (n,) up."""
+    count = 0
+    while count < len(found):
+        i = int(np.argmin(scores))
+        if not scores[i] < np.inf:
+            break
+        scores[i] = np.inf
+        apart = True
+        for k in range(len(known)):
+            apart = apart and distance_kernel(candidates[i], known[k]) > APART
+        for k in range(count):
+            apart = apart and distance_kernel(candidates[i], found[k]) > APART
+        if apart and is_clear_kernel(
+            candidates[i], search.capsules, search.clearance, search.table_height
+        ):
+            found[count] = candidates[i]
+            count += 1
+    return count
+
+
+@nb.njit(cache=True)
+def _closed_form(X_WF, q_now, known, search, prices, found):  # type: ignore[no-untyped-def]
+    """All branches at the arm angles of the search and at that of now; returns how many."""
+    circle = arm_circle_kernel(X_WF)
+    if not circle.reached or len(found) == 0:
+        return 0
+    psis = search.psis
+    n = len(psis) + 1
+    candidates, scores = np.empty((8 * n, 7)), np.empty(8 * n)
+    count = 0
+    for j in range(n):
+        s, c = fast_sincos(psis[j] if j < len(psis) else arm_angle_kernel(q_now))
+        for branch in range(8):
+            q = candidates[count]
+            configuration_kernel(circle, s, c, branch, q)
+            if inside_limits_kernel(q, search.limit_margin):
+                scores[count] = distance_kernel(q, q_now) + posture_cost_kernel(q, prices)
+                count += 1
+    return _select(candidates, scores[:count], known, search, found) if count > 0 else 0
+
+
+@nb.njit(cache=True)
+def _drawn(q, q_now, known, search, prices, found):  # type: ignore[no-untyped-def]
+    """Of drawn configurations (n, 7), those that are any good; returns how many."""
+    scores = np.full(len(q), np.inf)
+    for i in range(len(q)):
+        if inside_limits_kernel(q[i], search.limit_margin):
+            scores[i] = distance_kernel(q[i], q_now) + posture_cost_kernel(q[i], prices)
+    return _select(q, scores, known, search, found) if len(q) > 0 else 0
+
+
+@lru_cache(maxsize=1)
+def _random_configurations() -> FloatArray:
+    return np.random.default_rng(0).uniform(-POSITION_LIMITS, POSITION_LIMITS, (_DRAWS, 7))
+
+
+def drawn_configurations(source: str, X_WF: FloatArray) -> FloatArray:
+    """Configurations (m, k, 7) of flange poses (m, 4, 4), NaN where they do not reach them.
+
+    The random numbers are the same at every call, as in the paper: what is drawn moves with the
+    poses.
+    """
+    poses = np.repeat(X_WF, _DRAWS, axis=0)
+    if source == "flow":
+        q, position, angle = refine(poses, IkFlow.load_default().solve(poses, seed=0), steps=0)
+    else:
+        starts = np.tile(_random_configurations(), (len(X_WF), 1))
+        q, position, angle = refine(poses, starts, _STEPS, _DAMPING, limit_margin=0.0)
+    q[~((position < _POSITION_TOLERANCE) & (angle < _ANGLE_TOLERANCE))] = np.nan
+    return q.reshape(len(X_WF), _DRAWS, 7)
+
+
+def new_configurations(
+    source: str,
+    X_WF: FloatArray,
+    q_now: FloatArray,
+    known: list[FloatArray],
+    per_pose: int,
+    search: Search,
+    prices: tuple[float, ...],
+) -> list[FloatArray]:
+    """Configurations of flange poses that are not known yet.
+
+    Args:
+        source: One of `SOURCES`.
+        X_WF: Flange poses, shape (m, 4, 4).
+        q_now: Joint positions [rad], shape (7,); near ones come first.
+        known: Configurations of each pose that are known, shape (k, 7) each.
+        per_pose: How many there may be of each pose, the known ones counted.
+        search: Limits and clearances.
+        prices: Those of an `Outlook`.
+
+    Returns:
+        For each pose, shape (j, 7), best first.
+    """
+    drawn = drawn_configurations(source, X_WF) if source != "closed_form" and len(X_WF) else None
+    result = []
+    for i, (X, taken) in enumerate(zip(X_WF, known, strict=True)):
+        found = np.empty((max(per_pose - len(taken), 0), 7))
+        if drawn is None:
+            count = _closed_form(X, q_now, taken, search, prices, found)
+        else:
+            count = _drawn(drawn[i], q_now, taken, search, prices, found)
+        result.append(found[:count])
+    return result

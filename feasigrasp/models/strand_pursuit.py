@@ -1,0 +1,123 @@
+"""The joint velocity that takes the arm onto a strand and along it.
+
+On a strand the arm follows its reference. On the way there, the joint that takes longest sets the
+duration: it moves at its speed limit, and every other joint need only be in time with it. What is
+free meanwhile keeps the hand close to the object::
+
+    min  sum_j w_j ((qd_j - qd*_j) / v_j)^2 + w_p |(J_p qd - v_p) / v_0|^2
+
+with ``qd*`` the synchronised motion, ``w_j`` rising steeply with the share of the time that joint j
+needs, and ``v_p`` the velocity that leads the hand to the object.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
+from feasigrasp.models.strand_reference import StrandReference
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PursuitOptions:
+    """How a strand is pursued.
+
+    Attributes:
+        gain: Rate at which the distance to the reference decreases [1/s].
+        speed_share: Share of the joints' speed limits that is used for that.
+        closeness: w_p, weight of keeping the hand close to the object on the way.
+        freedom: w_j of a joint that has all the time.
+        urgency: w_j of the joint that takes longest.
+        blend: Ways shorter than this are followed without regard to the object [s].
+        speed: v_0, speed that leads the hand to the object at most [m/s].
+    """
+
+    gain: float = 6.0
+    speed_share: float = 0.85
+    closeness: float = 1.0
+    freedom: float = 0.02
+    urgency: float = 20.0
+    blend: float = 0.6
+    speed: float = 0.5
+
+
+def pursuit_velocity(
+    q: FloatArray,
+    reference: StrandReference,
+    X_WO: FloatArray,
+    V_WO: FloatArray,
+    X_FG: FloatArray,
+    options: PursuitOptions,
+) -> FloatArray:
+    """Joint velocity towards and along a strand, limits of position and clearance not considered.
+
+    Args:
+        q: Joint positions [rad], shape (7,).
+        reference: Where the strand wants the arm.
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        X_FG: Grasp frame on the flange, shape (4, 4).
+        options: Gains and weights.
+
+    Returns:
+        Joint velocity [rad/s], shape (7,), inside the speed limits.
+    """
+    qd = np.empty(7)
+    _pursue_kernel(
+        np.ascontiguousarray(q, dtype=float),
+        reference.q,
+        reference.qd,
+        np.ascontiguousarray(X_WO, dtype=float),
+        np.ascontiguousarray(V_WO, dtype=float),
+        X_FG,
+        options.gain,
+        options.speed_share,
+        options.closeness,
+        options.freedom,
+        options.urgency,
+        options.blend,
+        options.speed,
+        qd,
+    )
+    return qd
+
+
+@nb.njit(cache=True)
+def _pursue_kernel(  # type: ignore[no-untyped-def]
+    q, q_ref, qd_ref, X_WO, V_WO, X_FG, gain, share, closeness, freedom, urgency, blend, speed, qd
+):
+    time = 0.0
+    for j in range(7):
+        time = max(time, abs(q_ref[j] - q[j]) / (share * VELOCITY_LIMITS[j]))
+    rate = min(gain, 1.0 / max(time, 1e-9))
+    for j in range(7):
+        qd[j] = rate * (q_ref[j] - q[j]) + qd_ref[j]
+    part = closeness * min(1.0, max(0.0, time / blend - 0.5))
+    if part > 0.0:
+        X_WH, J = np.empty((4, 4)), np.empty((6, 7))
+        pose_jacobian_kernel(q, X_FG, X_WH, J)
+        v, square = np.empty(3), 0.0
+        for i in range(3):
+            v[i] = gain * (X_WO[i, 3] - X_WH[i, 3])
+            square += v[i] * v[i]
+        shorter = min(1.0, speed / max(np.sqrt(square), 1e-9))
+        for i in range(3):
+            v[i] = V_WO[3 + i] + shorter * v[i]
+        J_p = J[3:].copy()
+        H = (part / speed**2) * (J_p.T @ J_p)
+        f = (part / speed**2) * (J_p.T @ v)
+        for j in range(7):
+            needed = abs(q_ref[j] - q[j]) / (share * VELOCITY_LIMITS[j]) / time
+            w = (freedom + urgency * needed**4) / VELOCITY_LIMITS[j] ** 2
+            H[j, j] += w
+            f[j] += w * qd[j]
+        qd[:] = np.linalg.solve(H, f)
+    for j in range(7):
+        qd[j] = min(max(qd[j], -VELOCITY_LIMITS[j]), VELOCITY_LIMITS[j])

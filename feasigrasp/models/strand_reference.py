@@ -1,0 +1,157 @@
+"""Where a chosen strand wants the arm to be, tick by tick.
+
+A strand is a grasp and an inverse-kinematics branch, see `feasigrasp.models.grasp_choice`; between
+two plans it is continued in closed form, at the arm angle that the plan asks for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.arm_circle import (
+    arm_angle_kernel,
+    arm_circle_kernel,
+    configuration_kernel,
+)
+from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice
+from feasigrasp.models.grasp_funnel import standoff_kernel
+from feasigrasp.models.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
+from feasigrasp.models.inverse_kinematics import inside_limits_kernel
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.se3_kernels import inverse_kernel, so3_exp_kernel
+
+FloatArray = NDArray[np.float64]
+
+#: The arm angle changes no faster than this [rad/s], and in no less time than this [s].
+_ARM_ANGLE_SPEED, _SHORTEST = 0.8, 0.6
+#: The reference's velocity is a difference over this time [s]; over 3 times the joints' is none.
+_MOMENT, _TOO_FAST = 0.002, 3.0
+#: In so many steps the way back from a grasp is shortened until no limit is in the way.
+_BACKS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class StrandReference:
+    """Where a strand wants the arm to be.
+
+    Attributes:
+        q: Configuration, on the way into the grasp [rad], shape (7,).
+        qd: Its velocity as the object moves and the arm angle changes [rad/s], shape (7,).
+        X_OT: Pose of the hand in it, in the object frame, shape (4, 4) [m].
+        on_strand: Whether the arm is in the strand's branch already.
+    """
+
+    q: FloatArray
+    qd: FloatArray
+    X_OT: FloatArray
+    on_strand: bool
+
+
+def strand_reference(
+    choice: GraspChoice,
+    t: float,
+    q: FloatArray,
+    X_WO: FloatArray,
+    V_WO: FloatArray,
+    reachability: Reachability,
+    options: ChoiceOptions,
+) -> StrandReference | None:
+    """Configuration and velocity that follow the choice, at the control rate (10 us).
+
+    The hand is led into the grasp through the funnel; it stays back less where a joint limit does
+    not allow more.
+
+    Args:
+        choice: What was chosen.
+        t: Time [s].
+        q: Joint positions [rad], shape (7,).
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        reachability: Its gripper tells where the flange is.
+        options: The funnel.
+
+    Returns:
+        The reference; None without a choice, if the object is out of reach, or if its pose or twist
+        is not finite.
+    """
+    if not choice:
+        return None
+    q_ref, qd_ref, X_OT = np.empty(7), np.empty(7), np.empty((4, 4))
+    status = _reference_kernel(
+        np.ascontiguousarray(q, dtype=float),
+        np.ascontiguousarray(X_WO, dtype=float),
+        np.ascontiguousarray(V_WO, dtype=float),
+        choice.X_OG,
+        choice.branch,
+        choice.psi,
+        choice.due - t,
+        reachability.gripper.X_FG,
+        reachability.search.limit_margin,
+        options.funnel.parameters,
+        q_ref,
+        qd_ref,
+        X_OT,
+    )
+    return None if status < 0 else StrandReference(q_ref, qd_ref, X_OT, status == 1)
+
+
+@nb.njit(cache=True)
+def _continue(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
+    """Writes the configuration of a branch and arm angle; whether there is one."""
+    circle = arm_circle_kernel(X_WF)
+    if circle.reached:
+        configuration_kernel(circle, np.sin(psi), np.cos(psi), branch, q)
+    return circle.reached
+
+
+@nb.njit(cache=True)
+def _reference_kernel(  # type: ignore[no-untyped-def]
+    q, X_WO, V_WO, X_OG, branch, psi, remaining, X_FG, margin, funnel, q_ref, qd_ref, X_OT
+):
+    """Writes what `strand_reference` returns: 1 on the strand, 0 on the way, -1 if nowhere."""
+    if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
+        return -1
+    X_WH, J = np.empty((4, 4)), np.empty((6, 7))
+    pose_jacobian_kernel(q, X_FG, X_WH, J)
+    X_OH = inverse_kernel(X_WO) @ X_WH
+    X_GF = inverse_kernel(X_FG)
+    on_strand = 4 * (q[3] < 0.0) + 2 * (q[1] < 0.0) + (q[5] < 0.0) == branch
+    angle, rate = psi, 0.0
+    if on_strand:
+        angle = arm_angle_kernel(q)
+        change = (psi - angle + np.pi) % (2.0 * np.pi) - np.pi
+        rate = min(max(change / max(remaining, _SHORTEST), -_ARM_ANGLE_SPEED), _ARM_ANGLE_SPEED)
+    standoff = standoff_kernel(X_OG, X_OH, funnel)
+    reached = False
+    for step in range(_BACKS + 1):
+        back = standoff * (1.0 - step / _BACKS)
+        X_OT[:] = X_OG
+        for i in range(3):
+            X_OT[i, 3] -= back * X_OG[i, 2]
+        reached = _continue(X_WO @ X_OT @ X_GF, branch, angle, q_ref)
+        if reached and inside_limits_kernel(q_ref, margin):
+            break
+    if not reached:
+        return -1
+    # A moment later, as object and arm angle move on.
+    X_next = X_WO.copy()
+    X_next[:3, :3] = so3_exp_kernel(V_WO[:3] * _MOMENT) @ np.ascontiguousarray(X_WO[:3, :3])
+    for i in range(3):
+        X_next[i, 3] += V_WO[3 + i] * _MOMENT
+    qd_ref[:] = 0.0
+    if _continue(X_next @ X_OT @ X_GF, branch, angle + rate * _MOMENT, qd_ref):
+        fastest = 0.0
+        for i in range(7):
+            qd_ref[i] = (qd_ref[i] - q_ref[i]) / _MOMENT
+            fastest = max(fastest, abs(qd_ref[i]) / VELOCITY_LIMITS[i])
+        for i in range(7):
+            # Next to a singularity, or where an angle wraps, there is no velocity to follow.
+            qd_ref[i] = 0.0 if fastest > _TOO_FAST else qd_ref[i] / max(1.0, fastest)
+    else:
+        qd_ref[:] = 0.0
+    return 1 if on_strand else 0

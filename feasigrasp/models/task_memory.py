@@ -1,0 +1,87 @@
+"""What the task-space controller remembers from one adaptation to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice, choose_grasp
+from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.reachability import Reachability
+
+FloatArray = NDArray[np.float64]
+
+#: How long a grasp can still be followed after it has left the set [s]. It mostly leaves because
+#: it will be out of reach before long, which is no reason to drop everything at once.
+GRACE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class TaskMemory:
+    """The mixture over the present grasps, and the grasp that is followed.
+
+    Attributes:
+        mixture: None without grasps.
+        choice: False if no grasp can be reached.
+        last: The last mixture there was, so that grasps that come back find it again.
+        seen: When the grasp followed was last among the grasps [s].
+    """
+
+    mixture: GraspMixture | None = None
+    choice: GraspChoice = field(default_factory=GraspChoice)
+    last: GraspMixture | None = None
+    seen: float = -np.inf
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> TaskMemory:
+        """Immutable, so a copy is itself."""
+        return self
+
+    def with_grasps(self, grasps: GraspSet, max_components: int, seed: int) -> TaskMemory:
+        """The same with the mixture over ``grasps``, fitted anew only if they are others.
+
+        Args:
+            grasps: Hand poses in the object frame.
+            max_components: Most components.
+            seed: Of a fit from scratch.
+        """
+        if len(grasps) == 0:
+            return replace(self, mixture=None)
+        mixture = self.mixture or self.last
+        if mixture is None or mixture.X_OG is not grasps.X_OG:
+            mixture = fit_grasp_mixture(
+                grasps, max_components, np.random.default_rng(seed), mixture
+            )
+        return replace(self, mixture=mixture, last=mixture)
+
+    def with_choice(
+        self,
+        time: float,
+        q: FloatArray,
+        X_WO_ahead: FloatArray,
+        reachability: Reachability,
+        options: ChoiceOptions,
+    ) -> TaskMemory:
+        """The same with the choice confirmed or changed.
+
+        Args:
+            time: Present time [s].
+            q: Joint positions [rad], shape (7,).
+            X_WO_ahead: Object poses ``options.instants`` from now, shape (K + 1, 4, 4).
+            reachability: Tells which configurations are admissible.
+            options: Horizon and prices of a choice.
+        """
+        X_OG = np.zeros((0, 4, 4)) if self.mixture is None else self.mixture.X_OG
+        seen = self.seen
+        if self.choice:
+            if np.any(np.abs(X_OG - self.choice.X_OG).max(axis=(1, 2), initial=0.0) < 1e-9):
+                seen = time
+            elif time <= seen + GRACE:
+                X_OG = np.concatenate([X_OG, self.choice.X_OG[None]])
+        choice = choose_grasp(self.choice, time, q, X_OG, X_WO_ahead, reachability, options)
+        if choice.count != self.choice.count:
+            seen = time
+        return replace(self, choice=choice, seen=seen)

@@ -1,0 +1,153 @@
+"""What is known of an object's motion, and where it will be.
+
+For the future, the filtered path of the last seconds (`feasigrasp.models.pose_filter`) is fitted,
+axis by axis, by the oscillator ``a = -omega^2 (p - c)``: straight and circular motion, ellipses,
+swings. Its two parameters follow by least squares from differences over a lag h, for which
+
+    p(t + h) - 2 p(t) + p(t - h) = -kappa (p(t) - c),    kappa = 2 - 2 cos(omega h)
+
+is exact. Where the path shows no oscillation, the axis goes on with its velocity and the mean
+acceleration, which dies out. The orientation goes on with the mean angular velocity of the last
+second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba as nb
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models import se3
+from feasigrasp.models.pose_filter import COUNT, PATH, PATH_STEP, ROW, pose_kernel, twist_kernel
+from feasigrasp.models.se3_kernels import so3_exp_kernel, so3_log_kernel
+
+FloatArray = NDArray[np.float64]
+
+#: The lag h, in steps of the path.
+_LAG = 4
+#: Points over which the angular velocity is averaged.
+_TURN = 10
+#: Deviation of the path from the oscillator that noise alone explains [m].
+_PATH_NOISE = 2e-4
+#: A mean acceleration dies out over this time [s].
+_DYING = 1.5
+
+
+@nb.njit(cache=True)
+def _oscillator(state, axis):  # type: ignore[no-untyped-def]
+    """omega^2 [1/s^2] and mean acceleration term b of ``a = b - omega^2 p``, one axis.
+
+    ``p`` is taken relative to the newest point of the path.
+    """
+    n, h = int(state[COUNT]) - 2 * _LAG, _LAG * PATH_STEP
+    if n < _LAG:
+        return 0.0, 0.0, False
+    origin = state[PATH + axis]
+    s, y, ss, sy = 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        first = state[PATH + ROW * k + axis] - origin
+        middle = state[PATH + ROW * (k + _LAG) + axis] - origin
+        last = state[PATH + ROW * (k + 2 * _LAG) + axis] - origin
+        change = first - 2.0 * middle + last
+        s += middle
+        y += change
+        ss += middle * middle
+        sy += middle * change
+    s, y, ss, sy = s / n, y / n, ss / n, sy / n
+    variance = ss - s * s
+    kappa = -(sy - s * y) / (variance + (_PATH_NOISE / 0.05) ** 2)
+    kappa = min(max(kappa, 0.0), 3.9)
+    b = (y + kappa * s) / h**2
+    omega = np.arccos(1.0 - 0.5 * kappa) / h
+    # b is that of the differences; of the differential equation it is larger by this factor.
+    factor = omega**2 * h**2 / kappa if kappa > 1e-9 else 1.0
+    return omega**2, b * factor, True
+
+
+@nb.njit(cache=True)
+def predict_kernel(state, now, ahead, X):  # type: ignore[no-untyped-def]
+    """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s]."""
+    start, V = np.empty((4, 4)), np.empty(6)
+    pose_kernel(state, now, start)
+    twist_kernel(state, now, V)
+    w = V[:3].copy()
+    n = min(int(state[COUNT]) - 1, _TURN)
+    if n == _TURN:
+        R_new = state[PATH + 3 : PATH + ROW].copy().reshape(3, 3)
+        old = PATH + ROW * n
+        R_old = state[old + 3 : old + ROW].copy().reshape(3, 3)
+        w[:] = so3_log_kernel(R_new @ R_old.T.copy()) / (n * PATH_STEP)
+    for k in range(len(ahead)):
+        X[k] = start
+        X[k, :3, :3] = so3_exp_kernel(w * ahead[k]) @ np.ascontiguousarray(start[:3, :3])
+    for i in range(3):
+        square, b, known = _oscillator(state, i)
+        p, v = start[i, 3] - state[PATH + i], V[3 + i]
+        omega = np.sqrt(square)
+        for k in range(len(ahead)):
+            t = ahead[k]
+            if omega > 0.02:
+                c = b / square
+                x = c + (p - c) * np.cos(omega * t) + v / omega * np.sin(omega * t)
+            else:
+                a = b if known else 0.0
+                # The acceleration a exp(-t / T), integrated twice.
+                x = p + v * t + a * _DYING * (t - _DYING * (1.0 - np.exp(-t / _DYING)))
+            X[k, i, 3] = state[PATH + i] + x
+
+
+@dataclass(frozen=True, eq=False)
+class MotionEstimate:
+    """What is known of an object's motion at one time.
+
+    Attributes:
+        state: State of the filter, shape (STATE_SIZE,).
+        time: The time [s].
+    """
+
+    state: FloatArray
+    time: float
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> MotionEstimate:
+        """Immutable, so a copy is itself."""
+        return self
+
+    @property
+    def known(self) -> bool:
+        """Whether there has been a measurement."""
+        return not np.isnan(self.state[0])
+
+    def predict(self, ahead: ArrayLike) -> FloatArray:
+        """Poses (k, 4, 4) of the object in the world, ``ahead`` (k,) seconds from now."""
+        times = np.ascontiguousarray(ahead, dtype=float).reshape(-1)
+        X = np.empty((len(times), 4, 4))
+        predict_kernel(self.state, self.time, times, X)
+        return X
+
+
+#: A pose this far from what a filter expects is not the one that it follows [m, rad].
+_ELSEWHERE = 0.02
+
+
+def future_poses(
+    motion: MotionEstimate | None, X_WO: FloatArray, V_WO: FloatArray, ahead: ArrayLike
+) -> FloatArray:
+    """Poses (k, 4, 4) of the object ``ahead`` (k,) seconds from now.
+
+    Args:
+        motion: What the tracker knows; None if nothing.
+        X_WO: Pose now, shape (4, 4). If it is not the one that ``motion`` follows, since the hand
+            is to go somewhere else, it moves on with its twist.
+        V_WO: Twist now [angular; linear], shape (6,).
+        ahead: Times from now on [s].
+    """
+    times = np.asarray(ahead, dtype=float).reshape(-1)
+    if motion is not None and motion.known:
+        now = motion.predict([0.0])[0]
+        turned = se3.rotation_angle(now[:3, :3].T @ X_WO[:3, :3])
+        if max(float(np.linalg.norm(now[:3, 3] - X_WO[:3, 3])), float(turned)) < _ELSEWHERE:
+            return motion.predict(times)
+    return np.array([se3.extrapolate(X_WO, V_WO, t) for t in times]).reshape(-1, 4, 4)

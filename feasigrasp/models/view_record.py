@@ -1,0 +1,65 @@
+"""From where an object has been seen, and whether another look from there would tell more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+#: Views from closer directions than this show the same side (cosine) ...
+SAME_DIRECTION = np.cos(np.deg2rad(10.0))
+#: ... unless one is nearer by more than this factor, and sees finer.
+SAME_DISTANCE = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class ViewRecord:
+    """The views of an object that is tracked in its own frame O.
+
+    A view from nearly the same side adds no surface; what it still adds is an average over the
+    noise, which a few views bring and more do not. And yet a side is looked at again after a while:
+    what hid a part of it may be gone.
+
+    Attributes:
+        p_OC: Positions of the camera in O, shape (n, 3) [m].
+        times: When it was there, shape (n,) [s].
+    """
+
+    p_OC: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    times: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        for name in ("p_OC", "times"):
+            array = np.array(getattr(self, name), dtype=float)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> ViewRecord:
+        """Immutable, so a copy is itself."""
+        return self
+
+    def extended(self, p_OC: ArrayLike, time: float) -> ViewRecord:
+        """With one more view."""
+        return ViewRecord(np.vstack([self.p_OC, p_OC]), np.append(self.times, time))
+
+    def tells_more(self, p_OC: ArrayLike, time: float, n_views: int, revisit: float) -> bool:
+        """Whether a view is worth taking.
+
+        Args:
+            p_OC: Where the camera would be, shape (3,) [m].
+            time: When [s].
+            n_views: So many views of one side suffice.
+            revisit: A side not looked at for so long is looked at again [s].
+        """
+        camera = np.asarray(p_OC, dtype=float)
+        distance, distances = np.linalg.norm(camera), np.linalg.norm(self.p_OC, axis=1)
+        similar = (self.p_OC @ camera > SAME_DIRECTION * distances * distance) & (
+            distances < SAME_DISTANCE * distance
+        )
+        enough = int(np.count_nonzero(similar)) >= n_views
+        return not enough or time - float(self.times[similar].max()) >= revisit - 1e-9

@@ -1,0 +1,100 @@
+"""What the benchmark of the controllers times is what it says, and right."""
+
+import numpy as np
+import pytest
+import torch
+
+from feasigrasp.evaluation import bench_control
+from feasigrasp.evaluation.bench_control import (
+    format_table_3,
+    frequency_row,
+    joint_probe,
+    task_probe,
+)
+from feasigrasp.evaluation.control_peers import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
+from feasigrasp.evaluation.controller_probe import V_WO
+from feasigrasp.evaluation.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp.evaluation.result_files import Row
+from feasigrasp.evaluation.timing import Timing
+from feasigrasp.models import se3
+from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.reachability import Reachability
+
+REACHABILITY = Reachability()
+X_FG = REACHABILITY.gripper.X_FG
+
+
+@pytest.mark.parametrize("xp", [np, torch])
+def test_array_kinematics_are_ours(xp):
+    q = np.random.default_rng(0).uniform(-POSITION_LIMITS, POSITION_LIMITS, (5, 7))
+    R, p, J = (np.asarray(x) for x in ArrayArm(xp, X_FG).hand(xp.asarray(q)))
+    for i in range(5):
+        X, expected = pose_and_jacobian(q[i], X_FG)
+        np.testing.assert_allclose(R[i], X[:3, :3], atol=1e-12)
+        np.testing.assert_allclose(p[i], X[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(J[i], expected, atol=1e-12)
+
+
+def test_array_logarithm_is_ours():
+    X = se3.random_pose(np.random.default_rng(1), 20)
+    X[0, :3, :3] = np.eye(3)
+    np.testing.assert_allclose(se3_log(np, X[:, :3, :3], X[:, :3, 3]), se3.log(X), atol=1e-9)
+
+
+@pytest.mark.parametrize("K", [1, 4])
+def test_the_peers_of_the_task_step_give_our_command(K):
+    probe = task_probe(REACHABILITY, K, "paper", seed=0)
+    mixture = probe.controller.memory(probe.context).mixture
+    assert len(mixture.mixture) == K
+    commands = [probe.step().copy() for _ in range(3)]
+    assert np.linalg.norm(commands[0] - commands[1]) > 1e-3  # the inputs do change
+    for xp in (np, torch):
+        step = ArrayTaskStep(xp, mixture.targets, X_FG)
+        for command, (q, pose) in zip(commands, probe.inputs, strict=False):
+            np.testing.assert_allclose(step(q, pose.GetAsMatrix4(), V_WO), command, atol=1e-8)
+
+
+def test_the_joint_controller_follows_as_many_solutions_as_asked():
+    probe = joint_probe(REACHABILITY, 10, "paper", seed=0)
+    assert len(probe.controller.solutions(probe.context)) == 10
+    first, second = probe.step().copy(), probe.step().copy()
+    assert np.isfinite(first).all() and np.linalg.norm(first - second) > 1e-4
+
+
+@pytest.mark.parametrize("xp", [np, torch])
+def test_the_peer_of_the_joint_step_solves_and_descends(xp):
+    rng = np.random.default_rng(2)
+    q = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
+    goals = forward_kinematics(q + rng.normal(0.0, 0.15, (6, 7)), X_FG)
+    step = ArrayJointStep(xp, goals, X_FG, iterations=30)
+    nodes = np.asarray(step.solve(xp.asarray(q), xp.asarray(np.eye(4))))
+    np.testing.assert_allclose(forward_kinematics(nodes, X_FG), goals, atol=1e-4)
+    command = np.asarray(step(q, np.eye(4)))
+    gaps = np.linalg.norm(nodes - q, axis=1)
+    towards = (nodes - q)[np.argmin(gaps)]
+    assert command @ towards > 0.0
+
+
+def test_frequencies_turn_the_interval_round():
+    row = frequency_row("bench.task_hz.1", "default", Timing(0.01, 0.008, 0.02, 7))
+    assert (row.value, row.low, row.high) == pytest.approx((100.0, 50.0, 125.0))
+    assert (row.unit, row.n) == ("Hz", 7)
+
+
+def test_the_table_has_the_papers_figures():
+    names = [f"bench.task_hz.{K}" for K in TABLE_3_TASK] + [
+        f"bench.joint_hz.{N}" for N in TABLE_3_JOINT
+    ]
+    rows = [Row(name, "default", 20000.0, None, None, "Hz", 9) for name in names]
+    rows.append(Row("bench.task_hz.10", "peer:numpy", 9876.0, None, None, "Hz", 9))
+    lines = format_table_3(rows).splitlines()
+    assert len(lines) == 21
+    assert lines[10].split() == ["task", "K", "=", "10", "78.2", "20000", "256", "9876"]
+    assert lines[-1].split() == ["joint", "N", "=", "100", "13.9", "20000", "1439"]
+
+
+def test_a_draw_that_never_fits_is_told(monkeypatch):
+    monkeypatch.setattr(bench_control, "_DRAWS", 0)
+    with pytest.raises(RuntimeError, match="gave no mixture of 3 components"):
+        task_probe(REACHABILITY, 3, "paper", seed=0)

@@ -1,0 +1,89 @@
+"""Grasps tried out in simulation: firm ones hold, hopeless ones do not."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from feasigrasp.errors import GraspError
+from feasigrasp.evaluation.evaluate_grasp_labels import sample_grasps, summary_rows
+from feasigrasp.evaluation.floating_gripper import FloatingGripper, hold_trials
+from feasigrasp.models.grasp_truth import TrueGrasps
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.household_shapes import rigid_object
+from feasigrasp.systems.hand_load import GRAVITY, LIFT_TIME, RAMP_TIME, SHAKE, SHAKE_PERIOD, load
+
+
+def turned(angle_deg):
+    """A grasp from above whose closing line is turned about the approach."""
+    t = np.deg2rad(angle_deg)
+    X = np.eye(4)
+    X[:3, :3] = np.array([[np.cos(t), np.sin(t), 0], [np.sin(t), -np.cos(t), 0], [0, 0, -1]])
+    return X
+
+
+@pytest.fixture(scope="module")
+def plate():
+    mesh = trimesh.creation.box((0.03, 0.09, 0.06)).subdivide()
+    return FloatingGripper(rigid_object("plate", mesh, 0.15), ParallelGripper())
+
+
+def test_firm_grasp_holds(plate):
+    trial = plate.try_grasp(turned(0.0))
+    assert trial.held and trial.why == "held"
+
+
+def test_grasp_beside_the_object_misses(plate):
+    X = turned(0.0)
+    X[2, 3] = 0.08
+    trial = plate.try_grasp(X)
+    assert not trial.held and trial.why == "missed"
+
+
+def test_too_heavy_for_the_friction():
+    """2 x 80 N x mu carry so much weight and no more; effort is shared by both pads."""
+    mesh = trimesh.creation.box((0.03, 0.06, 0.06)).subdivide()
+    light, heavy = (rigid_object("block", mesh, mass) for mass in (0.3, 30.0))
+    assert hold_trials(light, turned(0.0))[0].held
+    assert hold_trials(heavy, turned(0.0))[0].why == "dropped"
+
+
+def test_finger_inside_a_cup():
+    """The rim of a cup can be pinched: contact is with its wall and not with its convex hull."""
+    cup = trimesh.creation.annulus(r_min=0.046, r_max=0.050, height=0.06, sections=48)
+    X = turned(0.0)
+    X[:3, 3] = [0.048, 0.0, 0.02]
+    assert hold_trials(rigid_object("ring", cup, 0.1), X)[0].held
+
+
+def test_load_is_weight_lift_and_shakes_along_all_axes():
+    np.testing.assert_allclose(load(0.0), 0.0)
+    np.testing.assert_allclose(load(RAMP_TIME / 2), [0, 0, GRAVITY / 2])
+    start = RAMP_TIME + LIFT_TIME
+    peaks = [load(start + (k + 0.25) * SHAKE_PERIOD) for k in range(3)]
+    np.testing.assert_allclose(np.array(peaks) - [0, 0, GRAVITY], SHAKE * np.eye(3), atol=1e-9)
+
+
+def test_another_hand_is_refused():
+    mesh = trimesh.creation.box((0.03, 0.03, 0.03))
+    with pytest.raises(GraspError, match="max_opening"):
+        FloatingGripper(rigid_object("block", mesh, 0.1), ParallelGripper(max_opening=0.11))
+
+
+def test_sampled_grasps_are_free_and_half_valid():
+    truth = TrueGrasps(trimesh.creation.icosphere(subdivisions=4, radius=0.03))
+    gripper = ParallelGripper()
+    X_OG, valid, cosine = sample_grasps(truth, gripper, 8, np.random.default_rng(0))
+    assert len(X_OG) == 8 and valid.sum() == 4
+    assert truth.hand_free(X_OG, gripper).all()
+    np.testing.assert_array_equal(truth.valid(X_OG, gripper), valid)
+    assert cosine[valid].min() > cosine[~valid].max()
+
+
+def test_rows_count_agreement():
+    records = [{"held": h, "valid": v} for h, v in ((1, 1), (1, 1), (0, 1), (1, 0), (0, 0))]
+    rows = {(row.name, row.preset): row for row in summary_rows(records)}
+    assert rows["labels.held_percent", "valid"].value == pytest.approx(100 * 2 / 3)
+    assert rows["labels.held_percent", "not antipodal"].value == pytest.approx(50)
+    agreement = rows["labels.agreement_percent", "all"]
+    assert agreement.value == pytest.approx(60)
+    assert agreement.low < 60 < agreement.high and agreement.n == 5

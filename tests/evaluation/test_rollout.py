@@ -1,0 +1,76 @@
+"""The kinematic rollout integrates what the controller commands, and nothing else."""
+
+import json
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.framework import LeafSystem
+
+from feasigrasp.evaluation.evaluate_prediction import MEASUREMENTS, motion_errors
+from feasigrasp.evaluation.kinematic_rollout import object_grasps, roll_out
+from feasigrasp.evaluation.rollout_metrics import ROLLOUT_METRICS
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS, NUM_JOINTS
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import load_scenario, make_motion
+
+SPEED = np.array([0.3, -0.2, 0.1, 0.25, -0.1, 0.2, 0.4])
+
+
+class Steady(LeafSystem):
+    """Asks for one joint velocity, whatever it sees; has no optional ports."""
+
+    def __init__(self, scenario, reachability):
+        super().__init__()
+        self.DeclareVectorInputPort("position", NUM_JOINTS)
+        self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
+        self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
+        self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
+        self.DeclareVectorOutputPort(
+            "commanded_velocity", NUM_JOINTS, lambda context, output: output.SetFromVector(SPEED)
+        )
+
+
+def scenario(name="PaperLinear", **choice):
+    return load_scenario(diagram_path("dynamic.scenarios.yaml"), name, json.dumps(choice))
+
+
+def test_the_arm_goes_exactly_where_a_steady_command_takes_it():
+    config = scenario()
+    rollout = roll_out(config, GraspSet.empty(), duration=0.5, controller=Steady)
+    period = config.control.period
+    # Every joint ramps up at its acceleration limit, then moves on.
+    dv = ACCELERATION_LIMITS * period
+    steps = np.arange(1, len(rollout.tick_times))[:, None]
+    qd = np.sign(SPEED) * np.minimum(np.abs(SPEED), steps * dv)
+    q = np.deg2rad(config.q_start) + period * np.cumsum(qd, axis=0)
+    np.testing.assert_allclose(rollout.states[1:, NUM_JOINTS:], qd, atol=1e-12)
+    np.testing.assert_allclose(rollout.states[1:, :NUM_JOINTS], q, atol=1e-12)
+    assert rollout.metrics["acceleration_limit_violation_percent"] == 0.0
+    assert rollout.metrics["no_grasp_percent"] == 100.0
+
+
+def test_the_metrics_are_those_that_are_documented():
+    rollout = roll_out(scenario(), GraspSet.empty(), duration=0.1, controller=Steady)
+    assert set(rollout.metrics) == set(ROLLOUT_METRICS)
+    assert rollout.metrics["regrip_cost_cm"] is None
+
+
+def test_grasps_are_those_of_the_object_and_the_seed():
+    grasps = object_grasps("small_box", seed=3, n_grasps=16)
+    again = object_grasps.__wrapped__("small_box", seed=3, n_grasps=16)
+    assert 0 < len(grasps) <= 16
+    np.testing.assert_array_equal(grasps.X_OG, again.X_OG)
+    assert np.linalg.norm(grasps.X_OG[:, :3, 3], axis=1).max() < 0.05
+
+
+@pytest.mark.parametrize("kind", list(MEASUREMENTS))
+def test_the_filter_is_better_than_a_difference(kind):
+    errors = motion_errors(make_motion(scenario("PaperSinusoidal")), MEASUREMENTS[kind], 0, 8.0)
+    for figure in ("velocity_mm_s", "ahead_4s_cm"):
+        peer = "difference over 20 ms" if figure == "velocity_mm_s" else "true twist held"
+        ours = "filter" if figure == "velocity_mm_s" else "predictor"
+        assert errors[f"{figure}/{ours}"] < 0.5 * errors[f"{figure}/{peer}"]

@@ -1,0 +1,136 @@
+"""The stream of training examples: the same again, and what a shard holds."""
+
+import argparse
+
+import numpy as np
+import pytest
+
+pytest.importorskip("manifold3d", reason="the generator needs manifold3d (train extra)")
+
+from feasigrasp.evaluation import sampler_data  # noqa: E402
+from feasigrasp.evaluation.object_streams import HELD_OUT_EVERY, ObjectStream  # noqa: E402
+from feasigrasp.evaluation.sampler_examples import (  # noqa: E402
+    POINTS,
+    completed_input,
+    object_examples,
+    true_input,
+)
+from feasigrasp.evaluation.shape_views import ViewedObject  # noqa: E402
+from feasigrasp.models.grasp_input import SCALARS  # noqa: E402
+from feasigrasp.models.grasp_labels import N_APPROACHES, N_TURNS  # noqa: E402
+from feasigrasp.models.grasp_truth import TrueGrasps  # noqa: E402
+from feasigrasp.models.gripper import ParallelGripper  # noqa: E402
+from feasigrasp.models.household_shapes import HELD_OUT, TRAINED, make_shape  # noqa: E402
+
+SHAPES = {
+    "points": (POINTS, 3),
+    "normals": (POINTS, 3),
+    "scalars": (POINTS, len(SCALARS)),
+    "contact": (POINTS,),
+    "width": (POINTS,),
+    "closing": (POINTS, 3),
+    "approach": (POINTS, N_APPROACHES, 3),
+    "n_approaches": (POINTS,),
+    "across": (POINTS, 3),
+    "free": (POINTS, N_TURNS),
+}
+
+
+def run(folder, *words):
+    parser = argparse.ArgumentParser()
+    sampler_data.add_arguments(parser)
+    args = parser.parse_args(["--out", str(folder), "--jobs", "1", "--inputs", "1", *words])
+    assert sampler_data.main(args) == 0
+
+
+@pytest.fixture(scope="module")
+def shard(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    run(folder, "--objects", "8")
+    return folder / "shape_00000.npz"
+
+
+def test_a_shard_holds_what_is_agreed(shard):
+    content = np.load(shard)
+    n = len(content["family"])
+    assert 7 <= n <= 8
+    for name, shape in SHAPES.items():
+        assert content[name].shape == (n, *shape), name
+        assert np.isfinite(content[name].astype(float)).all(), name
+    contact = content["contact"]
+    assert 0.1 < contact.mean() < 0.9
+    np.testing.assert_allclose(np.linalg.norm(content["closing"][contact], axis=-1), 1, atol=1e-5)
+    assert (content["width"][~contact] == 0).all() and (content["width"][contact] > 0).all()
+    assert (content["free"].any(axis=-1) == contact).all()
+    assert (content["true_surface"] == (content["n_views"] == 0)).all()
+
+
+def test_the_stream_is_told_by_its_seed(shard, tmp_path):
+    run(tmp_path, "--objects", "8")
+    again, first = np.load(tmp_path / shard.name), np.load(shard)
+    for name in first.files:
+        np.testing.assert_array_equal(first[name], again[name])
+
+
+def test_finished_shards_are_left_alone(shard):
+    before = shard.stat().st_mtime_ns
+    run(shard.parent, "--objects", "8")
+    assert shard.stat().st_mtime_ns == before
+
+
+def test_one_object_in_eight_is_held_out():
+    stream = ObjectStream()
+    families = [stream[i].family for i in range(3 * HELD_OUT_EVERY)]
+    held = [i for i, family in enumerate(families) if family in HELD_OUT]
+    assert held == [HELD_OUT_EVERY * k - 1 for k in (1, 2, 3)]
+    assert {families[i] for i in held} == set(HELD_OUT)
+    assert set(families) - set(HELD_OUT) == set(TRAINED)
+
+
+def test_true_surfaces_have_exact_chords():
+    truth = TrueGrasps(make_shape("box", 1).mesh)
+    made = true_input(truth, np.random.default_rng(0))
+    points, normals = made.points.astype(float), made.normals.astype(float)
+    assert np.linalg.norm(truth.closest(points)[0] - points, axis=1).max() < 1e-5
+    chord = made.scalars[:, 1].astype(float)
+    hit = chord > 0
+    ends = points[hit] - chord[hit, None] * normals[hit]
+    assert np.linalg.norm(truth.closest(ends)[0] - ends, axis=1).max() < 1e-4
+
+
+def test_views_make_an_input_near_the_surface():
+    obj = make_shape("bottle", 3)
+    viewed = ViewedObject(obj)
+    made = completed_input(viewed, 3, np.random.default_rng(2))
+    assert made is not None and len(made) == POINTS
+    assert np.median(viewed.distance(made.points.astype(float))) < 0.002
+
+
+def test_labels_of_ones_own():
+    """A labeller that is given is asked instead of the mesh."""
+    asked = []
+
+    def label(points, normals):
+        asked.append(len(points))
+        raise KeyError("asked")
+
+    with pytest.raises(KeyError, match="asked"):
+        rng = np.random.default_rng(0)
+        object_examples(make_shape("box", 1), "box", 1, 1, ParallelGripper(), rng, label)
+    assert asked == [POINTS]
+
+
+def test_meshes_of_others(tmp_path):
+    parts = [make_shape("box", 1), make_shape("capsule", 2)]
+    np.savez(
+        tmp_path / "meshes.npz",
+        vertices=np.concatenate([p.vertices for p in parts]).astype(np.float32),
+        faces=np.concatenate([p.faces for p in parts]).astype(np.uint16),
+        vertex_offsets=np.cumsum([0] + [len(p.vertices) for p in parts]),
+        face_offsets=np.cumsum([0] + [len(p.faces) for p in parts]),
+    )
+    stream = ObjectStream("mesh", tmp_path / "meshes.npz")
+    assert len(stream) == 2
+    assert stream[1].obj.mesh.volume == pytest.approx(parts[1].mesh.volume, rel=1e-4)
+    with pytest.raises(IndexError):
+        stream[2]

@@ -1,0 +1,207 @@
+"""The choice of a grasp: admissible, unaffected by order, committed, and in time."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import se3
+from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice, choose_grasp
+from feasigrasp.models.grasp_strands import strands_kernel
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.inverse_kinematics import arm_angle, closed_form
+from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.strand_pursuit import PursuitOptions, pursuit_velocity
+from feasigrasp.models.strand_reference import strand_reference
+
+REACHABILITY = Reachability()
+OPTIONS = ChoiceOptions()
+X_FG = REACHABILITY.gripper.X_FG
+START = np.deg2rad([0.0, 30.0, 0.0, -60.0, 0.0, 90.0, 0.0])
+#: Round the robot's base, as the paper's circle.
+CIRCLE = HarmonicMotion(
+    center=np.array([0.0, 0.0, 0.2]),
+    amplitude=np.array([0.45, 0.45, 0.0]),
+    harmonic=np.ones(3),
+    offset_deg=np.array([90.0, 0.0, 0.0]),
+    rate=0.3,
+    start_phase=0.0,
+    spin_axis=np.array([0.0, 0.0, 1.0]),
+    spin=0.3,
+)
+
+
+def ring_of_grasps(tilts=(0.0, 0.5), turns=3):
+    """Grasps from above and from inclined directions, at the object's origin, flips included."""
+    poses = []
+    for tilt in tilts:
+        for turn in np.linspace(0.0, np.pi, turns, endpoint=False):
+            R = se3.so3_exp([0.0, 0.0, turn]) @ se3.so3_exp([np.pi + tilt, 0.0, 0.0])
+            poses.append(se3.make_pose(R, np.zeros(3)))
+    n = len(poses)
+    return GraspSet(np.array(poses), np.full(n, 0.05), np.ones(n)).with_twins().X_OG
+
+
+GRASPS = ring_of_grasps()
+
+
+def ahead(motion, t):
+    return np.array([motion.pose(t + s) for s in OPTIONS.instants])
+
+
+def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS):
+    return choose_grasp(choice, t, q, X_OG, ahead(motion, t), REACHABILITY, options)
+
+
+def run(duration, motion=CIRCLE, period=0.2, dt=0.02):
+    """Follows the choice kinematically; times, configurations, choices and hand distances."""
+    choice, q, rows = GraspChoice(), START.copy(), []
+    for k in range(round(duration / dt)):
+        t = k * dt
+        if k % round(period / dt) == 0:
+            choice = choose(choice, t, q, motion=motion)
+        X_WO, V_WO, _ = motion.state(t)
+        reference = strand_reference(choice, t, q, X_WO, V_WO, REACHABILITY, OPTIONS)
+        qd = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, PursuitOptions())
+        limit = POSITION_LIMITS - 0.01
+        q = np.clip(q + dt * qd, -limit, limit)
+        p_WH = forward_kinematics(q, X_FG)[:3, 3]
+        rows.append((t, q.copy(), choice, np.linalg.norm(p_WH - X_WO[:3, 3])))
+    return rows
+
+
+@pytest.fixture(scope="module")
+def lap():
+    return run(2.0 * np.pi / 0.3)
+
+
+def test_the_nodes_of_all_strands_are_admissible_and_reach_their_grasps():
+    poses = ahead(CIRCLE, 1.0)
+    X_GF = np.linalg.inv(X_FG)
+    strands = strands_kernel(
+        START, poses, OPTIONS.instants, GRASPS, X_GF, REACHABILITY.search, OPTIONS.costs
+    )
+    k, i, branch, angle = np.nonzero(np.isfinite(strands.rate))
+    q = strands.q[k, i, branch, angle]
+    assert len(q) > 300
+    assert REACHABILITY.admissible(q).all()
+    np.testing.assert_allclose(forward_kinematics(q, X_FG), poses[k] @ GRASPS[i], atol=1e-9)
+    signs = 4 * (q[:, 3] < 0.0) + 2 * (q[:, 1] < 0.0) + (q[:, 5] < 0.0)
+    np.testing.assert_array_equal(signs, branch)
+    # What follows can be reached in time, and leads to the end of the strand without a gap.
+    following = strands.following[k, i, branch, angle]
+    go_on = following >= 0
+    later = strands.q[k[go_on] + 1, i[go_on], branch[go_on], following[go_on]]
+    steps = np.diff(OPTIONS.instants)[k[go_on]]
+    travel = np.max(np.abs(later - q[go_on]) / VELOCITY_LIMITS, axis=1)
+    assert np.all(travel <= OPTIONS.speed_share * steps + 1e-12)
+
+
+def test_the_order_of_the_grasps_does_not_matter():
+    # Grasps with different offsets, so that no two are equally good.
+    X_OG = GRASPS.copy()
+    X_OG[:, :3, 3] = np.random.default_rng(0).uniform(-0.02, 0.02, (len(X_OG), 3))
+    order = np.random.default_rng(1).permutation(len(X_OG))
+    first, second = (
+        choose(GraspChoice(), 0.0, START, X_OG),
+        choose(GraspChoice(), 0.0, START, X_OG[order]),
+    )
+    np.testing.assert_array_equal(first.X_OG, second.X_OG)
+    assert (first.branch, first.psi, first.due) == (second.branch, second.psi, second.due)
+    again = [choose(c, 0.4, START, x) for c, x in ((first, X_OG), (second, X_OG[order]))]
+    np.testing.assert_array_equal(again[0].X_OG, again[1].X_OG)
+    assert again[0].branch == again[1].branch
+
+
+def test_the_plan_arrives_in_time_at_an_admissible_configuration():
+    choice = choose(GraspChoice(), 0.0, START)
+    X_WO = CIRCLE.pose(choice.due)
+    X_WF = X_WO @ choice.X_OG @ np.linalg.inv(X_FG)
+    q = closed_form(X_WF, choice.psi)[choice.branch]
+    assert REACHABILITY.admissible(q)[0]
+    assert np.max(np.abs(q - START) / VELOCITY_LIMITS) <= choice.due
+
+
+def test_without_grasps_or_poses_there_is_no_choice():
+    assert not GraspChoice()
+    assert not choose(GraspChoice(), 0.0, START, np.zeros((0, 4, 4)))
+    far = HarmonicMotion(**{**vars_of(CIRCLE), "center": np.array([3.0, 0.0, 0.2])})
+    assert not choose(GraspChoice(), 0.0, START, motion=far)
+    lost = np.full((len(OPTIONS.instants), 4, 4), np.nan)
+    present = choose(GraspChoice(), 0.0, START)
+    assert not choose_grasp(present, 0.1, START, GRASPS, lost, REACHABILITY, OPTIONS)
+
+
+def vars_of(motion):
+    return {name: getattr(motion, name) for name in motion.__dataclass_fields__}
+
+
+def test_no_choice_has_no_reference_and_lost_poses_have_none():
+    X_WO, V_WO, _ = CIRCLE.state(0.0)
+    assert strand_reference(GraspChoice(), 0, START, X_WO, V_WO, REACHABILITY, OPTIONS) is None
+    choice = choose(GraspChoice(), 0.0, START)
+    lost = np.full((4, 4), np.nan)
+    assert strand_reference(choice, 0, START, lost, V_WO, REACHABILITY, OPTIONS) is None
+
+
+def test_the_circle_is_followed_with_few_changes_and_unwound_before_the_limit(lap):
+    distance = np.array([row[3] for row in lap])
+    q = np.array([row[1] for row in lap])
+    changes = lap[-1][2].count
+    # Grasps at the object's middle: what is left are the ways between grasps.
+    assert np.mean(distance) < 0.12
+    assert np.mean(distance[100:] < 0.005) > 0.6
+    assert 2 <= changes <= 20
+    # Stopped at the limit of joint 1 the hand would stay behind by up to twice the radius, for
+    # half a lap; it never stands there with the object leaving.
+    stuck = (np.abs(q[:, 0]) > POSITION_LIMITS[0] - 0.02) & (distance > 0.1)
+    assert np.mean(stuck) < 0.02
+
+
+def test_a_choice_is_kept_for_a_while_and_not_taken_back_at_once(lap):
+    choices = [lap[0][2]]
+    for _, _, choice, _ in lap:
+        if choice.count != choices[-1].count:
+            choices.append(choice)
+    times = np.array([choice.since for choice in choices])
+    assert np.all(np.diff(times) >= OPTIONS.hysteresis - 1e-9)
+    for a, b in zip(choices[:-2], choices[2:], strict=True):
+        back = a.branch == b.branch and np.allclose(a.X_OG, b.X_OG)
+        assert not (back and b.since - a.since < 1.0)
+
+
+def test_the_reference_follows_the_grasp_exactly_once_there():
+    choice = choose(GraspChoice(), 0.0, START)
+    t = choice.due
+    X_WO, V_WO, _ = CIRCLE.state(t)
+    X_WF = X_WO @ choice.X_OG @ np.linalg.inv(X_FG)
+    q = closed_form(X_WF, choice.psi)[choice.branch]
+    reference = strand_reference(choice, t, q, X_WO, V_WO, REACHABILITY, OPTIONS)
+    assert reference.on_strand
+    np.testing.assert_allclose(reference.q, q, atol=1e-9)
+    np.testing.assert_allclose(reference.X_OT, choice.X_OG, atol=1e-9)
+    # Its velocity carries the hand along with the object.
+    dt = 1e-5
+    moved = forward_kinematics(q + dt * reference.qd, X_FG)
+    expected = CIRCLE.pose(t + dt) @ choice.X_OG
+    assert np.linalg.norm((moved - expected)[:3, 3]) < 0.02 * dt
+    assert se3.rotation_angle(moved[:3, :3].T @ expected[:3, :3]) < 0.05 * dt
+    assert arm_angle(q) == pytest.approx(choice.psi)
+
+
+def test_pursuit_is_inside_the_speed_limits_and_leaves_the_slow_joint_its_speed():
+    rng = np.random.default_rng(4)
+    X_WO, V_WO, _ = CIRCLE.state(1.0)
+    choice = choose(GraspChoice(), 1.0, START)
+    for _ in range(50):
+        q = rng.uniform(-0.9, 0.9, 7) * POSITION_LIMITS
+        reference = strand_reference(choice, 1.0, q, X_WO, V_WO, REACHABILITY, OPTIONS)
+        options = PursuitOptions()
+        qd = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options)
+        assert np.all(np.abs(qd) <= VELOCITY_LIMITS + 1e-12)
+        needed = np.abs(reference.q - q) / VELOCITY_LIMITS
+        slow = int(np.argmax(needed))
+        if needed[slow] > 1.0:
+            towards = qd[slow] * np.sign(reference.q[slow] - q[slow]) / VELOCITY_LIMITS[slow]
+            assert towards > 0.5 * options.speed_share

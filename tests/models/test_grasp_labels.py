@@ -1,0 +1,127 @@
+"""Labels against closed forms: box, sphere, cylinder."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from feasigrasp.models.grasp_labels import N_TURNS, SLACK, best_labels, find_pairs, label_points
+from feasigrasp.models.grasp_truth import TrueGrasps
+from feasigrasp.models.gripper import ParallelGripper
+
+GRIPPER = ParallelGripper()
+TWIN = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+def labels_of(mesh, points, normals, seed=0):
+    return label_points(TrueGrasps(mesh), points, normals, GRIPPER, np.random.default_rng(seed))
+
+
+def surface(mesh, count, seed=0):
+    points, faces = trimesh.sample.sample_surface(mesh, count, seed=seed)
+    return np.asarray(points), np.asarray(mesh.face_normals[faces])
+
+
+@pytest.fixture(scope="module")
+def box():
+    mesh = trimesh.creation.box((0.04, 0.12, 0.12))
+    return mesh, *surface(mesh, 300)
+
+
+def test_box_is_grasped_across_its_narrow_side_only(box):
+    mesh, points, normals = box
+    labels = labels_of(mesh, points, normals)
+    narrow = np.abs(normals[:, 0]) > 0.5
+    assert not labels.contact[~narrow].any()
+    reachable = narrow & (np.abs(points[:, 1:]).max(axis=1) > 0.03)
+    assert labels.contact[reachable].mean() > 0.95
+    # The middle of a face is 60 mm from every edge, the palm 50 mm from the pads.
+    middle = narrow & (np.abs(points[:, 1:]).max(axis=1) < 0.005)
+    assert not labels.contact[middle].any()
+    found = labels.contact
+    np.testing.assert_allclose(labels.width[found], 0.04, atol=1e-3)
+    cosine = -np.einsum("ij,ij->i", labels.closing[found], normals[found])
+    assert cosine.min() > 0.99
+
+
+def test_box_is_approached_from_outside(box):
+    """Approach directions point from the nearest edge inwards."""
+    mesh, points, normals = box
+    labels = labels_of(mesh, points, normals)
+    near_top = labels.contact & (points[:, 2] > 0.045) & (np.abs(points[:, 1]) < 0.02)
+    assert near_top.sum() >= 5
+    for row in np.flatnonzero(near_top):
+        approach = labels.approach[row, : labels.n_approaches[row]]
+        assert approach[:, 2].max() < 0.0
+        np.testing.assert_allclose(approach @ labels.closing[row], 0.0, atol=1e-6)
+
+
+def test_ball_is_grasped_everywhere_from_everywhere():
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
+    labels = labels_of(mesh, *surface(mesh, 100))
+    assert labels.contact.all()
+    assert labels.free.all()
+    assert labels.n_approaches.min() == 16
+    np.testing.assert_allclose(labels.width, 0.06, atol=1.5e-3)
+
+
+@pytest.mark.parametrize("radius, graspable", [(0.038, True), (0.043, False)])
+def test_width_limit_of_a_cylinder(radius, graspable):
+    assert (2 * radius <= GRIPPER.max_opening - SLACK) == graspable
+    mesh = trimesh.creation.cylinder(radius=radius, height=0.15, sections=64)
+    points, normals = surface(mesh, 200)
+    wall = np.abs(normals[:, 2]) < 0.1
+    labels = labels_of(mesh, points[wall], normals[wall])
+    assert labels.contact.mean() > 0.5 if graspable else not labels.contact.any()
+
+
+def test_invented_and_turned_points_are_no_contacts(box):
+    mesh, points, normals = box
+    assert not labels_of(mesh, points + 0.006 * normals, normals).contact.any()
+    side = np.roll(normals, 1, axis=1)
+    assert not labels_of(mesh, points, side).contact.any()
+
+
+def test_every_label_is_a_valid_grasp():
+    """Poses made from labels pass the exact test, with the camera on one side or the other."""
+    mug = trimesh.creation.annulus(r_min=0.030, r_max=0.034, height=0.09)
+    truth = TrueGrasps(mug)
+    points, normals = surface(mug, 300)
+    pairs = find_pairs(truth, points, normals, GRIPPER, np.random.default_rng(0))
+    assert len(pairs.point) > 50
+    rows = np.arange(len(pairs.point))
+    turn = np.argmax(pairs.free, axis=1)
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, 0], poses[:, :3, 2] = pairs.closing, pairs.turned()[rows, turn]
+    poses[:, :3, 1] = np.cross(poses[:, :3, 2], poses[:, :3, 0])
+    poses[:, :3, 3] = pairs.contact + 0.5 * pairs.width[:, None] * pairs.closing
+    assert (truth.valid(poses, GRIPPER) | truth.valid(poses @ TWIN, GRIPPER)).all()
+    # A wall of 4 mm is pinched, and nothing wider than the opening is found.
+    assert pairs.width.min() < 0.006
+    assert pairs.width.max() <= GRIPPER.max_opening - SLACK
+
+
+def test_nearest_closing_direction(box):
+    mesh, points, normals = box
+    pairs = find_pairs(TrueGrasps(mesh), points, normals, GRIPPER, np.random.default_rng(0))
+    at = pairs.point[:5]
+    exact = pairs.closing[:5]
+    np.testing.assert_allclose(pairs.closing_error_deg(at, exact), 0.0, atol=1e-3)
+    away = exact + 0.1 * np.cross(exact, [0.0, 0.0, 1.0])
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    error = pairs.closing_error_deg(at, away)
+    assert (error > 0.0).all() and (error <= np.rad2deg(np.arctan(0.1)) + 1e-6).all()
+    without = np.setdiff1d(np.arange(len(points)), pairs.point)[:1]
+    assert np.isnan(pairs.closing_error_deg(without, exact[:1])).all()
+
+
+def test_best_labels_describe_their_pairs(box):
+    mesh, points, normals = box
+    pairs = find_pairs(TrueGrasps(mesh), points, normals, GRIPPER, np.random.default_rng(0))
+    labels = best_labels(pairs, len(points))
+    assert set(np.flatnonzero(labels.contact)) == set(pairs.point)
+    row = int(np.flatnonzero(labels.contact)[0])
+    t = 2 * np.pi * np.flatnonzero(labels.free[row]) / N_TURNS
+    v = np.cross(labels.closing[row], labels.across[row])
+    ring = np.cos(t)[:, None] * labels.across[row] + np.sin(t)[:, None] * v
+    for approach in labels.approach[row, : labels.n_approaches[row]]:
+        assert np.linalg.norm(ring - approach, axis=1).min() < 1e-9

@@ -1,0 +1,49 @@
+"""A second hand: everything that depends on the hand follows its description."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.gpdf import fit_gpdf
+from feasigrasp.models.grasp_network import GraspNetwork
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grippers import WSG_50
+from feasigrasp.models.network_sampler import NetworkSampler
+
+
+@pytest.fixture(scope="module")
+def wide_box():
+    """A box of 70 x 96 x 150 mm: too wide for the default hand one way, not for the WSG 50."""
+    rng = np.random.default_rng(0)
+    faces = rng.uniform(-0.5, 0.5, (3000, 3))
+    faces[np.arange(3000), np.arange(3000) % 3] = rng.choice([-0.5, 0.5], 3000)
+    return fit_gpdf(faces * [0.070, 0.096, 0.150], max_points=512)
+
+
+def test_the_hand_is_as_long_as_its_parts():
+    assert np.isclose(WSG_50.tool_offset, WSG_50.palm_size[2] - WSG_50.heel)
+    assert np.isclose(WSG_50.tip - WSG_50.heel, 0.082)
+    points = WSG_50.surface_points(WSG_50.max_opening)
+    assert np.isclose(np.abs(points[:, 0]).max(), 0.073)  # the body is wider than the open fingers
+
+
+def test_the_wider_hand_takes_the_wide_side(wide_box):
+    narrow = AntipodalSampler(ParallelGripper())(wide_box)
+    wide = AntipodalSampler(WSG_50)(wide_box)
+    assert len(narrow) > 0 and np.abs(narrow.width - 0.070).max() < 0.006
+    assert np.abs(wide.width - 0.096).min() < 0.004
+    assert wide.width.max() <= WSG_50.max_opening
+
+
+@pytest.mark.parametrize("hand", [ParallelGripper(), WSG_50], ids=["default", "WSG 50"])
+def test_the_network_needs_no_training_for_another_hand(wide_box, hand):
+    """Whatever the network proposes, what is left fits the hand and is clear of the box."""
+    sampler = NetworkSampler(hand, GraspNetwork.untrained(), n_contacts=200)
+    grasps = sampler(wide_box)
+    assert len(grasps) > 0, dict(grasps.rejected)
+    half = np.array([0.035, 0.048, 0.075])
+    points = hand.surface_points(hand.max_opening)
+    for X in grasps.X_OG:
+        placed = points @ X[:3, :3].T + X[:3, 3]
+        assert (np.abs(placed) - half).max(axis=1).min() > -1e-3
+    assert grasps.width.max() <= hand.max_opening

@@ -1,0 +1,89 @@
+"""Joints that keep to their bounds can always keep to them: exact, for thousands of steps."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.joint_speed_bounds import braking_speed
+from feasigrasp.models.safe_velocity import SafetyOptions, velocity_bounds
+
+OPTIONS = SafetyOptions()
+CAPACITY = OPTIONS.velocity_scale * VELOCITY_LIMITS
+positions = st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7).map(
+    lambda x: np.array(x) * POSITION_LIMITS
+)
+
+
+@settings(deadline=None)
+@given(positions)
+def test_bounds_lead_away_from_the_limits_and_fade_towards_them(q):
+    lower, upper = velocity_bounds(q, OPTIONS)
+    assert (lower <= upper).all()
+    assert (np.abs(lower) <= CAPACITY).all() and (np.abs(upper) <= CAPACITY).all()
+    room = POSITION_LIMITS - OPTIONS.position_margin - np.abs(q)
+    towards = np.where(q > 0, upper, -lower)
+    inside = room > 0
+    assert (towards[inside] >= 0).all() and (towards[~inside] <= 0).all()
+    # Half of the joint's acceleration stops it within the room that is left.
+    braking = towards[inside] ** 2 / ACCELERATION_LIMITS[inside]
+    assert (braking <= room[inside] + 1e-12).all()
+    middle = np.abs(q) < 0.2
+    np.testing.assert_allclose(upper[middle], CAPACITY[middle])
+    np.testing.assert_allclose(lower[middle], -CAPACITY[middle])
+
+
+@given(st.floats(1e-6, 3.0), st.floats(0.5, 20.0), st.floats(1e-3, 0.05))
+def test_braking_from_the_braking_speed_uses_up_exactly_the_room(room, deceleration, period):
+    v, way = braking_speed(room, deceleration, period), 0.0
+    while v > 0:
+        way += period * v
+        v -= deceleration * period
+    assert way == pytest.approx(room, rel=1e-9)
+
+
+def requests(kind, rng, n):
+    """Requests (n, 7) of every kind, many times faster than the joints."""
+    if kind == "random":
+        return rng.normal(scale=5.0, size=(n, 7))
+    if kind == "constant":
+        return np.tile(10.0 * rng.choice([-1.0, 1.0], 7), (n, 1))
+    hold = rng.integers(5, 120)
+    return np.repeat(rng.normal(scale=5.0, size=(n // hold + 1, 7)), hold, axis=0)[:n]
+
+
+@pytest.mark.parametrize("kind", ["random", "constant", "held"])
+@pytest.mark.parametrize("period", [0.002, 0.005, 0.02])
+def test_the_interval_is_never_empty_and_no_limit_is_ever_passed(kind, period):
+    """What the proof in `feasigrasp.models.joint_speed_bounds` says, over 3000 steps."""
+    options = SafetyOptions(period=period)
+    rng = np.random.default_rng(1)
+    limit = POSITION_LIMITS - options.position_margin
+    change = options.acceleration_scale * ACCELERATION_LIMITS * period
+    q, last = rng.uniform(-0.99, 0.99, 7) * limit, np.zeros(7)
+    nearest = np.full(7, np.inf)
+    for request in requests(kind, rng, 3000):
+        lower, upper = velocity_bounds(q, options, last)
+        free_lower, free_upper = velocity_bounds(q, options)
+        # The bounds of position and velocity are met without giving up on the accelerations.
+        tolerance = 1e-9
+        assert (upper <= free_upper + tolerance).all() and (lower >= free_lower - tolerance).all()
+        assert (lower <= upper).all()
+        qd = np.clip(request, lower, upper)
+        assert (np.abs(qd - last) <= change * (1 + tolerance)).all()
+        q, last = q + period * qd, qd
+        assert (np.abs(q) <= limit + tolerance).all()
+        nearest = np.minimum(nearest, limit - np.abs(q))
+    if kind == "constant":
+        assert (nearest < 0.01).all()  # the limits are reached, not shunned
+
+
+@settings(deadline=None)
+@given(positions, st.lists(st.floats(-2.0, 2.0), min_size=7, max_size=7).map(np.array))
+def test_acceleration_comes_first_where_not_all_can_be_kept(q, share):
+    last = share * CAPACITY
+    change = OPTIONS.acceleration_scale * ACCELERATION_LIMITS * OPTIONS.period
+    lower, upper = velocity_bounds(q, OPTIONS, last)
+    assert (lower <= upper).all()
+    assert (lower >= last - change - 1e-12).all() and (upper <= last + change + 1e-12).all()

@@ -1,0 +1,81 @@
+"""The learned sampler with untrained weights: all that does not depend on what was learnt."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.gpdf import fit_gpdf
+from feasigrasp.models.grasp_filter import filter_grasps
+from feasigrasp.models.grasp_network import GraspNetwork
+from feasigrasp.models.grasp_samplers import make_sampler
+from feasigrasp.models.network_sampler import NetworkSampler
+
+SAMPLER = NetworkSampler(network=GraspNetwork.untrained(seed=1))
+
+
+@pytest.fixture(scope="module")
+def can(true_shapes):
+    cloud, to_camera = true_shapes["can"].views(3, np.random.default_rng(1))
+    return fit_gpdf(cloud, viewpoint=to_camera)
+
+
+def test_candidates_are_frames_on_the_surface(can):
+    X_OG, width, prior, unlikely = SAMPLER.candidates(can)
+    assert len(X_OG) == len(width) == len(prior) == SAMPLER.n_contacts * SAMPLER.n_approaches
+    assert unlikely == SAMPLER.n_points - SAMPLER.n_contacts
+    R = X_OG[:, :3, :3]
+    eye = np.broadcast_to(np.eye(3), R.shape)
+    np.testing.assert_allclose(R.transpose(0, 2, 1) @ R, eye, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-6)
+    first = X_OG[:, :3, 3] - 0.5 * width[:, None] * R[:, :, 0]
+    assert np.abs(can.distance(first)).max() < 0.002
+    assert (prior >= 0).all() and (prior <= 1).all()
+
+
+def test_widths_end_on_the_far_side_where_field_and_network_agree(can):
+    """Untrained widths are the chords: nearly all end on the surface."""
+    X_OG, width, _, _ = SAMPLER.candidates(can)
+    second = X_OG[:, :3, 3] + 0.5 * width[:, None] * X_OG[:, :3, 0]
+    assert np.median(np.abs(can.distance(second))) < 2e-4
+
+
+def test_grasps_are_filtered_ranked_and_reproducible(can):
+    grasps = SAMPLER(can)
+    again = SAMPLER(can)
+    np.testing.assert_array_equal(again.X_OG, grasps.X_OG)
+    assert len(grasps) >= 10, dict(grasps.rejected)
+    assert (np.diff(grasps.score) <= 0).all()
+    passed = filter_grasps(can, grasps.X_OG, grasps.width, SAMPLER.gripper, enough=1000)
+    assert len(passed) == len(grasps)
+
+
+def test_every_candidate_is_accounted_for(can):
+    grasps = SAMPLER(can)
+    X_OG, _, _, unlikely = SAMPLER.candidates(can)
+    assert len(grasps) + sum(grasps.rejected.values()) == len(X_OG) + unlikely
+
+
+def test_a_table_keeps_the_hand_above(can):
+    bottom = can.completion.points[:, 2].min()
+    table = [0.0, 0.0, 1.0, bottom]
+    above = NetworkSampler(network=SAMPLER.network, table=table)(can)
+    assert len(above) > 0
+    assert above.rejected["hits the table"] > 0
+    hand = SAMPLER.gripper.surface_points(SAMPLER.gripper.max_opening)
+    heights = np.einsum("nij,kj->nki", above.X_OG[:, :3, :3], hand)[..., 2]
+    assert (heights + above.X_OG[:, None, 2, 3] > bottom).all()
+
+
+def test_counts_are_limits(can):
+    few = NetworkSampler(network=SAMPLER.network, n_contacts=10, n_approaches=2, n_grasps=3)
+    assert len(few.candidates(can)[0]) == 20
+    assert len(few(can)) <= 3
+    with pytest.raises(GraspError, match="n_contacts"):
+        NetworkSampler(network=SAMPLER.network, n_contacts=0)
+
+
+def test_samplers_by_name():
+    sampler = make_sampler("antipodal", n_candidates=100, n_grasps=5)
+    assert (sampler.n_candidates, sampler.n_grasps) == (100, 5)
+    with pytest.raises(GraspError, match="network, antipodal"):
+        make_sampler("magic")

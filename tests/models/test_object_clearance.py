@@ -1,0 +1,164 @@
+"""The open hand keeps off the object that it follows, and gives way to it."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import se3
+from feasigrasp.models.clearance_rows import object_rows_kernel
+from feasigrasp.models.gpdf import fit_gpdf
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.iiwa import ACCELERATION_LIMITS
+from feasigrasp.models.iiwa_capsules import hand_points
+from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.obstacle_grid import MovingObject, object_grid
+from feasigrasp.models.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.self_collision import min_distance, table_distances_and_gradients
+from feasigrasp.models.sphere import sphere_points
+
+RADIUS = 0.04
+GRIPPER = ParallelGripper()
+HAND = GRIPPER.surface_points(GRIPPER.max_opening)
+#: The hand points down, 0.3 m above the table.
+Q = np.array([0.0, 0.55, 0.0, -1.6, 0.0, 0.99, 0.0])
+OPTIONS = SafetyOptions()
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return object_grid(fit_gpdf(sphere_points(400, RADIUS), length_scale=0.1))
+
+
+@pytest.fixture(scope="module")
+def safety():
+    return Safety(OPTIONS)
+
+
+def at(position):
+    X = np.eye(4)
+    X[:3, 3] = position
+    return X
+
+
+def gap(q, X_WO):
+    """Least distance of the open hand's points from the ball."""
+    X = forward_kinematics(q, GRIPPER.X_FG)
+    points = HAND @ X[:3, :3].T + X[:3, 3]
+    return np.linalg.norm(points - X_WO[:3, 3], axis=1).min() - RADIUS
+
+
+def test_the_grid_is_the_distance_of_the_ball(grid):
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(2000, 3))
+    x *= (rng.uniform(0.0, 0.1, 2000) / np.linalg.norm(x, axis=1))[:, None]
+    truth = np.linalg.norm(x, axis=1) - RADIUS
+    distance, gradient = grid.distance_and_gradient(x)
+    near = np.abs(truth) < 0.025
+    np.testing.assert_allclose(distance[near], truth[near], atol=0.003)
+    outward = (gradient * x).sum(axis=1) / np.linalg.norm(x, axis=1)
+    np.testing.assert_allclose(outward[near & (truth > -0.02)], 1.0, atol=0.25)
+    assert (distance[truth < -0.01] < 0).all() and (distance[truth > 0.005] > 0).all()
+
+
+def test_hand_points_lie_on_the_hand():
+    X = forward_kinematics(Q)  # the flange
+    X_7 = X.copy()
+    X_7[:3, 3] -= 0.045 * X[:3, 2]
+    in_world = hand_points() @ X_7[:3, :3].T + X_7[:3, 3]
+    X_WG = forward_kinematics(Q, GRIPPER.X_FG)
+    np.testing.assert_allclose(in_world, HAND @ X_WG[:3, :3].T + X_WG[:3, 3], atol=1e-12)
+
+
+def all_rows(q, grid, X_WO, V_WO):
+    hand = hand_points()
+    rows, bounds = np.empty((len(hand) + 1, 7)), np.empty(len(hand) + 1)
+    wide = np.full(7, 1e6)
+    m = object_rows_kernel(
+        q, -wide, wide, 0.0, 1.0, hand, grid.values, grid.frame, X_WO, V_WO, rows, bounds
+    )
+    return rows[:m].copy(), bounds[:m].copy()
+
+
+def test_rows_are_the_rates_of_the_distances_as_hand_and_object_move(grid):
+    rng = np.random.default_rng(1)
+    below = forward_kinematics(Q, GRIPPER.X_FG)[:3, 3]
+    checked = 0
+    for _ in range(20):
+        q = Q + rng.uniform(-0.02, 0.02, 7)
+        R = se3.so3_exp(rng.normal(size=3))
+        X_WO = at(below + rng.uniform(-0.03, 0.03, 3))
+        X_WO[:3, :3] = R
+        qd, V = rng.normal(size=7), rng.normal(size=6)
+        rows, bounds = all_rows(q, grid, X_WO, V)
+        distance = -all_rows(q, grid, X_WO, np.zeros(6))[1]
+        rate = rows @ qd - (bounds + distance)  # n . (v_point - v_surface)
+        step, moved = 1e-6, []
+        for sign in (1, -1):
+            X = X_WO.copy()
+            X[:3, 3] += sign * step * V[3:]
+            X[:3, :3] = se3.so3_exp(sign * step * V[:3]) @ R
+            moved.append(-all_rows(q + sign * step * qd, grid, X, np.zeros(6))[1])
+        if not len(moved[0]) == len(moved[1]) == len(rate):
+            continue  # a point at the rim of the grid
+        error = np.abs((moved[0] - moved[1]) / (2 * step) - rate)
+        assert np.mean(error < 1e-3 * (1 + np.abs(rate))) > 0.9  # apart from faces of voxels
+        checked += 1
+    assert checked > 10
+
+
+@pytest.mark.parametrize("direction", [[0, 0, -0.3], [0.2, 0, -0.2], [0, 0.2, -0.2]])
+def test_a_hand_that_is_led_through_the_object_does_not_touch_it(safety, grid, direction):
+    """The ball lies below the palm or beside a finger; without the rows the hand goes through."""
+    X_WG = forward_kinematics(Q, GRIPPER.X_FG)
+    X_WO = at(X_WG[:3, 3] + 0.35 * np.array(direction))
+    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    nearest = {}
+    for moving in (None, MovingObject(grid, X_WO, np.zeros(6))):
+        q, last, gaps = Q, np.zeros(7), []
+        for _ in range(300):
+            J = pose_and_jacobian(q, GRIPPER.X_FG)[1]
+            V = np.concatenate([np.zeros(3), direction])
+            qd = safety.velocity(q, np.zeros(7), J, V, qd_last=last, moving=moving)
+            assert (np.abs(qd - last) <= change * (1 + 1e-9)).all()
+            q, last = q + OPTIONS.period * qd, qd
+            gaps.append(gap(q, X_WO))
+        nearest[moving is None] = min(gaps)
+    assert nearest[True] < -0.005
+    assert nearest[False] > -0.001
+
+
+def test_a_hand_at_rest_gives_way_to_the_object(safety, grid):
+    """A ball comes at 0.1 m/s from the side; the table and the arm itself come first."""
+    X_WG = forward_kinematics(Q, GRIPPER.X_FG)
+    velocity = np.array([0.0, 0.1, 0.0])
+    start = X_WG[:3, 3] - 1.5 * velocity
+    q, last = Q, np.zeros(7)
+    for k in range(500):
+        X_WO = at(start + k * OPTIONS.period * velocity)
+        moving = MovingObject(grid, X_WO, np.concatenate([np.zeros(3), velocity]))
+        last = safety.velocity(q, np.zeros(7), qd_last=last, moving=moving)
+        q = q + OPTIONS.period * last
+        assert gap(q, X_WO) > -0.002
+        assert min(min_distance(q), table_distances_and_gradients(q)[0].min()) > 0.0097
+    assert np.abs(q - Q).max() > 0.05
+
+
+def test_an_object_that_presses_the_hand_onto_the_table_does_not_win(safety, grid):
+    q, last, velocity = Q, np.zeros(7), np.array([0.0, 0.0, -0.15])
+    start = forward_kinematics(Q, GRIPPER.X_FG)[:3, 3] + [0.0, 0.0, 0.12]
+    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    for k in range(600):
+        X_WO = at(start + k * OPTIONS.period * velocity)
+        moving = MovingObject(grid, X_WO, np.concatenate([np.zeros(3), velocity]))
+        qd = safety.velocity(q, np.zeros(7), qd_last=last, moving=moving)
+        assert (np.abs(qd - last) <= change * (1 + 1e-9)).all()
+        q, last = q + OPTIONS.period * qd, qd
+        assert min(min_distance(q), table_distances_and_gradients(q)[0].min()) > 0.0097
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_an_object_that_is_nowhere_is_not_there(safety, grid, bad):
+    request = np.full(7, 0.1)
+    free = safety.velocity(Q, request)
+    for X_WO, V_WO in ((at([bad, 0, 0]), np.zeros(6)), (at([0, 0, 0.3]), np.full(6, bad))):
+        lost = safety.velocity(Q, request, moving=MovingObject(grid, X_WO, V_WO))
+        np.testing.assert_array_equal(lost, free)

@@ -1,0 +1,165 @@
+"""The estimator follows, and predicts, motions whose truth is known in closed form."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import se3
+from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.pose_filter import (
+    Noise,
+    empty_state,
+    measure_kernel,
+    pose_kernel,
+    twist_kernel,
+)
+from feasigrasp.models.twist_estimator import MotionEstimate, future_poses
+
+PERIOD = 0.005
+AHEAD = np.array([0.5, 1.0, 2.0, 4.0])
+
+
+def motion(amplitude=(0.0, 0.0, 0.0), harmonic=(1.0, 1.0, 1.0), rate=0.3, **options):
+    return HarmonicMotion(
+        center=np.array([0.1, -0.2, 0.3]),
+        amplitude=np.array(amplitude),
+        harmonic=np.array(harmonic),
+        offset_deg=np.array(options.get("offset_deg", [90.0, 0.0, 0.0])),
+        rate=rate,
+        start_phase=0.7,
+        spin_axis=np.array([1.0, 0.5, -0.3]),
+        spin=options.get("spin", 0.3),
+        R_WO=se3.so3_exp([0.3, -1.0, 2.0]),
+    )
+
+
+CIRCLE = motion((0.45, 0.45, 0.0))
+LINE = motion((0.0, 0.45, 0.1))
+SWING = motion((0.1, 0.35, 0.0), (10.0, 1.0, 1.0))
+
+
+def follow(truth, duration, noise=Noise(), seed=0, lost=0.0):  # noqa: B008 - a constant
+    """The estimate after some time, and the root mean square errors of pose and twist."""
+    rng = np.random.default_rng(seed)
+    state, errors = empty_state(), []
+    for t in np.arange(0.0, duration, PERIOD):
+        X, z = truth.pose(t).copy(), rng.standard_normal(6)
+        X[:3, :3] = se3.so3_exp(noise.rotation * z[:3]) @ X[:3, :3]
+        X[:3, 3] += noise.position * z[3:]
+        if rng.random() >= lost:
+            measure_kernel(state, t, X, noise)
+        if t > 0.5 * duration:
+            X, V = np.empty((4, 4)), np.empty(6)
+            pose_kernel(state, t, X)
+            twist_kernel(state, t, V)
+            true, twist = truth.pose(t), truth.velocity(t)
+            turn = se3.rotation_angle(X[:3, :3] @ true[:3, :3].T)
+            errors.append([np.linalg.norm((X - true)[:3, 3]), turn, *np.abs(V - twist)])
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    return MotionEstimate(state, float(t)), rms
+
+
+def off(truth, estimate, ahead=AHEAD):
+    """Position [m] and angle [rad] between predicted and true poses."""
+    X = estimate.predict(ahead)
+    true = np.array([truth.pose(estimate.time + s) for s in ahead])
+    position = np.linalg.norm((X - true)[:, :3, 3], axis=1)
+    return position, se3.rotation_angle(X[:, :3, :3] @ true[:, :3, :3].swapaxes(1, 2))
+
+
+@pytest.mark.parametrize("truth", [CIRCLE, LINE, SWING])
+def test_perfect_measurements_give_the_motion_itself(truth):
+    _, rms = follow(truth, 2.0)
+    assert rms[0] < 1e-6
+    assert rms[1] < 1e-6
+    assert np.all(rms[2:] < 1e-4)
+
+
+@pytest.mark.parametrize("truth", [CIRCLE, LINE, SWING])
+def test_noise_of_2_mm_and_1_degree_leaves_a_usable_twist(truth):
+    _, rms = follow(truth, 6.0, Noise(0.002, np.deg2rad(1.0)))
+    # A difference over 20 ms would be off by 140 mm/s and 1.2 rad/s per axis.
+    assert np.all(rms[2:5] < 0.05)
+    assert np.all(rms[5:] < 0.04)
+
+
+@pytest.mark.parametrize("truth", [CIRCLE, LINE, SWING])
+def test_the_future_is_predicted_along_the_curve(truth):
+    estimate, _ = follow(truth, 8.0)
+    position, angle = off(truth, estimate)
+    assert np.all(position < 0.01)
+    assert np.all(angle < 1e-3)
+    straight = [
+        np.linalg.norm(
+            (se3.extrapolate(*truth.state(estimate.time)[:2], s) - truth.pose(estimate.time + s))[
+                :3, 3
+            ]
+        )
+        for s in AHEAD
+    ]
+    assert position[-1] < 0.1 * straight[-1]
+
+
+def test_the_future_survives_noise_and_losses():
+    position, angle = off(CIRCLE, follow(CIRCLE, 8.0, Noise(0.002, np.deg2rad(1.0)), lost=0.3)[0])
+    assert np.all(position < [0.05, 0.08, 0.12, 0.2])
+    assert np.all(angle < 0.15)
+
+
+def test_a_still_object_stays_where_it_is():
+    still = motion(spin=0.0, rate=0.0)
+    position, angle = off(still, follow(still, 6.0)[0])
+    assert position.max() < 1e-6
+    assert angle.max() < 1e-6
+
+
+def test_a_straight_motion_goes_on_straight():
+    class Straight:
+        def pose(self, t):
+            return se3.make_pose(np.eye(3), np.array([0.1 * t, -0.2 * t, 0.5]))
+
+        def velocity(self, t):
+            return np.array([0.0, 0.0, 0.0, 0.1, -0.2, 0.0])
+
+    truth = Straight()
+    position, _ = off(truth, follow(truth, 8.0)[0])
+    assert np.all(position < 0.01)
+
+
+def test_turning_the_world_turns_the_prediction():
+    turn = se3.make_pose(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), [1, 2, 3])
+
+    class Turned:
+        def pose(self, t):
+            return turn @ SWING.pose(t)
+
+        def velocity(self, t):
+            return np.zeros(6)
+
+    here, there = follow(SWING, 6.0)[0], follow(Turned(), 6.0)[0]
+    np.testing.assert_allclose(turn @ here.predict(AHEAD), there.predict(AHEAD), atol=1e-6)
+
+
+def test_what_is_no_pose_is_ignored_and_a_jump_starts_anew():
+    estimate, _ = follow(CIRCLE, 1.0)
+    state = estimate.state.copy()
+    measure_kernel(state, 2.0, np.full((4, 4), np.nan), Noise())
+    np.testing.assert_array_equal(state, estimate.state)
+    measure_kernel(state, 0.5, np.eye(4), Noise())  # older than the last one
+    np.testing.assert_array_equal(state, estimate.state)
+    far = se3.make_pose(np.eye(3), np.array([5.0, 0.0, 0.0]))
+    measure_kernel(state, 1.1, far, Noise())
+    predicted = MotionEstimate(state, 1.1).predict([0.0, 1.0])
+    np.testing.assert_allclose(predicted[:, 0, 3], 5.0, atol=1e-9)
+
+
+def test_future_poses_fall_back_on_the_twist():
+    estimate, _ = follow(CIRCLE, 6.0)
+    X_WO, V_WO = CIRCLE.pose(estimate.time), CIRCLE.velocity(estimate.time)
+    np.testing.assert_array_equal(
+        future_poses(estimate, X_WO, V_WO, AHEAD), estimate.predict(AHEAD)
+    )
+    lifted = X_WO.copy()
+    lifted[2, 3] += 0.1
+    expected = [se3.extrapolate(lifted, V_WO, s) for s in AHEAD]
+    for unknown in (estimate, None, MotionEstimate(empty_state(), 0.0)):
+        np.testing.assert_allclose(future_poses(unknown, lifted, V_WO, AHEAD), expected)
