@@ -56,8 +56,8 @@ def cases(view: PartialView) -> Iterator[Case]:
         other, large = load_grasp_network(preset), grasp_input(field, NETWORK_POINTS)
         yield f"bench.network_ms.{NETWORK_POINTS}", preset, partial(other.propose, large)
         features = contact_features(large.points, large.normals, large.scalars)
-        name = f"bench.network_heads_ms.{NETWORK_POINTS}"
-        yield name, preset, partial(other.heads, features)
+        name = f"bench.network_forward_ms.{NETWORK_POINTS}"
+        yield name, preset, partial(other.propose_at, features)
     yield "bench.perception_ms", "default", lambda: cloud_to_grasps(view, sampler)
     yield "bench.perception_ms", "antipodal", lambda: cloud_to_grasps(view, antipodal)
     X_OG, width, prior, _ = sampler.candidates(field)

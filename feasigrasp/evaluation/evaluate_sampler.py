@@ -29,7 +29,7 @@ from feasigrasp.evaluation.provenance import git_revision, versions
 from feasigrasp.evaluation.result_files import write_json, write_summary
 from feasigrasp.evaluation.row_table import format_rows
 from feasigrasp.evaluation.sampler_examples import fuse_and_complete, true_input
-from feasigrasp.evaluation.sampler_measures import (
+from feasigrasp.evaluation.grasp_measures import (
     Record,
     equivariance_error,
     is_graspable,

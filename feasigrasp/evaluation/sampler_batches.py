@@ -1,4 +1,4 @@
-"""Training examples as tensors: shards of `feasigrasp.evaluation.sampler_data`, ready for batches."""
+"""Training examples as tensors: the shards of `feasigrasp.evaluation.sampler_data`."""
 
 from __future__ import annotations
 
@@ -49,9 +49,7 @@ class Examples:
         """Number of examples."""
         return len(self.family)
 
-    def batch(
-        self, rows: NDArray[np.int64], device: torch.device | str
-    ) -> tuple[Contacts, Labels]:
+    def batch(self, rows: NDArray[np.int64], device: torch.device | str) -> tuple[Contacts, Labels]:
         """Features and labels of some examples, float32 on a device."""
         index = torch.from_numpy(rows)
 

@@ -1,4 +1,4 @@
-"""What grasp networks are trained for, and how their proposals are measured against labels.
+"""What grasp networks are trained for: labels, and the losses of what is proposed instead.
 
 Everything but the contact counts at points where a valid grasp starts only.
 """
@@ -8,9 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
@@ -21,7 +19,7 @@ _SLIGHT = math.radians(3.0)
 #: Weights of the parts.
 _WEIGHTS = {"contact": 1.0, "width": 0.2, "closing": 4.0, "approach": 1.0}
 #: A predicted approach counts as valid from this share of free turns beside it.
-_FREE = 0.5
+FREE = 0.5
 
 
 class Labels(NamedTuple):
@@ -116,40 +114,5 @@ def _nearest_approach(heads: Heads, labels: Labels) -> Tensor:
     v = torch.linalg.cross(b, u)
     a = heads.approach[mask][:, 0]
     cosine = (a * u).sum(-1, keepdim=True) * t.cos() + (a * v).sum(-1, keepdim=True) * t.sin()
-    valid = torch.where(labels.free[mask] > _FREE, cosine, -1.0)
+    valid = torch.where(labels.free[mask] > FREE, cosine, -1.0)
     return 1.0 - valid.amax(-1)
-
-
-def measures(heads: Heads, labels: Labels) -> dict[str, NDArray[np.float64]]:
-    """Errors of single points.
-
-    Returns:
-        ``score`` and ``positive`` of all points; of the points where a grasp starts the errors
-        ``width_mm`` and ``closing_deg``, and whether the best approach is ``approach_valid``.
-    """
-    mask = labels.contact
-    cosine = (heads.closing[mask] * labels.closing[mask]).sum(-1).clamp(-1.0, 1.0)
-    best = heads.free[mask].argmax(-1)
-    approach = heads.approach[mask][torch.arange(len(best), device=best.device), best]
-    truth = (part[mask] for part in (labels.closing, labels.across, labels.free))
-    free = free_share(approach.unsqueeze(1), *truth).squeeze(1)
-    found = {
-        "score": heads.contact.flatten(),
-        "positive": mask.flatten(),
-        "width_mm": 1e3 * (heads.width - labels.width)[mask].abs(),
-        "closing_deg": torch.rad2deg(torch.arccos(cosine)),
-        "approach_valid": free > _FREE,
-        "sure": torch.sigmoid(heads.contact[mask]) > 0.5,
-    }
-    return {name: value.double().cpu().numpy() for name, value in found.items()}
-
-
-def average_precision(score: NDArray[np.float64], positive: NDArray[np.float64]) -> float:
-    """Area under the curve of precision over recall, by steps, as the threshold falls."""
-    order = np.argsort(-score, kind="stable")
-    hits = np.cumsum(positive[order])
-    # Points with the same score pass the threshold together.
-    last = np.concatenate([np.diff(score[order]) != 0.0, [True]])
-    precision = (hits / np.arange(1, len(hits) + 1))[last]
-    recall = hits[last] / max(hits[-1], 1.0)
-    return float(np.sum(np.diff(recall, prepend=0.0) * precision))

@@ -1,5 +1,6 @@
-"""``feasigrasp train sampler``: trains a grasp network on shards of `feasigrasp.evaluation.sampler_data`.
+"""``feasigrasp train sampler``: trains a grasp network.
 
+It learns from the shards that `feasigrasp.evaluation.sampler_data` makes, whole clouds of points.
 Families of shapes that are held out are never trained on: they judge. The batch of a step depends
 on the seed and the step alone, so that a run that was interrupted goes on as if it had not been;
 start the same command again to resume. What is judged, exported and shipped are the running means
@@ -26,7 +27,8 @@ from feasigrasp.evaluation.arguments import positive
 from feasigrasp.evaluation.provenance import git_revision, versions
 from feasigrasp.evaluation.result_files import write_json
 from feasigrasp.evaluation.sampler_batches import Examples, load_examples
-from feasigrasp.evaluation.sampler_losses import average_precision, loss, measures
+from feasigrasp.evaluation.sampler_losses import loss
+from feasigrasp.evaluation.sampler_validation import METRICS, held_out_metrics
 from feasigrasp.models.grasp_network import PRESETS, GraspNetwork
 from feasigrasp.models.household_shapes import HELD_OUT
 
@@ -42,16 +44,6 @@ AVERAGED = 300
 QUICK_EXAMPLES, QUICK_MINUTES = 60, 1.0
 #: Entry of the random seed that keeps the choice of points apart from that of examples.
 _POINTS = 1
-#: Clouds at a time when judged.
-_CHUNK = 16
-METRICS = (
-    "loss",
-    "contact_ap_completed",
-    "contact_ap_true",
-    "width_mm",
-    "closing_deg",
-    "approach_valid_percent",
-)
 COLUMNS = (
     "step",
     "minutes",
@@ -74,6 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, help="folder of the run (default: out/train_sampler/PRESET)"
     )
+    parser.add_argument("--start", type=Path, help="weights to start from instead of random ones")
     parser.add_argument("--seed", type=int, default=0)
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--minutes", type=_minutes, help="length of the training (default: 40)")
@@ -106,48 +99,6 @@ def learning_rate(peak: float, step: int, fraction: float) -> float:
     return peak * min(1.0, (step + 1) / WARM_UP) * (1e-2 + (1.0 - 1e-2) * fall)
 
 
-def held_out_metrics(preset: str, network: nn.Module, examples: Examples) -> dict[str, float]:
-    """Loss and errors on examples; NaN where there is nothing to measure."""
-    found: dict[str, list[np.ndarray]] = {}
-    losses, kinds = [], []
-    device = next(network.parameters()).device
-    with torch.inference_mode():
-        for start in range(0, len(examples), _CHUNK):
-            rows = np.arange(start, min(start + _CHUNK, len(examples)))
-            contacts, labels = examples.batch(rows, device)
-            heads = network(contacts)
-            losses.append(len(rows) * float(loss(preset, heads, labels)[0]))
-            for name, values in measures(heads, labels).items():
-                found.setdefault(name, []).append(values)
-            kinds.append(np.repeat(examples.true_surface[rows], labels.contact.shape[1]))
-    errors = {name: np.concatenate(values) for name, values in found.items()}
-    true = np.concatenate(kinds)
-    completed = ~true[errors["positive"] > 0.5]
-    sure = completed & (errors["sure"] > 0.5)
-    ap = {
-        kind: average_precision(errors["score"][rows], errors["positive"][rows])
-        if errors["positive"][rows].any()
-        else math.nan
-        for kind, rows in (("completed", ~true), ("true", true))
-    }
-    return {
-        "loss": sum(losses) / len(examples),
-        "contact_ap_completed": ap["completed"],
-        "contact_ap_true": ap["true"],
-        "width_mm": _median(errors["width_mm"][completed]),
-        "closing_deg": _median(errors["closing_deg"][completed]),
-        "approach_valid_percent": 100.0 * _mean(errors["approach_valid"][sure]),
-    }
-
-
-def _median(values: np.ndarray) -> float:
-    return float(np.median(values)) if len(values) else math.nan
-
-
-def _mean(values: np.ndarray) -> float:
-    return float(np.mean(values)) if len(values) else math.nan
-
-
 class Training:
     """One training run with its files in a folder.
 
@@ -168,7 +119,7 @@ class Training:
         self.args, self.folder, self.preset = args, args.out, args.preset
         self.examples, self.held_out = examples, held_out
         self.minutes = 40.0 if args.minutes is None and args.steps is None else args.minutes
-        self.network = GraspNetwork.untrained(args.preset, args.seed).network
+        self.network = self._untrained()
         try:
             self.network.to(args.device)
         except RuntimeError as error:
@@ -188,6 +139,16 @@ class Training:
             "held_out": len(held_out),
         }
         self._resume()
+
+    def _untrained(self) -> nn.Module:
+        if self.args.start is None:
+            return GraspNetwork.untrained(self.preset, self.args.seed).network
+        start = GraspNetwork.load(self.args.start)
+        if start.preset != self.preset:
+            raise TrainingError(
+                f"--start {self.args.start} holds preset {start.preset}, not {self.preset}"
+            )
+        return start.network
 
     @property
     def fraction(self) -> float:
@@ -212,6 +173,7 @@ class Training:
         size, n = labels.contact.shape
         points = rng.random((size, n)).argsort(1)[:, : self.args.points]
         rows = torch.from_numpy(points).to(self.args.device)
+        torch.manual_seed(int(rng.integers(2**62)))  # of the values left out
         total, parts = loss(self.preset, self.network(contacts, rows), labels.chosen(rows))
         self.optimizer.zero_grad()
         total.backward()

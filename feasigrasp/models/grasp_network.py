@@ -143,7 +143,7 @@ class GraspNetwork:
         state = self.network.state_dict()
         arrays = {name: tensor.float().cpu().numpy() for name, tensor in state.items()}
         partial = path.with_name(f"{path.name}.part.npz")
-        np.savez_compressed(partial, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(partial, header=np.array(json.dumps(header)), **arrays)
         partial.replace(path)
 
     def with_gripper(self, gripper: ParallelGripper) -> GraspNetwork:
@@ -153,8 +153,8 @@ class GraspNetwork:
     def propose(self, surface: GraspInput) -> GraspProposals:
         """Proposes a grasp at every point of a surface.
 
-        The number of threads is torch's, see ``torch.set_num_threads``; one is best at control
-        rate.
+        The default network runs on one thread (see `feasigrasp.models.grasp_inference`), the
+        paper's on those of torch; ``torch.set_num_threads(1)`` is best at control rate.
 
         Args:
             surface: Points, normals and invariants; n > 0.
@@ -170,13 +170,16 @@ class GraspNetwork:
         if self._fused is not None:
             contact, closing, width, spread, approach, score = self._fused(features, MODES)
         else:
-            with torch.inference_mode():
-                heads = self.network(Contacts.of(features))
-            heads = Heads(*(head[0].double() for head in heads))
+            heads = Heads(*(head.double() for head in self.heads(features)))
             contact, score = (torch.sigmoid(logit).numpy() for logit in (heads.contact, heads.free))
             closing, width = heads.closing.numpy(), heads.width.numpy()
             spread, approach = heads.spread.numpy(), heads.approach.numpy()
         return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
+
+    def heads(self, features: ContactFeatures) -> Heads:
+        """What the torch network says of contacts, all approaches, without the batch axis."""
+        with torch.inference_mode():
+            return Heads(*(head[0] for head in self.network(Contacts.of(features))))
 
     @cached_property
     def _fused(self) -> FusedContactNetwork | None:

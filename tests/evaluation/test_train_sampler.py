@@ -1,5 +1,7 @@
-"""``feasigrasp train sampler`` on made-up shards: what it leaves behind, how it goes on, and that it
-learns; losses and measures against closed forms."""
+"""``feasigrasp train sampler`` on made-up shards: what it leaves, how it goes on, what it learns.
+
+Losses and measures are held against closed forms.
+"""
 
 import csv
 import json
@@ -11,14 +13,9 @@ import torch
 from feasigrasp import cli
 from feasigrasp.evaluation import train_sampler
 from feasigrasp.evaluation.sampler_batches import TrainingDataError, load_examples
-from feasigrasp.evaluation.sampler_losses import (
-    Labels,
-    average_precision,
-    free_share,
-    loss,
-    measures,
-)
-from feasigrasp.evaluation.train_sampler import Training, held_out_metrics, learning_rate
+from feasigrasp.evaluation.sampler_losses import Labels, free_share, loss
+from feasigrasp.evaluation.sampler_validation import average_precision, held_out_metrics, measures
+from feasigrasp.evaluation.train_sampler import Training, learning_rate
 from feasigrasp.models.grasp_architectures import Heads
 from feasigrasp.models.grasp_network import PRESETS, GraspNetwork
 from feasigrasp.models.household_shapes import HELD_OUT
@@ -172,6 +169,17 @@ def test_the_best_weights_are_kept_and_patience_ends(data, tmp_path):
     training.evaluate({})
     assert training.finished
     assert (tmp_path / "grasp_network.npz").read_bytes() == best
+
+
+def test_training_starts_from_other_weights(data, tmp_path, capsys):
+    assert train(data, tmp_path / "a", "--steps", "2") == 0
+    start = ["--start", str(tmp_path / "a" / "grasp_network.npz")]
+    training = made(data, tmp_path / "b", "--steps", "2", *start)
+    loaded = GraspNetwork.load(tmp_path / "a" / "grasp_network.npz").network
+    for a, b in zip(training.network.parameters(), loaded.parameters(), strict=True):
+        assert torch.equal(a, b)
+    assert train(data, tmp_path / "c", "--steps", "2", "--preset", "paper", *start) == 2
+    assert "holds preset default, not paper" in capsys.readouterr().err
 
 
 def test_a_folder_of_another_run_is_refused(data, tmp_path, capsys):

@@ -76,7 +76,7 @@ def test_grasps_and_reasons_of_the_sampler_are_passed_on(fixed_context):
 def test_it_is_called_once_per_new_field_not_once_per_reader():
     sampler = CountingSampler()
     builder = DiagramBuilder()
-    perception = builder.AddSystem(PointCloudToGPDF(0.5))
+    perception = builder.AddSystem(PointCloudToGPDF(0.5, views_per_side=9))
     dut = builder.AddSystem(GraspSampler(sampler))
     reader = builder.AddSystem(Reader(0.005))
     builder.Connect(perception.GetOutputPort("gpdf"), dut.GetInputPort("gpdf"))

@@ -1,0 +1,160 @@
+"""What is measured of proposed and of filtered grasps, on the true mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from feasigrasp.evaluation.statistics import CONFIDENCE, Estimate
+from feasigrasp.models.contact_features import contact_features
+from feasigrasp.models.grasp_input import GraspInput
+from feasigrasp.models.grasp_labels import best_labels, find_pairs
+from feasigrasp.models.grasp_network import GraspNetwork
+from feasigrasp.models.grasp_truth import TrueGrasps
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+
+Array = NDArray[np.float64]
+Record = dict[str, Any]
+
+#: Contacts of a view whose best approach is tried on the true mesh.
+TRIED = 128
+#: An object can be grasped if valid grasps start at so many of the points of its true surface.
+GRASPABLE = 10
+_FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
+_RESAMPLES = 500
+#: Modes of approach whose scores differ by less are in any order.
+_SAME_SCORE = 1e-7
+
+
+def proposal_measures(
+    network: GraspNetwork,
+    surface: GraspInput,
+    truth: TrueGrasps,
+    gripper: ParallelGripper,
+    seed: int,
+) -> Record:
+    """What a network proposes at the points of a surface, beside what is true there.
+
+    Returns:
+        Lists: ``contact`` probabilities and ``is_contact`` at all points; at the contacts
+        ``width_error`` [m] and ``closing_error`` [deg] to the nearest valid one; at some of them
+        ``approach_free``, whether the whole hand is free at the best approach.
+    """
+    proposals = network.with_gripper(gripper).propose(surface)
+    points, normals = surface.points.astype(float), surface.normals.astype(float)
+    pairs = find_pairs(truth, points, normals, gripper, np.random.default_rng(seed), 4)
+    labels = best_labels(pairs, len(points))
+    at = np.flatnonzero(labels.contact)
+    some = at[:: -(-len(at) // TRIED)] if len(at) else at
+    b, width = proposals.closing[some], proposals.width[some]
+    X_OG = np.tile(np.eye(4), (len(some), 1, 1))
+    z = proposals.approach[some, 0]
+    X_OG[:, :3, :3] = np.stack([b, np.cross(z, b), z], axis=2)
+    X_OG[:, :3, 3] = points[some] + 0.5 * width[:, None] * b
+    free = truth.hand_free(X_OG, gripper) | truth.hand_free(X_OG @ _FLIP, gripper)
+    return {
+        "contact": proposals.contact.round(5).tolist(),
+        "is_contact": labels.contact.astype(int).tolist(),
+        "width_error": _nearest_width(pairs.point, pairs.width, at, proposals.width[at]),
+        "closing_error": pairs.closing_error_deg(at, proposals.closing[at]).round(4).tolist(),
+        "approach_free": free.astype(int).tolist(),
+    }
+
+
+def set_measures(grasps: GraspSet, truth: TrueGrasps, gripper: ParallelGripper) -> Record:
+    """How many grasps of a filtered set are truly valid, and which.
+
+    Returns:
+        ``grasps``, their number; ``valid``, how many are antipodal and free on the true mesh;
+        ``antipodal`` and ``free`` alone; ``top_valid``, whether the best one is (None without one);
+        lists ``score`` and ``is_valid``.
+    """
+    antipodal = truth.truly_antipodal(grasps.X_OG, gripper.max_opening)
+    free = truth.hand_free(grasps.X_OG, gripper)
+    valid = antipodal & free
+    return {
+        "grasps": len(grasps),
+        "valid": int(valid.sum()),
+        "antipodal": int(antipodal.sum()),
+        "free": int(free.sum()),
+        "top_valid": int(valid[0]) if len(valid) else None,
+        "score": grasps.score.round(4).tolist(),
+        "is_valid": valid.astype(int).tolist(),
+    }
+
+
+def is_graspable(truth: TrueGrasps, surface: GraspInput, gripper: ParallelGripper) -> bool:
+    """Whether the true surface has grasps for the hand, see `GRASPABLE`."""
+    points, normals = surface.points.astype(float), surface.normals.astype(float)
+    pairs = find_pairs(truth, points, normals, gripper, np.random.default_rng(0))
+    return len(np.unique(pairs.point)) >= GRASPABLE
+
+
+def equivariance_error(network: GraspNetwork, surface: GraspInput, seed: int) -> float:
+    """Largest change of a float64 network's answers, once a motion of the object is undone.
+
+    Over all probabilities, widths [m] and components of unit vectors; the object is turned, moved
+    and its points are shuffled.
+    """
+    double = GraspNetwork.untrained(network.preset)
+    double.network.load_state_dict(network.network.state_dict())
+    double.network.double()
+    rng = np.random.default_rng(seed)
+    R = Rotation.random(random_state=rng).as_matrix()
+    p, order = rng.normal(size=3), rng.permutation(len(surface))
+    points, normals = surface.points.astype(float), surface.normals.astype(float)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    scalars = surface.scalars.astype(float)
+    still = double.propose_at(contact_features(points, normals, scalars))
+    moved = double.propose_at(
+        contact_features((points @ R.T + p)[order], (normals @ R.T)[order], scalars[order])
+    )
+    numbers = ("contact", "width", "width_deviation", "approach_score")
+    errors = [getattr(still, name)[order] - getattr(moved, name) for name in numbers]
+    errors.append(still.closing[order] @ R.T - moved.closing)
+    # Between modes that score the same, rounding decides which comes first.
+    clear = np.abs(np.diff(moved.approach_score, axis=1)).min(axis=1, initial=1.0) > _SAME_SCORE
+    errors.append((still.approach[order] @ R.T - moved.approach)[clear])
+    return max(float(np.abs(error).max(initial=0.0)) for error in errors)
+
+
+def average_precision(score: Array, positive: NDArray[np.bool_]) -> float:
+    """Mean of the precision at every positive as the threshold falls; ties in any order.
+
+    The area under the precision-recall curve without interpolation; NaN without a positive.
+    """
+    hits = positive[np.argsort(-score, kind="stable")].astype(float)
+    if not hits.any():
+        return float("nan")
+    precision = np.cumsum(hits) / np.arange(1, len(hits) + 1)
+    return float((precision * hits).sum() / hits.sum())
+
+
+def resampled(
+    items: Sequence[Any], statistic: Callable[[Sequence[Any]], float], seed: int = 0
+) -> Estimate:
+    """A statistic of items (objects), with the interval that resampling the items gives."""
+    rng = np.random.default_rng(seed)
+    value, n = statistic(items), len(items)
+    if n < 2:
+        return Estimate(value, None, None, n)
+    drawn = [statistic([items[i] for i in rng.integers(0, n, n)]) for _ in range(_RESAMPLES)]
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    low, high = np.nanpercentile(drawn, [tail, 100.0 - tail])
+    return Estimate(value, float(low), float(high), n)
+
+
+def _nearest_width(
+    point: NDArray[np.int64], width: Array, at: NDArray[np.intp], predicted: Array
+) -> list[float]:
+    """Least error of widths predicted at points among the valid ones there [m]."""
+    errors = [
+        float(np.abs(width[point == index] - w).min())
+        for index, w in zip(at, predicted, strict=True)
+    ]
+    return [round(error, 6) for error in errors]

@@ -1,0 +1,288 @@
+"""Compiled loops of `feasigrasp.models.grasp_inference`; arrays have channels first, contacts last.
+
+Matrix products go to BLAS, on tiles of contacts; everything between them is fused here.
+"""
+
+import numpy as np
+from numba import njit
+
+from feasigrasp.models.contact_features import LENGTH_SCALE
+from feasigrasp.models.contact_surroundings import ROOM
+from feasigrasp.models.grasp_architectures import NARROWEST
+from feasigrasp.models.vector_math import wide_vectors
+
+#: Contacts that go through the network together; with a power of two, rows of the matrices would
+#: crowd into the same sets of the cache, and products take twice as long.
+_TILE = 52
+#: Squared lengths up to this are zero, as in `feasigrasp.models.vector_neurons`.
+_NOTHING = 1.2e-38
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _relu(x, bias, zero):  # type: ignore[no-untyped-def]
+    """Adds a bias to every channel (C, m) and cuts at zero."""
+    wide_vectors()
+    for c in range(len(x)):
+        b, row = bias[c], x[c]
+        for i in range(len(row)):
+            row[i] = max(row[i] + b, zero)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _half_space(p0, p1, p2, d0, d1, d2, zero, nothing):  # type: ignore[no-untyped-def]
+    """Takes from vectors p, in place, what points against directions d."""
+    wide_vectors()
+    for i in range(len(p0)):
+        a, b, c = d0[i], d1[i], d2[i]
+        square = a * a + b * b + c * c
+        dot = min(p0[i] * a + p1[i] * b + p2[i] * c, zero)
+        t = dot / max(square, nothing)
+        p0[i] -= t * a
+        p1[i] -= t * b
+        p2[i] -= t * c
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _dot_rows(x0, x1, x2, y0, y1, y2, out):  # type: ignore[no-untyped-def]
+    wide_vectors()
+    for i in range(len(x0)):
+        out[i] = x0[i] * y0[i] + x1[i] * y1[i] + x2[i] * y2[i]
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _length_rows(x0, x1, x2, nothing, out):  # type: ignore[no-untyped-def]
+    wide_vectors()
+    for i in range(len(x0)):
+        out[i] = np.sqrt(max(x0[i] * x0[i] + x1[i] * x1[i] + x2[i] * x2[i], nothing))
+
+
+@njit(cache=True, error_model="numpy")
+def cloud_kernel(vectors, numbers, encode, survey, survey_bias, zero):  # type: ignore[no-untyped-def]
+    """Encoded vectors (3, C, n), their means (3, C), and the pooled survey of the cloud."""
+    channels, n = len(encode) - 1, numbers.shape[1]
+    nothing, share = numbers.dtype.type(_NOTHING), numbers.dtype.type(1.0 / n)
+    encoded = np.empty((3, channels + 1, n), dtype=vectors.dtype)
+    for axis in range(3):
+        np.dot(encode, vectors[axis], encoded[axis])
+    seen = np.empty((len(numbers) + channels, n), dtype=vectors.dtype)
+    seen[: len(numbers)] = numbers
+    mean = np.empty((3, channels), dtype=vectors.dtype)
+    d = encoded[:, channels]
+    for c in range(channels):
+        x, y, z = encoded[0, c], encoded[1, c], encoded[2, c]
+        _half_space(x, y, z, d[0], d[1], d[2], zero, nothing)
+        _length_rows(x, y, z, nothing, seen[len(numbers) + c])
+        for axis in range(3):
+            mean[axis, c] = _mean(encoded[axis, c], share)
+    surveyed = np.dot(survey, seen)
+    _relu(surveyed, survey_bias, zero)
+    outputs = len(surveyed)
+    pooled = np.empty(2 * outputs, dtype=vectors.dtype)
+    for c in range(outputs):
+        pooled[c], pooled[outputs + c] = _mean_and_greatest(surveyed[c], share)
+    return encoded[:, :channels], mean, pooled
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _room_inputs(room, start, ringed):  # type: ignore[no-untyped-def]
+    """Writes the room of every direction, and the less and the greater of its neighbours'."""
+    wide_vectors()
+    features, K, _ = room.shape
+    for f in range(features):
+        for k in range(K):
+            before, after = (k + K - 1) % K, (k + 1) % K
+            for i in range(ringed.shape[2]):
+                a, b = room[f, before, start + i], room[f, after, start + i]
+                ringed[f, k, i] = room[f, k, start + i]
+                ringed[features + f, k, i] = min(a, b)
+                ringed[2 * features + f, k, i] = max(a, b)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _side_inputs(vectors, frame, turns, uv, ringed):  # type: ignore[no-untyped-def]
+    """Writes the components of vectors (3, C, t) along and beside every direction (2 C, K, t)."""
+    wide_vectors()
+    sides, K = vectors.shape[1], ringed.shape[1]
+    for f in range(sides):
+        for d in range(2):
+            for i in range(ringed.shape[2]):
+                uv[d, i] = (
+                    vectors[0, f, i] * frame[1 + d, 0, i]
+                    + vectors[1, f, i] * frame[1 + d, 1, i]
+                    + vectors[2, f, i] * frame[1 + d, 2, i]
+                )
+        for k in range(K):
+            cos, sin = turns[0, k], turns[1, k]
+            for i in range(ringed.shape[2]):
+                ringed[f, k, i] = cos * uv[0, i] + sin * uv[1, i]
+                ringed[sides + f, k, i] = abs(sin * uv[0, i] - cos * uv[1, i])
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _add_relu(x, y, zero):  # type: ignore[no-untyped-def]
+    """Adds y (C, t) to every direction of x (C, K, t) and cuts at zero."""
+    wide_vectors()
+    for c in range(x.shape[0]):
+        for k in range(x.shape[1]):
+            for i in range(x.shape[2]):
+                x[c, k, i] = max(x[c, k, i] + y[c, i], zero)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _greatest(x, bias, zero, out):  # type: ignore[no-untyped-def]
+    """Greatest over the directions of (C, K, t), with a bias, cut at zero."""
+    wide_vectors()
+    for c in range(x.shape[0]):
+        for i in range(x.shape[2]):
+            out[c, i] = x[c, 0, i]
+        for k in range(1, x.shape[1]):
+            for i in range(x.shape[2]):
+                out[c, i] = max(out[c, i], x[c, k, i])
+        for i in range(x.shape[2]):
+            out[c, i] = max(out[c, i] + bias[c], zero)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _mean_and_greatest(row, share):  # type: ignore[no-untyped-def]
+    """The mean of a row, and its greatest entry by folding, which overwrites it."""
+    wide_vectors()
+    total = share - share
+    for i in range(len(row)):
+        total += row[i]
+    size = len(row)
+    while size > 1:
+        half = (size + 1) // 2
+        for i in range(size - half):
+            row[i] = max(row[i], row[half + i])
+        size = half
+    return total * share, row[0]
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _mean(row, share):  # type: ignore[no-untyped-def]
+    wide_vectors()
+    total = share - share
+    for i in range(len(row)):
+        total += row[i]
+    return total * share
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _add_product(x, y, out):  # type: ignore[no-untyped-def]
+    wide_vectors()
+    for i in range(len(x)):
+        out[i] += x[i] * y[i]
+
+
+@njit(cache=True, error_model="numpy")
+def contacts_kernel(  # type: ignore[no-untyped-def]
+    encoded, shift, numbers, room, frames, turns, context, weights, tilts, zero, said, tilt, free
+):
+    """Writes what is said of contacts (3, n), their tilts (3, n) and how free approaches are (K, n).
+
+    Args:
+        encoded: Vectors (3, C, n).
+        shift: What their mean adds to the refined ones (3, C + 1).
+        numbers: Invariants of the features.
+        room: Room for the hand.
+        frames: Axis, reference direction and their cross product (3, 3, n).
+        turns: Cosines and sines of the ring (2, K).
+        context: What the pooled survey adds to the second layer.
+        weights: Of the layers, in the order of their use.
+        tilts: Number of vectors that may tilt the closing direction.
+        zero: In the precision of all of this.
+        said: Written.
+        tilt: Written.
+        free: Written.
+    """
+    (
+        refine, linear, first, first_bias, second, gate, gate_bias, ring_room, ring_hidden,
+        ring_hidden_bias, ring_free, ring_free_bias, judge, judge_bias, last, last_bias,
+    ) = weights  # fmt: skip
+    kind = encoded.dtype
+    n, channels, K = numbers.shape[1], encoded.shape[1], len(free)
+    nothing, lowest = numbers.dtype.type(_NOTHING), numbers.dtype.type(-3e38)
+    uv = np.empty((2, _TILE), dtype=kind)
+    ring, hidden = len(ring_hidden), len(second)
+    for start in range(0, n, _TILE):
+        t = min(_TILE, n - start)
+        tile = slice(start, start + t)
+        vectors = np.empty((3, channels + 1, t), dtype=kind)
+        part = np.empty((channels, t), dtype=kind)
+        for axis in range(3):
+            part[:] = encoded[axis, :, tile]
+            np.dot(refine, part, vectors[axis])
+            for c in range(channels + 1):
+                vectors[axis, c] += shift[axis, c]
+        inputs = np.empty((len(numbers) + 2 * channels, t), dtype=kind)
+        inputs[: len(numbers)] = numbers[:, tile]
+        frame = frames[:, :, tile].copy()
+        d = vectors[:, channels]
+        mixed = np.empty((3, len(linear), t), dtype=kind)
+        for c in range(channels):
+            x, y, z = vectors[0, c], vectors[1, c], vectors[2, c]
+            _half_space(x, y, z, d[0], d[1], d[2], zero, nothing)
+            row = len(numbers) + c
+            _dot_rows(x, y, z, frame[0, 0], frame[0, 1], frame[0, 2], inputs[row])
+            _length_rows(x, y, z, nothing, inputs[row + channels])
+        for axis in range(3):
+            np.dot(linear, vectors[axis, :channels], mixed[axis])
+        h = np.dot(first, inputs)
+        _relu(h, first_bias, zero)
+        h = np.dot(second, h)
+        _relu(h, context, zero)
+        to_ring = np.dot(gate, h)
+        for c in range(len(gate)):
+            to_ring[c] += gate_bias[c]
+
+        ringed = np.empty((ring_room.shape[1], K, t), dtype=kind)
+        _room_inputs(room, start, ringed)
+        _side_inputs(mixed[:, tilts:], frame, turns, uv, ringed[3 * ROOM :])
+        r = np.dot(ring_room, ringed.reshape(len(ringed), K * t))
+        _add_relu(r.reshape(ring, K, t), to_ring, zero)
+        r = np.dot(ring_hidden, r)
+        judged = np.empty((hidden + ring + 1, t), dtype=kind)
+        judged[:hidden] = h
+        _greatest(r.reshape(ring, K, t), ring_hidden_bias, zero, judged[hidden:])
+        _relu(r, ring_hidden_bias, zero)
+        logits = np.dot(ring_free, r).reshape(1, K, t)
+        _greatest(logits, ring_free_bias, lowest, judged[hidden + ring :])
+        for k in range(K):
+            free[k, tile] = logits[0, k] + ring_free_bias[0]
+        h = np.dot(judge, judged)
+        _relu(h, judge_bias, zero)
+        h = np.dot(last, h)
+        for c in range(3):
+            said[c, tile] = h[c] + last_bias[c]
+        for axis in range(3):
+            total = np.zeros(t, dtype=kind)
+            for f in range(tilts):
+                _add_product(mixed[axis, f], to_ring[ring + f], total)
+            tilt[axis, tile] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def grasps_kernel(  # type: ignore[no-untyped-def]
+    chords, frames, turns, said, tilt, free, closing, width, approach, score
+):
+    """Writes grasps, in float64 so that unit vectors are unit."""
+    ring, modes = len(free), score.shape[1]
+    b, a, logits = np.empty(3), np.empty(3), np.empty(ring)
+    for i in range(len(width)):
+        width[i] = max(chords[i] + LENGTH_SCALE * np.float64(said[1, i]), NARROWEST)
+        for axis in range(3):
+            b[axis] = np.float64(frames[0, axis, i]) + tilt[axis, i]
+        b /= np.sqrt(b[0] ** 2 + b[1] ** 2 + b[2] ** 2)
+        closing[i] = b
+        for k in range(ring):
+            logits[k] = free[k, i]
+        for mode in range(modes):
+            best = int(np.argmax(logits))
+            score[i, mode] = logits[best]
+            logits[best - 1] = logits[best] = logits[(best + 1) % ring] = -np.inf
+            for axis in range(3):
+                u, v = np.float64(frames[1, axis, i]), np.float64(frames[2, axis, i])
+                a[axis] = turns[0, best] * u + turns[1, best] * v
+            a -= (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) * b
+            a /= np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
+            approach[i, mode] = a
