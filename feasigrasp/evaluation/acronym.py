@@ -177,7 +177,7 @@ def _read(path: Path) -> dict[str, Any]:
         with h5py.File(path, "r") as file:
             success = np.asarray(file["grasps/qualities/flex/object_in_gripper"][()]) > 0
             name = file["object/file"][()]
-            content = {
+            content: dict[str, Any] = {
                 "transforms": np.asarray(file["grasps/transforms"][()], dtype=float),
                 "success": success,
                 "file": name.decode() if isinstance(name, bytes) else str(name),

@@ -25,10 +25,6 @@ from tqdm import tqdm
 
 from feasigrasp.evaluation.arguments import add_common_arguments, positive
 from feasigrasp.evaluation.floating_gripper import hold_trials
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import write_json, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.sampler_examples import fuse_and_complete, true_input
 from feasigrasp.evaluation.grasp_measures import (
     Record,
     equivariance_error,
@@ -36,6 +32,10 @@ from feasigrasp.evaluation.grasp_measures import (
     proposal_measures,
     set_measures,
 )
+from feasigrasp.evaluation.provenance import git_revision, versions
+from feasigrasp.evaluation.result_files import write_json, write_summary
+from feasigrasp.evaluation.row_table import format_rows
+from feasigrasp.evaluation.sampler_examples import fuse_and_complete, true_input
 from feasigrasp.evaluation.sampler_objects import DEFAULT_OBJECTS, make_object, unseen_objects
 from feasigrasp.evaluation.sampler_rows import summary_rows, write_csv
 from feasigrasp.evaluation.shape_views import ViewedObject, turning_views

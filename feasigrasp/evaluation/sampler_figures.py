@@ -44,7 +44,7 @@ OBJECTS = "mustard_bottle,mug,drill,banana,hammer,spray_can"
 #: Direction from the objects to the camera, and its distance [m].
 _DIRECTION, _DISTANCE = np.array([1.0, -0.6, 0.7]), 0.5
 #: Grasps drawn per panel.
-_SHOWN = 18
+_SHOWN = 12
 #: From unlikely to certain.
 COLORS = LinearSegmentedColormap.from_list("score", ["#c43a31", "#e8a33d", "#4fae4e", "#0b6b3a"])
 _SURFACE = (0.74, 0.77, 0.82)

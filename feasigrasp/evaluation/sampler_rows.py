@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from feasigrasp.evaluation.result_files import Row
 from feasigrasp.evaluation.grasp_measures import Record, average_precision, resampled
+from feasigrasp.evaluation.result_files import Row
 from feasigrasp.evaluation.statistics import Estimate, proportion
 
 #: Coverage asks for so many grasps.

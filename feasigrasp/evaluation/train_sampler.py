@@ -173,7 +173,6 @@ class Training:
         size, n = labels.contact.shape
         points = rng.random((size, n)).argsort(1)[:, : self.args.points]
         rows = torch.from_numpy(points).to(self.args.device)
-        torch.manual_seed(int(rng.integers(2**62)))  # of the values left out
         total, parts = loss(self.preset, self.network(contacts, rows), labels.chosen(rows))
         self.optimizer.zero_grad()
         total.backward()

@@ -11,7 +11,7 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf import Gpdf
 from feasigrasp.models.grasp_filter import MARGIN, filter_grasps
-from feasigrasp.models.grasp_thinning import thin_grasps
+from feasigrasp.models.grasp_thinning import LEAST_SCORE, thin_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 
@@ -38,6 +38,7 @@ class AntipodalSampler:
         gripper: The hand.
         n_candidates: Grasps that are filtered.
         n_grasps: Most grasps returned.
+        least_score: Grasps that score less are left out, while there are enough; see `thin_grasps`.
         n_approaches: Approach directions per contact pair.
         seed: Seeds the approach directions.
     """
@@ -45,6 +46,7 @@ class AntipodalSampler:
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     n_candidates: int = 800
     n_grasps: int = 64
+    least_score: float = LEAST_SCORE
     n_approaches: int = 8
     seed: int = 0
 
@@ -58,7 +60,8 @@ class AntipodalSampler:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
         X_OG, width, no_exit = self.candidates(gpdf)
         grasps = filter_grasps(gpdf, X_OG, width, self.gripper)
-        return thin_grasps(grasps, self.n_grasps).counted({"too wide": no_exit})
+        thinned = thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
+        return thinned.counted({"too wide": no_exit})
 
     def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, int]:
         """Unfiltered grasps.
@@ -112,4 +115,3 @@ def _frames(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:
     z = np.cos(angle) * u[:, None] + np.sin(angle) * v[:, None]
     x = np.broadcast_to(b[:, None], z.shape)
     return np.stack([x, np.cross(z, x), z], axis=-1)
-

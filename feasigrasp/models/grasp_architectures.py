@@ -45,8 +45,6 @@ from feasigrasp.models.vector_neurons import (
 
 #: Spread of widths that the default network starts out with, and the least one [m].
 SPREAD, LEAST_SPREAD = 5e-3, 2e-4
-#: Share of hidden values of the default network that are left out in training.
-DROPPED = 0.15
 #: Vectors that may tilt the closing direction, and that the ring sees.
 _TILTS, _BESIDE = 8, 6
 #: Narrowest grasp [m].
@@ -152,23 +150,19 @@ class ContactNetwork(nn.Module):
         vectors = self.refine(torch.cat((encoded, mean.expand_as(encoded)), -1))
         along = (vectors * x.axes.transpose(-1, -2).unsqueeze(-1)).sum(-3)
         h = torch.relu(self.first(torch.cat((x.numbers, along, lengths(vectors)), -1)))
-        h = self._dropped(torch.relu(self.second(h) + context))
+        h = torch.relu(self.second(h) + context)
         beside = self._ring(x, self.beside(vectors))
         r = self.ring_room(torch.cat((_with_neighbours(x.room), beside), -1))
         r = torch.relu(r + self.to_ring(h).unsqueeze(-2))
         r = torch.relu(self.ring_hidden(r))
         free = self.ring_free(r).squeeze(-1)
         judged = torch.cat((h, r.amax(-2), free.amax(-1, keepdim=True)), -1)
-        judged = self._dropped(torch.relu(self.judge(judged)))
-        contact, width, spread = self.last(judged).unbind(-1)
+        contact, width, spread = self.last(torch.relu(self.judge(judged))).unbind(-1)
         tilt = (self.tilt(vectors) * self.gates(h).unsqueeze(-3)).sum(-1).transpose(-1, -2)
         closing = unit(x.axes + tilt)
         width = (x.chords + LENGTH_SCALE * width).clamp_min(NARROWEST)
         spread = LEAST_SPREAD + SPREAD * functional.softplus(spread)
         return Heads(contact, closing, width, spread, self._approaches(x, closing), free)
-
-    def _dropped(self, h: Tensor) -> Tensor:
-        return functional.dropout(h, DROPPED, self.training)
 
     def _ring(self, x: Contacts, vectors: Tensor) -> Tensor:
         """Components of vectors (B, 3, n, C) along and beside each direction, (B, n, K, 2 C).

@@ -114,9 +114,12 @@ def filter_grasps(
 
     clearance, deviation = hand_clearance(gpdf, candidates.X_OG, gripper, margin)
     free = clearance >= margin + MARGIN_GROWTH * deviation
-    if np.count_nonzero(free) < enough and isinstance(gpdf, CompletedField):
-        clearance = np.where(free, clearance, _seen_clearance(gpdf, candidates.X_OG, gripper))
-        free = clearance >= margin + MARGIN_GROWTH * deviation
+    if isinstance(gpdf, CompletedField):
+        # Where a wall is thin, the field fills what it encloses.
+        few = np.count_nonzero(free) < enough
+        again = np.flatnonzero(~free & (few | (candidates.width < THIN_WALL)))
+        clearance[again] = _seen_clearance(gpdf, candidates.X_OG[again], gripper)
+        free[again] = clearance[again] >= margin + MARGIN_GROWTH * deviation[again]
     certain = clearance_certainty(clearance, deviation)[free]
     candidates, pair_of = _apply(candidates, pair_of, {"gripper collides": free})
 

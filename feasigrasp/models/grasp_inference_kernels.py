@@ -178,7 +178,7 @@ def _add_product(x, y, out):  # type: ignore[no-untyped-def]
 def contacts_kernel(  # type: ignore[no-untyped-def]
     encoded, shift, numbers, room, frames, turns, context, weights, tilts, zero, said, tilt, free
 ):
-    """Writes what is said of contacts (3, n), their tilts (3, n) and how free approaches are (K, n).
+    """Writes what is said of contacts, their tilts (both (3, n)), and how free approaches are.
 
     Args:
         encoded: Vectors (3, C, n).

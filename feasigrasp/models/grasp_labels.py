@@ -168,16 +168,18 @@ def find_pairs(
         per_point: Pairs kept at a point; the search is as fine for any number.
         clearance: Distance that the open hand keeps from the surface [m].
     """
-    at, outward = truth.closest(np.asarray(points, dtype=float))
-    real = np.linalg.norm(at - points, axis=1) <= NEAR
-    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(ALIGNED_DEG))
+    given, facing = np.asarray(points, dtype=float), np.asarray(normals, dtype=float)
+    at, outward = truth.closest(given)
+    real = np.linalg.norm(at - given, axis=1) <= NEAR
+    real &= np.einsum("ij,ij->i", outward, facing) >= np.cos(np.deg2rad(ALIGNED_DEG))
     index, center, b, width, cosine = _antipodal_lines(
         truth, np.flatnonzero(real), at, outward, gripper, rng
     )
     order = np.lexsort((-cosine, index))
     rank = np.arange(len(order)) - np.searchsorted(index[order], index[order])
     order = order[rank < per_point]
-    index, center, b, width, cosine = (part[order] for part in (index, center, b, width, cosine))
+    index, center, b = index[order], center[order], b[order]
+    width, cosine = width[order], cosine[order]
 
     across = _perpendicular(b)
     free = _free_turns(truth, center, b, across, gripper, clearance)

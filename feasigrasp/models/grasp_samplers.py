@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.grasp_thinning import LEAST_SCORE
 from feasigrasp.models.grasps import GraspSamplerFn
 from feasigrasp.models.gripper import ParallelGripper
 
@@ -17,6 +18,7 @@ def make_sampler(
     *,
     n_candidates: int = 800,
     n_grasps: int = 64,
+    least_score: float = LEAST_SCORE,
 ) -> GraspSamplerFn:
     """A grasp sampler: from a distance field to filtered grasps, best first.
 
@@ -25,6 +27,8 @@ def make_sampler(
         gripper: The hand; the default one unless given.
         n_candidates: Grasps that are filtered, at most.
         n_grasps: Grasps that are returned, at most.
+        least_score: Grasps that score less are left out, while there are enough. Who judges grasps
+            further, by reach above all, gives 0 and has the choice.
 
     Raises:
         GraspError: There is no such method.
@@ -32,11 +36,19 @@ def make_sampler(
     """
     gripper = gripper or ParallelGripper()
     if method == "antipodal":
-        return AntipodalSampler(gripper, n_candidates=n_candidates, n_grasps=n_grasps)
+        return AntipodalSampler(
+            gripper, n_candidates=n_candidates, n_grasps=n_grasps, least_score=least_score
+        )
     if method != "network":
         raise GraspError(f"sampler {method!r} is unknown; choose one of {', '.join(METHODS)}")
     from feasigrasp.models.network_sampler import NetworkSampler  # torch takes a second to import
 
     default = NetworkSampler(gripper)
-    contacts = max(1, min(n_candidates // default.n_approaches, default.n_contacts))
-    return NetworkSampler(gripper, default.network, n_contacts=contacts, n_grasps=n_grasps)
+    contacts = max(1, n_candidates // default.n_approaches)
+    return NetworkSampler(
+        gripper,
+        default.network,
+        n_contacts=contacts,
+        n_grasps=n_grasps,
+        least_score=least_score,
+    )

@@ -51,7 +51,7 @@ class JointControlOptions:
     """
 
     gain: float = 8.0
-    max_speed: float = 0.85
+    max_speed: float = 0.8
     feed_forward: bool = True
     solutions: SolutionOptions = field(default_factory=SolutionOptions)
     outlook: Outlook = field(default_factory=Outlook)

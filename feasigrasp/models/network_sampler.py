@@ -15,7 +15,7 @@ from feasigrasp.models.grasp_certainty import surface_deviation
 from feasigrasp.models.grasp_filter import THIN_WALL, filter_grasps
 from feasigrasp.models.grasp_input import grasp_input
 from feasigrasp.models.grasp_network import GraspNetwork, GraspProposals, load_grasp_network
-from feasigrasp.models.grasp_thinning import thin_grasps
+from feasigrasp.models.grasp_thinning import LEAST_SCORE, thin_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 
@@ -52,15 +52,17 @@ class NetworkSampler:
         n_contacts: Contacts that are put together with approaches.
         n_approaches: Approach directions per contact, at most.
         n_grasps: Most grasps returned.
+        least_score: Grasps that score less are left out, while there are enough; see `thin_grasps`.
         table: A plane that the hand stays above, see `filter_grasps`.
     """
 
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     network: GraspNetwork = field(default_factory=load_grasp_network)
     n_points: int = 512
-    n_contacts: int = 96
+    n_contacts: int = 64
     n_approaches: int = 4
     n_grasps: int = 64
+    least_score: float = LEAST_SCORE
     table: ArrayLike | None = None
 
     def __post_init__(self) -> None:
@@ -73,7 +75,8 @@ class NetworkSampler:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
         X_OG, width, prior, unlikely = self.candidates(gpdf)
         grasps = filter_grasps(gpdf, X_OG, width, self.gripper, prior=prior, table=self.table)
-        return thin_grasps(grasps, self.n_grasps).counted({"unlikely contact": unlikely})
+        thinned = thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
+        return thinned.counted({"unlikely contact": unlikely})
 
     def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, Array, int]:
         """Unfiltered grasps.
@@ -138,23 +141,25 @@ def _straightened(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Ar
     Returns:
         Middles, directions and lengths.
     """
-    before = _opposition(gpdf, middle, b, width)
+    middle, b, width = middle.copy(), b.copy(), width.copy()
+    ends = middle + 0.5 * width[:, None] * b
+    known = np.flatnonzero((width > THIN_WALL) & (surface_deviation(gpdf, ends) < _WELL_KNOWN))
+    p, x, w = middle[known], b[known], width[known]
     for _ in range(_TURNS):
-        half = 0.5 * width[:, None] * b
-        turned = gpdf.normals(middle + half) - gpdf.normals(middle - half)
+        half = 0.5 * w[:, None] * x
+        turned = gpdf.normals(p + half) - gpdf.normals(p - half)
         turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
-        ahead = gpdf.ray_exits(middle, turned, _FARTHEST, 0.0)
-        behind = gpdf.ray_exits(middle, -turned, _FARTHEST, 0.0)
+        ahead = gpdf.ray_exits(p, turned, _FARTHEST, 0.0)
+        behind = gpdf.ray_exits(p, -turned, _FARTHEST, 0.0)
         length = ahead + behind
-        there = middle + 0.5 * (ahead - behind)[:, None] * turned
-        ends = (np.einsum("ni,ni->n", turned, b) > _LEAST_TURN_COSINE) & (width > THIN_WALL)
-        ends &= np.isfinite(length) & (surface_deviation(gpdf, middle + half) < _WELL_KNOWN)
-        after = np.full(len(b), np.inf)
-        after[ends] = _opposition(gpdf, there[ends], turned[ends], length[ends])
-        better = after < before
-        middle = np.where(better[:, None], there, middle)
-        b = np.where(better[:, None], turned, b)
-        width, before = np.where(better, length, width), np.minimum(before, after)
+        there = p + 0.5 * (ahead - behind)[:, None] * turned
+        found = np.isfinite(length) & (np.einsum("ni,ni->n", turned, x) > _LEAST_TURN_COSINE)
+        after = np.full(len(p), np.inf)
+        after[found] = _opposition(gpdf, there[found], turned[found], length[found])
+        better = after < _opposition(gpdf, p, x, w)
+        p, x = np.where(better[:, None], there, p), np.where(better[:, None], turned, x)
+        w = np.where(better, length, w)
+    middle[known], b[known], width[known] = p, x, w
     return middle, b, width
 
 

@@ -62,7 +62,8 @@ class SafetyOptions:
     Attributes:
         period: Time between commands, that of the drive [s].
         position_margin: Distance kept from the joint position limits [rad].
-        velocity_scale: Share of the velocity limits that may be used.
+        velocity_scale: Share of the velocity limits that may be used. The arm's own controller
+            overshoots a command that changes at the acceleration limits by a tenth and more.
         acceleration_scale: Share of the acceleration limits that may be used.
         clearance: Distance kept between bodies, and to the table [m].
         obstacle_clearance: Distance kept to the obstacles of a scene, whose surfaces are known to a
@@ -76,7 +77,7 @@ class SafetyOptions:
 
     period: float = 0.005
     position_margin: float = 0.03
-    velocity_scale: float = 0.85
+    velocity_scale: float = 0.8
     acceleration_scale: float = 0.95
     clearance: float = 0.01
     obstacle_clearance: float = 0.02

@@ -40,7 +40,7 @@ class PursuitOptions:
     """
 
     gain: float = 6.0
-    speed_share: float = 0.85
+    speed_share: float = 0.8
     closeness: float = 1.0
     freedom: float = 0.02
     urgency: float = 20.0

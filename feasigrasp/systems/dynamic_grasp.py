@@ -122,6 +122,7 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
         gripper,
         n_candidates=perception.n_candidates,
         n_grasps=perception.n_grasps,
+        least_score=0.0,  # which of them are in reach decides
     )
     sampling(fit_gpdf(sphere_points(64, 0.03)))  # compiles its kernels, before the first tick
     sampler = add("sampler", GraspSampler(sampling, gripper))

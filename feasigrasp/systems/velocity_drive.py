@@ -26,8 +26,9 @@ class VelocityDrive(LeafSystem):
 
     ``velocity`` [rad/s] and ``position`` [rad] are V7, ``desired_state`` is V14 (positions, then
     velocities) and ``desired_velocity`` its second half: the last command, which a controller needs
-    that limits accelerations itself. Both are state, so no output depends on an input at once. At initialisation the measured position is latched. A command that is not finite
-    counts as zero. With ``enforce_position_limits`` the desired position never leaves the limits.
+    that limits accelerations itself. Both are state, so no output depends on an input at once.
+    At initialisation the measured position is latched. A command that is not finite counts as zero.
+    With ``enforce_position_limits`` the desired position never leaves the limits.
     """
 
     #: The desired position never runs further than this ahead of the measured one [rad].

@@ -85,13 +85,15 @@ def test_unseen_surface_is_less_sure():
     made = grasp_input(field, 300)
     seen, hidden = made.points[:, 2] > 0.008, made.points[:, 2] < -0.008
     assert made.scalars[hidden, DEVIATION].min() > 3 * np.median(made.scalars[seen, DEVIATION])
-    # What a chord that starts in sight ends on is hidden.
-    down = seen & (made.normals[:, 2] > 0.8) & (made.scalars[:, CHORD] > 0)
-    assert down.sum() > 5
-    assert np.median(made.scalars[down, FAR]) > 3 * np.median(made.scalars[down, DEVIATION])
+    # What a chord from there ends on may be hidden.
+    chord = made.scalars[:, CHORD]
+    ends = made.points - chord[:, None] * made.normals
+    below = seen & (chord > 0) & (ends[:, 2] < -0.008)
+    assert below.sum() > 5
+    assert made.scalars[below, FAR].min() > 3 * np.median(made.scalars[seen, DEVIATION])
 
 
-def test_scalars_do_not_change_with_the_pose(ball):
+def test_scalars_do_not_change_with_the_pose():
     """The same field in another frame: points move along, scalars stay."""
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = Rotation.random(random_state=4).as_matrix(), [0.2, -0.1, 0.3]
@@ -101,7 +103,7 @@ def test_scalars_do_not_change_with_the_pose(ball):
     moved = grasp_input(fit_gpdf(points @ X[:3, :3].T + X[:3, 3], max_points=200), 200)
     apart, partner = cKDTree(still.points @ X[:3, :3].T + X[:3, 3]).query(moved.points)
     same = apart < 1e-4
-    assert same.sum() > 50
+    assert same.sum() > 30
     turned = still.normals[partner[same]] @ X[:3, :3].T
     assert np.einsum("ij,ij->i", turned, moved.normals[same]).min() > 0.99
     difference = np.abs(still.scalars[partner[same]] - moved.scalars[same])
