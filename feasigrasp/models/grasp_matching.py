@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from feasigrasp.models.gpdf_field import Gpdf
 from feasigrasp.models.grasp_filter import filter_grasps
-from feasigrasp.models.grasp_thinning import SAME_ANGLE, SAME_POSITION, thin_grasps
+from feasigrasp.models.grasp_thinning import SAME_ANGLE, SAME_POSITION, distinct
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 
@@ -141,5 +141,6 @@ def _merged(kept: GraspSet, new: GraspSet, count: int) -> GraspSet:
         np.concatenate([kept.id, new.id]),
     )
     preference = both.score * np.repeat([HYSTERESIS, 1.0], [len(kept), len(new)])
-    thinned = thin_grasps(both.select(np.argsort(-preference, kind="stable")), count)
+    both = both.select(np.argsort(-preference, kind="stable"))
+    thinned = both.select(distinct(both, count), "near copy")
     return thinned.select(np.argsort(-thinned.score, kind="stable"))
