@@ -178,7 +178,7 @@ def obstacle_grid(
 def object_grid(
     gpdf: Gpdf, *, voxel_size: float = 0.008, max_distance: float = 0.05
 ) -> ObstacleGrid:
-    """The grid of an object's completed surface, in the field's frame; takes some 50 ms.
+    """The grid of an object's completed surface, in the field's frame.
 
     Args:
         gpdf: Distance field of the object.
