@@ -78,6 +78,16 @@ class ChoiceOptions:
     smoothing: float = 0.25
     funnel: Funnel = field(default_factory=Funnel)
 
+    @classmethod
+    def to_grasp_soon(cls) -> ChoiceOptions:
+        """For a hand that closes as soon as it is there.
+
+        Then it does not matter where a strand ends later on, only that it lasts until the object is
+        held; and to wait for a better one is worth less.
+        """
+        times = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
+        return cls(times=times, outlook=3.0, waiting=0.3)
+
     @cached_property
     def instants(self) -> FloatArray:
         """``times`` as an array."""

@@ -24,7 +24,7 @@ from feasigrasp.models.joint_field import (
     evaluate_kernel,
     fit_kernel,
 )
-from feasigrasp.models.obstacle_grid import ObstacleGrid
+from feasigrasp.models.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.se3_kernels import inverse_kernel
@@ -226,6 +226,7 @@ class JointSpaceControl:
         V_WO: FloatArray,
         qd_last: FloatArray | None = None,
         obstacles: ObstacleGrid | None = None,
+        surface: ObstacleGrid | None = None,
     ) -> FloatArray:
         """The command.
 
@@ -238,6 +239,7 @@ class JointSpaceControl:
             qd_last: The command of one control period ago [rad/s], shape (7,); if it is not given,
                 accelerations are not limited.
             obstacles: What else the arm keeps clear of.
+            surface: Distances to the object's surface, in its frame, which the open hand keeps off.
 
         Returns:
             Joint velocity [rad/s], shape (7,). Without solutions, or if the object's pose or twist
@@ -246,4 +248,5 @@ class JointSpaceControl:
         qd = self.requested_velocity(q, solutions, time, X_WO, V_WO)
         if self.safety is None:
             return qd
-        return self.safety.velocity(q, qd, qd_last=qd_last, obstacles=obstacles)
+        moving = None if surface is None else MovingObject(surface, X_WO, V_WO)
+        return self.safety.velocity(q, qd, qd_last=qd_last, obstacles=obstacles, moving=moving)

@@ -7,7 +7,9 @@ free meanwhile keeps the hand close to the object::
     min  sum_j w_j ((qd_j - qd*_j) / v_j)^2 + w_p |(J_p qd - v_p) / v_0|^2
 
 with ``qd*`` the synchronised motion, ``w_j`` rising steeply with the share of the time that joint j
-needs, and ``v_p`` the velocity that leads the hand to the object.
+needs, and ``v_p`` the velocity that leads the hand to a sphere about the object: as far from its
+middle as the way into the grasp asks for at present, so that the hand goes round the object, not
+through it.
 """
 
 from __future__ import annotations
@@ -32,11 +34,11 @@ class PursuitOptions:
     Attributes:
         gain: Rate at which the distance to the reference decreases [1/s].
         speed_share: Share of the joints' speed limits that is used for that.
-        closeness: w_p, weight of keeping the hand close to the object on the way.
+        closeness: w_p, weight of keeping the hand on the sphere on the way.
         freedom: w_j of a joint that has all the time.
         urgency: w_j of the joint that takes longest.
         blend: Ways shorter than this are followed without regard to the object [s].
-        speed: v_0, speed that leads the hand to the object at most [m/s].
+        speed: v_0, speed that leads the hand to the sphere at most [m/s].
     """
 
     gain: float = 6.0
@@ -74,6 +76,7 @@ def pursuit_velocity(
         np.ascontiguousarray(q, dtype=float),
         reference.q,
         reference.qd,
+        reference.X_OT,
         np.ascontiguousarray(X_WO, dtype=float),
         np.ascontiguousarray(V_WO, dtype=float),
         X_FG,
@@ -91,7 +94,7 @@ def pursuit_velocity(
 
 @nb.njit(cache=True)
 def _pursue_kernel(  # type: ignore[no-untyped-def]
-    q, q_ref, qd_ref, X_WO, V_WO, X_FG, gain, share, closeness, freedom, urgency, blend, speed, qd
+    q, q_ref, qd_ref, X_OT, X_WO, V_WO, X_FG, gain, share, closeness, freedom, urgency, blend, speed, qd
 ):
     time = 0.0
     for j in range(7):
@@ -103,13 +106,15 @@ def _pursue_kernel(  # type: ignore[no-untyped-def]
     if part > 0.0:
         X_WH, J = np.empty((4, 4)), np.empty((6, 7))
         pose_jacobian_kernel(q, X_FG, X_WH, J)
-        v, square = np.empty(3), 0.0
+        v, square, radius = np.empty(3), 0.0, 0.0
         for i in range(3):
-            v[i] = gain * (X_WO[i, 3] - X_WH[i, 3])
+            v[i] = X_WO[i, 3] - X_WH[i, 3]
             square += v[i] * v[i]
-        shorter = min(1.0, speed / max(np.sqrt(square), 1e-9))
+            radius += X_OT[i, 3] ** 2
+        distance = max(np.sqrt(square), 1e-9)
+        inwards = min(max(gain * (distance - np.sqrt(radius)), -speed), speed) / distance
         for i in range(3):
-            v[i] = V_WO[3 + i] + shorter * v[i]
+            v[i] = V_WO[3 + i] + inwards * v[i]
         J_p = J[3:].copy()
         H = (part / speed**2) * (J_p.T @ J_p)
         f = (part / speed**2) * (J_p.T @ v)

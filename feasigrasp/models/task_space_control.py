@@ -30,7 +30,7 @@ from feasigrasp.models.iiwa import VELOCITY_LIMITS
 from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
 from feasigrasp.models.least_norm import least_norm_kernel
 from feasigrasp.models.mixture_ascent import ascent_kernel
-from feasigrasp.models.obstacle_grid import ObstacleGrid
+from feasigrasp.models.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.se3_kernels import compose_kernel, inverse_kernel, log_kernel
@@ -116,6 +116,7 @@ def task_space_velocity(
     time: float = 0.0,
     qd_last: FloatArray | None = None,
     obstacles: ObstacleGrid | None = None,
+    surface: ObstacleGrid | None = None,
 ) -> FloatArray:
     """Joint velocity of the safe task-space controller.
 
@@ -131,14 +132,18 @@ def task_space_velocity(
         qd_last: The command of one period ago [rad/s], shape (7,); without it accelerations are
             not limited.
         obstacles: What the arm must not touch.
+        surface: Distances to the object's surface, in its frame, which the open hand keeps off.
 
     Returns:
         Joint velocity [rad/s], shape (7,), always finite: the arm also stops while pose or twist
         of the object is not.
     """
+    moving = None if surface is None else MovingObject(surface, X_WO, V_WO)
     reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
     if reference is None:
-        return safety.velocity(q, np.zeros(7), qd_last=qd_last, obstacles=obstacles)
+        return safety.velocity(
+            q, np.zeros(7), qd_last=qd_last, obstacles=obstacles, moving=moving
+        )
     X_FG = reachability.gripper.X_FG
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
     far = 1.0
@@ -146,7 +151,7 @@ def task_space_velocity(
         travel_time = np.max(np.abs(reference.q - q) / VELOCITY_LIMITS)
         far = max(0.0, travel_time / options.near - 1.0)
     if far >= 1.0:
-        return safety.velocity(q, request, qd_last=qd_last, obstacles=obstacles)
+        return safety.velocity(q, request, qd_last=qd_last, obstacles=obstacles, moving=moving)
     J_WH = np.empty((6, 7))
     V_WH = _steer_kernel(
         np.ascontiguousarray(q, dtype=float),
@@ -158,7 +163,9 @@ def task_space_velocity(
         J_WH,
     )
     V_WH += far * (J_WH @ request - V_WH)
-    return safety.velocity(q, request, J_WH, V_WH, qd_last=qd_last, obstacles=obstacles)
+    return safety.velocity(
+        q, request, J_WH, V_WH, qd_last=qd_last, obstacles=obstacles, moving=moving
+    )
 
 
 @nb.njit(cache=True)

@@ -9,6 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, Outpu
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
 from feasigrasp.models.gpdf import fit_gpdf
+from feasigrasp.models.grasp_choice import ChoiceOptions
 from feasigrasp.models.grasp_samplers import make_sampler
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
@@ -72,9 +73,10 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> LeafSyste
         solutions = SolutionOptions(source=scenario.control.source)
         options = JointControlOptions(solutions=solutions, safety=safety)
         return GPJointController(reachability, options, solution_period=period, mode=mode)
+    choice = ChoiceOptions.to_grasp_soon() if scenario.grasp.close else ChoiceOptions()
     return RMMTaskController(
         reachability,
-        TaskControlOptions(safety=safety),
+        TaskControlOptions(choice=choice, safety=safety),
         period=period,
         mode=mode,
         seed=scenario.random_seed,
@@ -177,6 +179,9 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     # Control: sequencer -> controller -> drive -> arm and gripper.
     connect(reachable.get_output_port(), sequencer.GetInputPort("grasps"))
     connect(sequencer.GetOutputPort("grasps"), controller.GetInputPort("grasps"))
+    if scenario.control.mode == "safe":
+        connect(to_gpdf.GetOutputPort("gpdf"), sequencer.GetInputPort("gpdf"))
+        connect(sequencer.GetOutputPort("gpdf"), controller.GetInputPort("gpdf"))
     connect(controller.GetOutputPort("commanded_velocity"), drive.GetInputPort("velocity"))
     connect(drive.GetOutputPort("desired_velocity"), controller.GetInputPort("desired_velocity"))
     connect(tracker.GetOutputPort("object_motion"), reach.GetInputPort("object_motion"))

@@ -12,7 +12,7 @@ from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
 from feasigrasp.models.joint_space_control import JointControlOptions, JointSpaceControl
-from feasigrasp.models.obstacle_grid import obstacle_grid
+from feasigrasp.models.obstacle_grid import object_grid, obstacle_grid
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.solutions import Solutions
 
@@ -31,6 +31,7 @@ class GPJointController(LeafSystem):
         - desired_velocity
         - scene
         - object_motion
+        - gpdf
         output_ports:
         - commanded_velocity
 
@@ -67,10 +68,16 @@ class GPJointController(LeafSystem):
         self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS)
         self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
         self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
+        self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
         self._obstacles = self.DeclareCacheEntry(
             "obstacles",
             ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_obstacles),
             prerequisites_of_calc={self._scene.ticket()},
+        )
+        self._surface = self.DeclareCacheEntry(
+            "surface of the object",
+            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_surface),
+            prerequisites_of_calc={self._gpdf.ticket()},
         )
         self._solutions = self.DeclareAbstractState(AbstractValue.Make(Solutions.empty()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(solution_period, 0.0, self._find)
@@ -85,6 +92,7 @@ class GPJointController(LeafSystem):
                 self._velocity.ticket(),
                 self._desired_velocity.ticket(),
                 self._obstacles.ticket(),
+                self._surface.ticket(),
                 self.abstract_state_ticket(self._solutions),
             },
         )
@@ -110,6 +118,10 @@ class GPJointController(LeafSystem):
         scene = self._scene.Eval(context) if self._scene.HasValue(context) else None
         value.set_value(None if scene is None else obstacle_grid(scene))
 
+    def _calc_surface(self, context: Context, value: AbstractValue) -> None:
+        gpdf = self._gpdf.Eval(context) if self._gpdf.HasValue(context) else None
+        value.set_value(None if gpdf is None else object_grid(gpdf))
+
     def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         last = self._desired_velocity
         qd = self._control.velocity(
@@ -120,6 +132,7 @@ class GPJointController(LeafSystem):
             self._velocity.Eval(context).get_coeffs(),
             last.Eval(context) if last.HasValue(context) else None,
             self._obstacles.Eval(context),
+            self._surface.Eval(context),
         )
         output.SetFromVector(qd)
 

@@ -26,8 +26,10 @@ class GripperSequencer(LeafSystem):
         - object_pose
         - object_velocity
         - gripper_state
+        - gpdf
         output_ports:
         - grasps
+        - gpdf
         - object_pose
         - object_velocity
         - gripper_position
@@ -35,9 +37,10 @@ class GripperSequencer(LeafSystem):
         - phase
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
-    twist through while the hand approaches. Once the hand has been at a grasp for a moment, only
-    that grasp is passed on, with the pose extrapolated from then, and the fingers close; after the
-    object is let go, pose and twist are those of a lift. ``gripper_position`` is the commanded
+    twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
+    connected. Once the hand has been at a grasp for a moment, only that grasp is passed on, with
+    the pose extrapolated from then, and the fingers close; from then on there is no field, since
+    the object is there to be touched. After it is let go, pose and twist are those of a lift. ``gripper_position`` is the commanded
     distance between the pads [m], ``gripper_state`` the measured one and its rate, ``object_hold``
     1 until the object is let go, ``phase`` a `Phase`. The state advances every ``period`` seconds,
     the rate at which grasps arrive.
@@ -58,6 +61,7 @@ class GripperSequencer(LeafSystem):
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
         self._gripper_state = self.DeclareVectorInputPort("gripper_state", 2)
+        self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
         self._index = self.DeclareAbstractState(AbstractValue.Make(GraspState()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._advance)
 
@@ -67,6 +71,9 @@ class GripperSequencer(LeafSystem):
             lambda: AbstractValue.Make(GraspSet.empty()),
             self._calc_grasps,
             {state, self._grasps.ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "gpdf", Value[object], self._calc_gpdf, {state, self._gpdf.ticket()}
         )
         self.DeclareAbstractOutputPort(
             "object_pose",
@@ -112,6 +119,10 @@ class GripperSequencer(LeafSystem):
     def _calc_grasps(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         committed = self.state(context).grasp
         output.set_value(self._grasps.Eval(context) if committed is None else committed)
+
+    def _calc_gpdf(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+        approaching = self.state(context).grasp is None and self._gpdf.HasValue(context)
+        output.set_value(self._gpdf.Eval(context) if approaching else None)
 
     def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         output.set_value(RigidTransform(self._target(context)[0]))

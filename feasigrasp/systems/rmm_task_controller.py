@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.obstacle_grid import obstacle_grid
+from feasigrasp.models.obstacle_grid import object_grid, obstacle_grid
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.safe_velocity import Safety
 from feasigrasp.models.task_memory import TaskMemory
@@ -37,6 +37,7 @@ class RMMTaskController(LeafSystem):
         - desired_velocity
         - scene
         - object_motion
+        - gpdf
         output_ports:
         - commanded_velocity
 
@@ -78,6 +79,7 @@ class RMMTaskController(LeafSystem):
         self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS)
         self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
         self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
+        self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
         self._memory = self.DeclareAbstractState(AbstractValue.Make(TaskMemory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
         self._obstacles = self.DeclareCacheEntry(
@@ -85,10 +87,16 @@ class RMMTaskController(LeafSystem):
             ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_obstacles),
             prerequisites_of_calc={self._scene.ticket()},
         )
+        self._surface = self.DeclareCacheEntry(
+            "surface of the object",
+            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_surface),
+            prerequisites_of_calc={self._gpdf.ticket()},
+        )
         inputs = {self._position.ticket(), self._pose.ticket(), self._velocity.ticket()}
         inputs.add(self.abstract_state_ticket(self._memory))
         if self._safe:
             inputs |= {self._desired_velocity.ticket(), self._obstacles.ticket()}
+            inputs.add(self._surface.ticket())
             inputs.add(self.time_ticket())
         calc = self._calc_safe if self._safe else self._calc_paper
         self.DeclareVectorOutputPort("commanded_velocity", NUM_JOINTS, calc, inputs)
@@ -125,6 +133,10 @@ class RMMTaskController(LeafSystem):
         scene = self._scene.Eval(context) if self._scene.HasValue(context) else None
         value.set_value(None if scene is None else obstacle_grid(scene))
 
+    def _calc_surface(self, context: Context, value: AbstractValue) -> None:
+        gpdf = self._gpdf.Eval(context) if self._gpdf.HasValue(context) else None
+        value.set_value(None if gpdf is None else object_grid(gpdf))
+
     def _calc_safe(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         desired = self._desired_velocity
         qd = task_space_velocity(
@@ -138,6 +150,7 @@ class RMMTaskController(LeafSystem):
             time=context.get_time(),
             qd_last=desired.Eval(context) if desired.HasValue(context) else None,
             obstacles=self._obstacles.Eval(context),
+            surface=self._surface.Eval(context),
         )
         output.SetFromVector(qd)
 
