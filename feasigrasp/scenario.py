@@ -129,7 +129,7 @@ class ReachabilityConfig:
         horizon: A grasp must stay reachable this long, as the object moves now [s].
     """
 
-    period: float = 0.05
+    period: float = 0.1
     method: str = "ik"
     horizon: float = 1.0
 

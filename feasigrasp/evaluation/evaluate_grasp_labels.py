@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import shlex
 import zlib
 from pathlib import Path
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from feasigrasp.evaluation.arguments import add_common_arguments, positive, select_objects
+from feasigrasp.evaluation.finished_parts import finished_records
 from feasigrasp.evaluation.floating_gripper import hold_trials
 from feasigrasp.evaluation.provenance import git_revision, versions
 from feasigrasp.evaluation.result_files import Row, write_json, write_summary
@@ -125,7 +125,7 @@ def main(args: argparse.Namespace) -> int:
         jobs = {name: ("", path) for name, path in select_objects(args.objects).items()}
     key = {"git": git_revision(), "versions": versions(), "grasps": grasps, "seed": args.seed}
     folder = args.out / "objects"
-    missing = [name for name in jobs if _finished(folder / f"{name}.json", key) is None]
+    missing = [name for name in jobs if finished_records(folder / f"{name}.json", key) is None]
     tried = joblib.Parallel(n_jobs=args.jobs, return_as="generator_unordered")(
         joblib.delayed(_try_to_file)(name, *jobs[name], folder, key) for name in missing
     )
@@ -133,7 +133,7 @@ def main(args: argparse.Namespace) -> int:
     with tqdm(total=len(jobs), initial=done, desc="grasp labels", unit="object") as bar:
         for _ in tried:
             bar.update()
-    records = [r for name in jobs for r in _finished(folder / f"{name}.json", key) or []]
+    records = [r for name in jobs for r in finished_records(folder / f"{name}.json", key) or []]
     with (args.out / "grasps.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, ["object", "valid", "cosine", "held", "why"])
         writer.writeheader()
@@ -191,15 +191,3 @@ def _try_to_file(
     obj = make_shape(family, int(seed_or_path)) if family else load_object(str(seed_or_path))
     records = try_object(name, obj, key["grasps"], key["seed"])
     write_json({"key": key, "records": records}, folder / f"{name}.json")
-
-
-def _finished(filename: Path, key: dict[str, Any]) -> list[Record] | None:
-    """The records in a file if they were made by the same code in the same way."""
-    try:
-        content = json.loads(filename.read_text())
-    except (FileNotFoundError, json.JSONDecodeError):
-        return None
-    if content.get("key") != json.loads(json.dumps(key)):
-        return None
-    records: list[Record] = content["records"]
-    return records

@@ -10,7 +10,6 @@ in docs/sampler.md. A command that was interrupted goes on after its last object
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import time
 import zlib
@@ -24,6 +23,7 @@ import torch
 from tqdm import tqdm
 
 from feasigrasp.evaluation.arguments import add_common_arguments, positive
+from feasigrasp.evaluation.finished_parts import finished_records
 from feasigrasp.evaluation.floating_gripper import hold_trials
 from feasigrasp.evaluation.grasp_measures import (
     Record,
@@ -164,7 +164,7 @@ def main(args: argparse.Namespace) -> int:
     key = {"git": git_revision(), "versions": versions(), "seed": args.seed}
     key |= {"views": views, "held_views": held_views}
     folder = args.out / "objects"
-    missing = [name for name in objects if _finished(folder / f"{name}.json", key) is None]
+    missing = [name for name in objects if finished_records(folder / f"{name}.json", key) is None]
     evaluated = joblib.Parallel(n_jobs=args.jobs, return_as="generator_unordered")(
         joblib.delayed(_evaluate_to_file)(name, objects[name], folder, key) for name in missing
     )
@@ -174,7 +174,7 @@ def main(args: argparse.Namespace) -> int:
             bar.update()
     records = []
     for name in objects:
-        records += _finished(folder / f"{name}.json", key) or []
+        records += finished_records(folder / f"{name}.json", key) or []
     write_csv(records, args.out)
     rows = summary_rows(records)
     filename = args.out / "summary.json"
@@ -193,15 +193,3 @@ def _command(args: argparse.Namespace) -> str:
 def _evaluate_to_file(name: str, what: str, folder: Path, key: dict[str, Any]) -> None:
     records = evaluate_object(name, what, key["views"], key["held_views"], key["seed"])
     write_json({"key": key, "records": records}, folder / f"{name}.json")
-
-
-def _finished(filename: Path, key: dict[str, Any]) -> list[Record] | None:
-    """The records in a file if they were made by the same code in the same way."""
-    try:
-        content = json.loads(filename.read_text())
-    except (FileNotFoundError, json.JSONDecodeError):
-        return None
-    if content.get("key") != json.loads(json.dumps(key)):
-        return None
-    records: list[Record] = content["records"]
-    return records

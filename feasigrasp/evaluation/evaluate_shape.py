@@ -8,7 +8,6 @@ means is written in docs/shape.md. A command that was interrupted goes on after 
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import time
 import zlib
@@ -21,6 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.evaluation.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.evaluation.finished_parts import finished_records
 from feasigrasp.evaluation.provenance import git_revision, versions
 from feasigrasp.evaluation.reliability import write_reliability
 from feasigrasp.evaluation.result_files import Row, write_json, write_summary
@@ -117,7 +117,7 @@ def main(args: argparse.Namespace) -> int:
         objects, views = dict(list(objects.items())[:: -(-len(objects) // 12)]), min(views, 2)
     key = {"git": git_revision(), "versions": versions(), "views": views, "seed": args.seed}
     folder = args.out / "objects"
-    missing = [name for name in objects if _finished(folder / f"{name}.json", key) is None]
+    missing = [name for name in objects if finished_records(folder / f"{name}.json", key) is None]
     evaluated = joblib.Parallel(n_jobs=args.jobs, return_as="generator_unordered")(
         joblib.delayed(_evaluate_to_file)(name, objects[name], folder, key) for name in missing
     )
@@ -127,7 +127,7 @@ def main(args: argparse.Namespace) -> int:
             bar.update()
     records = []
     for name in objects:
-        records += _finished(folder / f"{name}.json", key) or []
+        records += finished_records(folder / f"{name}.json", key) or []
 
     write_csv(records, args.out / "views.csv")
     rows = summary_rows(records)
@@ -192,15 +192,3 @@ def _evaluate_to_file(name: str, path: str, folder: Path, key: dict[str, Any]) -
             if isinstance(value, float) and not np.isfinite(value):
                 record[column] = None
     write_json({"key": key, "records": records}, folder / f"{name}.json")
-
-
-def _finished(filename: Path, key: dict[str, Any]) -> list[Record] | None:
-    """The records in a file if they were made by the same code in the same way."""
-    try:
-        content = json.loads(filename.read_text())
-    except (FileNotFoundError, json.JSONDecodeError):
-        return None
-    if content.get("key") != json.loads(json.dumps(key)):
-        return None
-    records: list[Record] = content["records"]
-    return records

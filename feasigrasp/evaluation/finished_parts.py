@@ -37,5 +37,26 @@ def finish_part(
     return rows
 
 
+def finished_records(filename: Path, key: dict[str, Any]) -> list[dict[str, Any]] | None:
+    """The records in a file, if the same code made them in the same way.
+
+    Args:
+        filename: JSON file with the entries ``key`` and ``records``.
+        key: What the records depend on: revision, versions and settings.
+
+    Returns:
+        The records; None if there is no such file, if it was made with another key, or if it is not
+        one of ours.
+    """
+    try:
+        content = json.loads(filename.read_text())
+        if content["key"] != json.loads(json.dumps(key)):
+            return None
+        records: list[dict[str, Any]] = content["records"]
+    except (FileNotFoundError, json.JSONDecodeError, KeyError, TypeError):
+        return None
+    return records
+
+
 def _is_dirty(revision: str | None) -> bool:
     return (revision or "").endswith("-dirty")

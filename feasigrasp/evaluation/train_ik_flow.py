@@ -8,11 +8,9 @@ was interrupted goes on as if it had not been; start the same command again to r
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -20,10 +18,15 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.arguments import positive
 from feasigrasp.evaluation.provenance import git_revision, versions
 from feasigrasp.evaluation.result_files import write_json
+from feasigrasp.evaluation.training_files import (
+    TrainingError,
+    append_curve,
+    read_checkpoint,
+    write_checkpoint,
+)
 from feasigrasp.models.damped_least_squares import refine
 from feasigrasp.models.iiwa import POSITION_LIMITS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
@@ -53,10 +56,6 @@ COLUMNS = (
     "angle_deg_mean",
     "refined_percent",
 )
-
-
-class TrainingError(FeasigraspError, ValueError):
-    """A training run that cannot start or go on with these arguments."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -201,41 +200,24 @@ class Training:
             export(self.network).save(self.folder / "ik_flow.npz")
         else:
             self.worse += 1
-        new = not (self.folder / "curve.csv").exists()
-        with (self.folder / "curve.csv").open("a", newline="") as file:
-            writer = csv.writer(file)
-            if new:
-                writer.writerow(COLUMNS)
-            writer.writerow([f"{metrics[column]:.6g}" for column in COLUMNS])
+        append_curve(self.folder, COLUMNS, metrics)
         self.save()
         return metrics
 
     def save(self) -> None:
         """Writes the checkpoint."""
-        state = {
-            "identity": self.identity,
-            "network": self.network.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "progress": [self.step, self.seconds, self.best, self.worse],
-        }
-        partial = self.folder / "checkpoint.pt.part"
-        torch.save(state, partial)
-        partial.replace(self.folder / "checkpoint.pt")
+        write_checkpoint(
+            self.folder,
+            self.identity,
+            network=self.network.state_dict(),
+            optimizer=self.optimizer.state_dict(),
+            progress=[self.step, self.seconds, self.best, self.worse],
+        )
 
     def _resume(self) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        filename = self.folder / "checkpoint.pt"
-        if not filename.exists():
-            (self.folder / "curve.csv").unlink(missing_ok=True)
+        state = read_checkpoint(self.folder, self.identity, self.args.device)
+        if state is None:
             return
-        state: dict[str, Any] = torch.load(
-            filename, map_location=self.args.device, weights_only=True
-        )
-        if state["identity"] != self.identity:
-            raise TrainingError(
-                f"{self.folder} holds a run with {state['identity']}, this one has "
-                f"{self.identity}; choose another --out, or the same arguments to resume"
-            )
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.step, self.seconds, self.best, self.worse = state["progress"]

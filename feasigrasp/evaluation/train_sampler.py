@@ -11,24 +11,27 @@ from __future__ import annotations
 
 import argparse
 import copy
-import csv
 import math
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.arguments import positive
 from feasigrasp.evaluation.provenance import git_revision, versions
 from feasigrasp.evaluation.result_files import write_json
 from feasigrasp.evaluation.sampler_batches import Examples, load_examples
 from feasigrasp.evaluation.sampler_losses import loss
 from feasigrasp.evaluation.sampler_validation import METRICS, held_out_metrics
+from feasigrasp.evaluation.training_files import (
+    TrainingError,
+    append_curve,
+    read_checkpoint,
+    write_checkpoint,
+)
 from feasigrasp.models.grasp_network import PRESETS, GraspNetwork
 from feasigrasp.models.household_shapes import HELD_OUT
 
@@ -51,10 +54,6 @@ COLUMNS = (
     *(f"train_{part}" for part in ("loss", "contact", "width", "closing", "approach")),
     *(f"held_out_{metric}" for metric in METRICS),
 )
-
-
-class TrainingError(FeasigraspError, ValueError):
-    """A training run that cannot start or go on with these arguments."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -213,42 +212,25 @@ class Training:
             )
         else:
             self.worse += 1
-        new = not (self.folder / "curve.csv").exists()
-        with (self.folder / "curve.csv").open("a", newline="") as file:
-            writer = csv.writer(file)
-            if new:
-                writer.writerow(COLUMNS)
-            writer.writerow([f"{row.get(column, math.nan):.6g}" for column in COLUMNS])
+        append_curve(self.folder, COLUMNS, row)
         self.save()
         return metrics
 
     def save(self) -> None:
         """Writes the checkpoint."""
-        state = {
-            "identity": self.identity,
-            "network": self.network.state_dict(),
-            "averaged": self.averaged.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "progress": [self.step, self.seconds, self.best, self.worse],
-        }
-        partial = self.folder / "checkpoint.pt.part"
-        torch.save(state, partial)
-        partial.replace(self.folder / "checkpoint.pt")
+        write_checkpoint(
+            self.folder,
+            self.identity,
+            network=self.network.state_dict(),
+            averaged=self.averaged.state_dict(),
+            optimizer=self.optimizer.state_dict(),
+            progress=[self.step, self.seconds, self.best, self.worse],
+        )
 
     def _resume(self) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        filename = self.folder / "checkpoint.pt"
-        if not filename.exists():
-            (self.folder / "curve.csv").unlink(missing_ok=True)
+        state = read_checkpoint(self.folder, self.identity, self.args.device)
+        if state is None:
             return
-        state: dict[str, Any] = torch.load(
-            filename, map_location=self.args.device, weights_only=True
-        )
-        if state["identity"] != self.identity:
-            raise TrainingError(
-                f"{self.folder} holds a run with {state['identity']}, this one has "
-                f"{self.identity}; choose another --out, or the same arguments to resume"
-            )
         self.network.load_state_dict(state["network"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])

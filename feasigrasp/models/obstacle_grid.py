@@ -9,6 +9,7 @@ the field rounds. Between the nodes the distance is trilinear, and its gradient 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -175,6 +176,7 @@ def obstacle_grid(
     return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))
 
 
+@lru_cache(maxsize=8)  # a field is immutable, and asked for again at every tick
 def object_grid(
     gpdf: Gpdf, *, voxel_size: float = 0.008, max_distance: float = 0.05
 ) -> ObstacleGrid:

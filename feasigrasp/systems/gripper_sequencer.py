@@ -40,10 +40,11 @@ class GripperSequencer(LeafSystem):
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
     connected. Once the hand has been at a grasp for a moment, only that grasp is passed on, with
     the pose extrapolated from then, and the fingers close; from then on there is no field, since
-    the object is there to be touched. After it is let go, pose and twist are those of a lift. ``gripper_position`` is the commanded
-    distance between the pads [m], ``gripper_state`` the measured one and its rate, ``object_hold``
-    1 until the object is let go, ``phase`` a `Phase`. The state advances every ``period`` seconds,
-    the rate at which grasps arrive.
+    the object is there to be touched. After it is let go, pose and twist are those of a lift.
+
+    ``gripper_position`` is the commanded distance between the pads [m], ``gripper_state`` the
+    measured one and its rate, ``object_hold`` 1 until the object is let go, ``phase`` a `Phase`.
+    The state advances every ``period`` seconds, the rate at which grasps arrive.
     """
 
     #: Commanded distance between closed pads; negative, so that they squeeze whatever is between.

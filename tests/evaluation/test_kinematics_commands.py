@@ -10,8 +10,8 @@ from feasigrasp.evaluation import bench_kinematics as bench
 from feasigrasp.evaluation import evaluate_kinematics as evaluate
 from feasigrasp.evaluation import timing
 from feasigrasp.evaluation.drake_arm import DrakeArm
-from feasigrasp.evaluation.finished_parts import finish_part
-from feasigrasp.evaluation.result_files import Row
+from feasigrasp.evaluation.finished_parts import finish_part, finished_records
+from feasigrasp.evaluation.result_files import Row, write_json
 from feasigrasp.models.iiwa import POSITION_LIMITS
 
 
@@ -114,6 +114,22 @@ def test_finished_parts_are_kept_while_nothing_changed(tmp_path):
     assert len(made) == 2
     filename.write_text("{")
     assert finish_part(filename, {"seed": 1}, measure) == first and len(made) == 3
+
+
+def test_finished_records_are_those_of_the_same_code_and_settings(tmp_path):
+    filename, records = tmp_path / "a.json", [{"object": "ball", "error_mm": 0.5, "held": None}]
+    key = {"git": "abc", "seed": 0, "range": (0, 1)}  # JSON makes a list of the tuple
+    assert finished_records(filename, key) is None
+    write_json({"key": key, "records": records}, filename)
+    assert finished_records(filename, key) == records
+    assert finished_records(filename, key | {"seed": 1}) is None
+    assert finished_records(filename, key | {"more": 1}) is None
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", "{}", '{"key": {"seed": 0}}'])
+def test_files_that_are_not_ours_hold_no_finished_records(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    assert finished_records(tmp_path / "a.json", {"seed": 0}) is None
 
 
 def test_evaluate_writes_all_rows(tmp_path, monkeypatch, capsys):

@@ -4,14 +4,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
+from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.grasp_sequence import GraspSequenceConfig, Phase
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.sphere import sphere_points
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 
 GRIPPER = ParallelGripper()
@@ -85,6 +88,37 @@ def test_away_from_all_grasps_everything_is_passed_through():
     np.testing.assert_array_equal(mock.output("object_velocity").get_coeffs(), V_WO)
     assert mock.output("gripper_position") == GRIPPER.max_opening
     assert mock.output("object_hold") == 1.0
+
+
+def test_the_field_is_passed_through_until_the_hand_has_committed_to_a_grasp():
+    field, newer = (fit_gpdf(sphere_points(20, radius)) for radius in (0.03, 0.04))
+    mock = Mock(gpdf=Value[object](field))
+    assert mock.advance(0.03) == Phase.APPROACH
+    assert mock.output("gpdf") is field
+    mock.fix(gpdf=Value[object](newer))
+    assert mock.output("gpdf") is newer
+    for phase in list(Phase)[1:]:
+        mock.advance_to_phase(phase)
+        assert mock.output("gpdf") is None
+
+
+def test_a_hand_that_opens_again_keeps_off_the_object_again():
+    field = fit_gpdf(sphere_points(20, 0.03))
+    mock = Mock(gpdf=Value[object](field))
+    mock.advance_to_phase(Phase.CLOSE)
+    assert mock.output("gpdf") is None
+    mock.fix(gripper_state=[0.0005, 0.0])  # nothing between the fingers
+    mock.advance_to_phase(Phase.APPROACH)
+    assert mock.output("gpdf") is field
+
+
+def test_without_a_field_none_is_passed_on():
+    unconnected, unseen = Mock(), Mock(gpdf=Value[object](None))
+    for mock in (unconnected, unseen):
+        assert mock.advance(0.03) == Phase.APPROACH
+        assert mock.output("gpdf") is None
+        mock.advance_to_phase(Phase.CLOSE)
+        assert mock.output("gpdf") is None
 
 
 def test_a_whole_grasp_keeps_its_times():

@@ -1,0 +1,81 @@
+"""The files of a training run: what it resumes from, and how it went.
+
+``checkpoint.pt`` holds the state of the run, ``curve.csv`` one line for every evaluation.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from feasigrasp.errors import FeasigraspError
+
+
+class TrainingError(FeasigraspError, ValueError):
+    """A training run that cannot start or go on with these arguments."""
+
+
+def write_checkpoint(folder: Path, identity: Mapping[str, Any], **state: Any) -> None:
+    """Writes what a run resumes from, whole or not at all.
+
+    Args:
+        folder: Folder of the run.
+        identity: What no resumed run may change, e.g. its seed.
+        **state: Tensors, numbers and containers of them, e.g. state dicts of modules.
+    """
+    partial = folder / "checkpoint.pt.part"
+    torch.save({"identity": identity, **state}, partial)
+    partial.replace(folder / "checkpoint.pt")
+
+
+def read_checkpoint(
+    folder: Path, identity: Mapping[str, Any], device: torch.device | str
+) -> dict[str, Any] | None:
+    """What `write_checkpoint` wrote; a folder without is made ready for a new run.
+
+    Args:
+        folder: Folder of the run, made if it is not there.
+        identity: That of the run to resume.
+        device: Where the tensors shall be.
+
+    Returns:
+        The state; None for a new run, whose curve then has no lines of an earlier one.
+
+    Raises:
+        TrainingError: The folder holds a run with another identity.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    filename = folder / "checkpoint.pt"
+    if not filename.exists():
+        (folder / "curve.csv").unlink(missing_ok=True)
+        return None
+    state: dict[str, Any] = torch.load(filename, map_location=device, weights_only=True)
+    written = state.pop("identity")
+    if written != identity:
+        raise TrainingError(
+            f"{folder} holds a run with {written}, this one has {identity}; choose another --out, "
+            "or the same arguments to resume"
+        )
+    return state
+
+
+def append_curve(folder: Path, columns: Sequence[str], row: Mapping[str, float]) -> None:
+    """Appends a line to the curve, below a header if it is the first; NaN where ``row`` has none.
+
+    Args:
+        folder: Folder of the run.
+        columns: Names of the columns, in order.
+        row: Figures by column.
+    """
+    filename = folder / "curve.csv"
+    new = not filename.exists()
+    with filename.open("a", newline="") as file:
+        writer = csv.writer(file)
+        if new:
+            writer.writerow(columns)
+        writer.writerow([f"{row.get(column, math.nan):.6g}" for column in columns])
