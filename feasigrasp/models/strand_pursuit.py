@@ -94,7 +94,21 @@ def pursuit_velocity(
 
 @nb.njit(cache=True)
 def _pursue_kernel(  # type: ignore[no-untyped-def]
-    q, q_ref, qd_ref, X_OT, X_WO, V_WO, X_FG, gain, share, closeness, freedom, urgency, blend, speed, qd
+    q,
+    q_ref,
+    qd_ref,
+    X_OT,
+    X_WO,
+    V_WO,
+    X_FG,
+    gain,
+    share,
+    closeness,
+    freedom,
+    urgency,
+    blend,
+    speed,
+    qd,
 ):
     time = 0.0
     for j in range(7):

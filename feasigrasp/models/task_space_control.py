@@ -141,9 +141,7 @@ def task_space_velocity(
     moving = None if surface is None else MovingObject(surface, X_WO, V_WO)
     reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
     if reference is None:
-        return safety.velocity(
-            q, np.zeros(7), qd_last=qd_last, obstacles=obstacles, moving=moving
-        )
+        return safety.velocity(q, np.zeros(7), qd_last=qd_last, obstacles=obstacles, moving=moving)
     X_FG = reachability.gripper.X_FG
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
     far = 1.0

@@ -46,12 +46,12 @@ def ring_of_grasps(tilts=(0.0, 0.5), turns=3):
 GRASPS = ring_of_grasps()
 
 
-def ahead(motion, t):
-    return np.array([motion.pose(t + s) for s in OPTIONS.instants])
+def ahead(motion, t, options=OPTIONS):
+    return np.array([motion.pose(t + s) for s in options.instants])
 
 
 def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS):
-    return choose_grasp(choice, t, q, X_OG, ahead(motion, t), REACHABILITY, options)
+    return choose_grasp(choice, t, q, X_OG, ahead(motion, t, options), REACHABILITY, options)
 
 
 def run(duration, motion=CIRCLE, period=0.2, dt=0.02):
@@ -121,6 +121,37 @@ def test_the_plan_arrives_in_time_at_an_admissible_configuration():
     q = closed_form(X_WF, choice.psi)[choice.branch]
     assert REACHABILITY.admissible(q)[0]
     assert np.max(np.abs(q - START) / VELOCITY_LIMITS) <= choice.due
+
+
+def from_the_side(yaw_deg):
+    """A grasp at the object's origin with a level approach direction."""
+    yaw = np.deg2rad(yaw_deg)
+    approach, up = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([0.0, 0.0, 1.0])
+    return se3.make_pose(np.column_stack([np.cross(up, approach), up, approach]), np.zeros(3))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_hand_that_is_to_grasp_soon_does_not_wait_for_what_lasts_longer(seed):
+    """An object turns: the grasp that can be had now is gone in 5 s, another can be had by then."""
+    turning = HarmonicMotion(
+        **vars_of(CIRCLE)
+        | {"center": np.array([0.5, 0.0, 0.35]), "amplitude": np.zeros(3), "spin": 0.2}
+    )
+    now, later = from_the_side(75.0), from_the_side(-170.0)
+    for t, expected in ((0.0, (1, 0)), (3.0, (1, 0)), (5.0, (0, 1)), (9.0, (0, 1))):
+        poses = turning.pose(t) @ np.array([now, later])
+        np.testing.assert_array_equal(REACHABILITY.reachable(poses), expected)
+    q = START + np.random.default_rng(seed).uniform(-0.1, 0.1, 7)
+    X_OG = GraspSet(np.array([now, later]), np.full(2, 0.05), np.ones(2)).with_twins().X_OG
+
+    patient = choose(GraspChoice(), 0.0, q, X_OG, turning)
+    assert patient.due > 3.0
+    np.testing.assert_allclose(patient.X_OG[:3, 2], later[:3, 2], atol=1e-12)
+
+    options = ChoiceOptions.to_grasp_soon()
+    soon = choose(GraspChoice(), 0.0, q, X_OG, turning, options)
+    assert soon.due <= 2.0 < options.times[-1]
+    np.testing.assert_allclose(soon.X_OG[:3, 2], now[:3, 2], atol=1e-12)
 
 
 def test_without_grasps_or_poses_there_is_no_choice():

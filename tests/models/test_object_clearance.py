@@ -59,6 +59,17 @@ def test_the_grid_is_the_distance_of_the_ball(grid):
     assert (distance[truth < -0.01] < 0).all() and (distance[truth > 0.005] > 0).all()
 
 
+def test_the_grid_of_a_field_is_made_once():
+    field, other = (fit_gpdf(sphere_points(100, RADIUS), length_scale=0.1) for _ in range(2))
+    made = object_grid(field)
+    assert object_grid(field) is made
+    assert object_grid(other) is not made  # equal points, another field
+    coarse = object_grid(field, voxel_size=0.02)
+    assert coarse is not made
+    assert coarse.values.size < made.values.size
+    assert object_grid(field) is made
+
+
 def test_hand_points_lie_on_the_hand():
     X = forward_kinematics(Q)  # the flange
     X_7 = X.copy()
