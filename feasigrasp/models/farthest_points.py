@@ -13,14 +13,19 @@ Array = NDArray[np.float64]
 def _lower_to(
     nearest: Array, xs: Array, ys: Array, zs: Array, x: float, y: float, z: float
 ) -> float:
-    """Lowers the squared distances to the nearest chosen point by a new one; the largest left."""
+    """Lowers the squared distances to the nearest chosen point by a new one; the largest left.
+
+    The maximum is one of bit patterns, which are ordered as positive numbers are: only that of
+    integers is vectorised.
+    """
     wide_vectors()
-    largest = 0.0
+    largest = np.int64(0)
     for j in range(len(nearest)):
         a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
-        nearest[j] = min(nearest[j], a * a + b * b + c * c)
-        largest = max(largest, nearest[j])
-    return largest
+        square = min(nearest[j], a * a + b * b + c * c)
+        nearest[j] = square
+        largest = max(largest, np.float64(square).view(np.int64))
+    return np.int64(largest).view(np.float64)
 
 
 @njit(cache=True, nogil=True)

@@ -120,18 +120,17 @@ def _pursue_kernel(  # type: ignore[no-untyped-def]
     if part > 0.0:
         X_WH, J = np.empty((4, 4)), np.empty((6, 7))
         pose_jacobian_kernel(q, X_FG, X_WH, J)
-        v, square, radius = np.empty(3), 0.0, 0.0
+        n, radius = np.empty(3), 0.0
         for i in range(3):
-            v[i] = X_WO[i, 3] - X_WH[i, 3]
-            square += v[i] * v[i]
+            n[i] = X_WO[i, 3] - X_WH[i, 3]
             radius += X_OT[i, 3] ** 2
-        distance = max(np.sqrt(square), 1e-9)
-        inwards = min(max(gain * (distance - np.sqrt(radius)), -speed), speed) / distance
-        for i in range(3):
-            v[i] = V_WO[3 + i] + inwards * v[i]
-        J_p = J[3:].copy()
-        H = (part / speed**2) * (J_p.T @ J_p)
-        f = (part / speed**2) * (J_p.T @ v)
+        distance = max(np.sqrt(n @ n), 1e-9)
+        n /= distance
+        inwards = min(max(gain * (distance - np.sqrt(radius)), -speed), speed) + n @ V_WO[3:]
+        # Along the sphere the hand is free.
+        row = n @ J[3:]
+        H = (part / speed**2) * np.outer(row, row)
+        f = (part / speed**2 * inwards) * row
         for j in range(7):
             needed = abs(q_ref[j] - q[j]) / (share * VELOCITY_LIMITS[j]) / time
             w = (freedom + urgency * needed**4) / VELOCITY_LIMITS[j] ** 2

@@ -87,3 +87,24 @@ def test_short_ways_are_the_synchronised_motion_exactly(time):
         to = reference(q + way, 0.1, direction, qd_ref)
         qd = pursuit_velocity(q, to, X_WO, V_WO, X_FG, OPTIONS)
         np.testing.assert_allclose(qd - qd_ref, way * min(OPTIONS.gain, 1.0 / time), atol=1e-9)
+
+
+def test_the_hand_goes_round_the_object_and_arrives_in_time():
+    """From one side to the other; straight in the joints, it would go through the middle."""
+    start = np.array([-0.35, 0.6, 0.0, -1.4, 0.0, 1.0, -1.2])
+    end = start * [-1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0]
+    X_WO = se3.make_pose(np.eye(3), 0.5 * (hand(start) + hand(end)))
+
+    def distance(q):
+        return np.linalg.norm(hand(q) - X_WO[:3, 3])
+
+    to = reference(end, distance(end), np.array([1.0, 0.0, 0.0]))
+    least = np.max(np.abs(end - start) / (OPTIONS.speed_share * VELOCITY_LIMITS))
+    q, step, way = start.copy(), 0.005, []
+    for _ in range(round((least + 0.5) / step)):
+        q = q + step * pursuit_velocity(q, to, X_WO, np.zeros(6), X_FG, OPTIONS)
+        way.append(distance(q))
+    straight = [distance(start + share * (end - start)) for share in np.linspace(0.0, 1.0, 100)]
+    assert min(straight) < 0.05
+    assert min(way) > 0.15
+    np.testing.assert_allclose(q, end, atol=0.02)
