@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import shlex
 
 import numpy as np
 import trimesh
@@ -63,8 +64,16 @@ def main(args: argparse.Namespace) -> int:
         )
         for what in dict.fromkeys(what for _, what, _ in parts)
     ]
-    git = git_revision()
-    write_summary(args.out / "summary.json", "evaluate grasp-targets", git, args.seed, rows)
+    words = ["--objects", str(args.objects), "--seed", str(args.seed)]
+    words += ["--components", str(args.components), *["--quick"] * args.quick]
+    write_summary(
+        args.out / "summary.json",
+        command=shlex.join(["feasigrasp", "evaluate", "grasp-targets", *words]),
+        git=git_revision(),
+        seed=args.seed,
+        rows=rows,
+        quick=args.quick,
+    )
     print(format_rows(rows))
     return 0
 

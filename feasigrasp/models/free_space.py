@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
@@ -34,24 +35,38 @@ def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
         Shape (n,) [m]; zero or negative where nothing is known.
     """
     best = np.full(len(x), -np.inf)
+    points = np.ascontiguousarray(x, dtype=float)
     for view in views:
-        in_camera = view.in_camera(x)
-        z = np.maximum(in_camera[:, 2], 1e-6)
-        at = in_camera[:, :2] / z[:, None] / view.pixel + 0.5 * (SIDE - 1)
-        index = np.clip(np.rint(at), 0, SIDE - 1).astype(int)
-        column, row = index.T
-        # Outside the picture, which has a margin round the silhouette.
-        beyond = np.linalg.norm(at - index, axis=1)
-        outside = np.where(
-            np.abs(at - index).max(axis=1) > 0.5,
-            beyond + MARGIN - 2.0,
-            view.beside[row, column] - 0.5,
-        )
-        oblique = z / np.linalg.norm(in_camera, axis=1)
-        beside = (outside * view.pixel - EDGE_PIXELS * view.pitch) * z * oblique
-        before = view.depth[row, column] - z
-        best = np.maximum(best, np.where(view.mask[row, column], before, beside))
+        edge = EDGE_PIXELS * view.pitch
+        picture = (view.mask, view.depth, view.beside)
+        _raise_to_free(points, view.X_OC, view.pixel, edge, picture, best)
     return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _raise_to_free(points, X_OC, pixel, edge, picture, best):  # type: ignore[no-untyped-def]
+    """Raises ``best`` (n,) to how deep the points (n, 3) lie in the free space of one view."""
+    mask, depth, beside = picture
+    for i in range(len(points)):
+        a, b, c = points[i, 0] - X_OC[0, 3], points[i, 1] - X_OC[1, 3], points[i, 2] - X_OC[2, 3]
+        u = a * X_OC[0, 0] + b * X_OC[1, 0] + c * X_OC[2, 0]
+        v = a * X_OC[0, 1] + b * X_OC[1, 1] + c * X_OC[2, 1]
+        w = a * X_OC[0, 2] + b * X_OC[1, 2] + c * X_OC[2, 2]
+        z = max(w, 1e-6)
+        u_at, v_at = u / z / pixel + 0.5 * (SIDE - 1), v / z / pixel + 0.5 * (SIDE - 1)
+        column = int(min(max(np.rint(u_at), 0.0), SIDE - 1.0))
+        row = int(min(max(np.rint(v_at), 0.0), SIDE - 1.0))
+        if mask[row, column]:
+            free = depth[row, column] - z
+        else:
+            du, dv = u_at - column, v_at - row
+            if max(abs(du), abs(dv)) > 0.5:  # outside the picture, which has a margin
+                outside = np.sqrt(du * du + dv * dv) + MARGIN - 2.0
+            else:
+                outside = beside[row, column] - 0.5
+            oblique = z / np.sqrt(u * u + v * v + w * w)
+            free = (outside * pixel - edge) * z * oblique
+        best[i] = max(best[i], free)
 
 
 def rim_points(view: ViewImage, count: int) -> Array:

@@ -87,9 +87,7 @@ class Gpdf:
 
     def normals(self, x: ArrayLike) -> Array:
         """Outward unit normals ``grad d / |grad d|`` at x (m, 3), shape (m, 3)."""
-        gradient = self.distance_and_gradient(x)[1]
-        norm = np.linalg.norm(gradient, axis=1, keepdims=True)
-        return gradient / np.maximum(norm, 1e-12)
+        return unit_normals(self.distance_and_gradient(x)[1])
 
     def variance(self, x: ArrayLike) -> Array:
         """Predictive variance ``1 - k (K + s2 I)^-1 k^T`` of the occupancy at x (m, 3), (m,).
@@ -210,6 +208,12 @@ class Gpdf:
             self._tiles, self.length_scale, self.center, checked_queries(x), steps, self.damped
         )
         return marched
+
+
+def unit_normals(gradient: Array) -> Array:
+    """Gradients (m, 3) of a distance scaled to unit length; zero where there is no gradient."""
+    norm = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
+    return gradient / np.maximum(norm, 1e-12)[:, None]
 
 
 def checked_queries(x: ArrayLike) -> Array:

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.gpdf_field import unit_normals
 from feasigrasp.models.grasp_certainty import (
     FAR,
     clearance_certainty,
@@ -102,9 +104,11 @@ def filter_grasps(
         candidates = _above_table(candidates, plane, gripper, margin)
     pairs, pair_of = _contact_pairs(candidates)
     thin = (pairs.width < THIN_WALL) & (prior is not None)
-    cosine = np.where(thin, -1.0, contact_cosine(gpdf, pairs))
+    off, cosine = _contact_state(gpdf, pairs)
+    cosine = np.where(thin, -1.0, cosine)
+    touching = np.where(thin, off.min(axis=0), off.max(axis=0)) <= CONTACT_TOLERANCE
     checks = {
-        "off the surface": _touching(gpdf, pairs, thin)[pair_of],
+        "off the surface": touching[pair_of],
         "nothing between the pads": (thin | _holding(gpdf, pairs))[pair_of],
         "not antipodal": (cosine <= max(cosine_steps))[pair_of],
     }
@@ -153,12 +157,7 @@ def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
     The worst (largest) of three cosines: between the two outward normals, and of either normal
     with the closing line. The latter two say whether both contacts lie in the friction cone.
     """
-    first, second = contacts(grasps)
-    n1, n2, b = gpdf.normals(first), gpdf.normals(second), grasps.X_OG[:, :3, 0]
-    pair = np.einsum("ni,ni->n", n1, n2)
-    at_first = np.einsum("ni,ni->n", n1, b)
-    at_second = -np.einsum("ni,ni->n", n2, b)
-    return np.maximum(pair, np.maximum(at_first, at_second))
+    return _contact_state(gpdf, grasps)[1]
 
 
 def hand_clearance(
@@ -192,6 +191,8 @@ def _seen_clearance(gpdf: CompletedField, X_OG: Array, gripper: ParallelGripper)
     The field fills bowls and cups; a finger may enter them where the camera has seen the inside.
     Raw distances, which are less than the true ones outside.
     """
+    if len(X_OG) == 0:
+        return np.zeros(0)
     hand = _either_way_round(gripper)
     points = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
     points = points.reshape(-1, 3)
@@ -201,11 +202,14 @@ def _seen_clearance(gpdf: CompletedField, X_OG: Array, gripper: ParallelGripper)
     return clearance.reshape(len(X_OG), len(hand)).min(axis=1, initial=FAR)
 
 
+@lru_cache(maxsize=8)
 def _either_way_round(gripper: ParallelGripper) -> Array:
     """Points on the open hand and on its flip, without those that coincide, shape (k, 3) [m]."""
     hand = gripper.surface_points(gripper.max_opening)
     hand = np.concatenate([hand, hand @ _FLIP[:3, :3]])
-    return np.asarray(hand[np.sort(np.unique(hand.round(9), axis=0, return_index=True)[1])])
+    hand = hand[np.sort(np.unique(hand.round(9), axis=0, return_index=True)[1])]
+    hand.flags.writeable = False
+    return np.asarray(hand)
 
 
 def _contact_pairs(grasps: GraspSet) -> tuple[GraspSet, Indices]:
@@ -215,7 +219,9 @@ def _contact_pairs(grasps: GraspSet) -> tuple[GraspSet, Indices]:
     alone is the costly part.
     """
     line = np.column_stack([grasps.X_OG[:, :3, 3], grasps.X_OG[:, :3, 0], grasps.width])
-    _, first, pair_of = np.unique(line.round(7), axis=0, return_index=True, return_inverse=True)
+    line = line.round(7) + 0.0  # no negative zeros, so that equal rows have equal bytes
+    rows = line.view(np.dtype((np.void, line.itemsize * line.shape[1]))).reshape(-1)
+    _, first, pair_of = np.unique(rows, return_index=True, return_inverse=True)
     return grasps.select(first), pair_of.reshape(-1)
 
 
@@ -224,10 +230,11 @@ def _apply(
 ) -> tuple[GraspSet, Indices]:
     """Drops the grasps that fail; each is counted under the first check that it fails."""
     passed = np.ones(len(grasps), dtype=bool)
+    dropped = {}
     for reason, check in checks.items():
-        grasps, check = grasps.select(check[passed], reason), check & passed
-        passed = check
-    return grasps, pair_of[passed]
+        dropped[reason] = int(np.count_nonzero(passed & ~check))
+        passed &= check
+    return grasps.select(passed).counted(dropped), pair_of[passed]
 
 
 def _above_table(
@@ -252,19 +259,28 @@ def _checked_plane(table: ArrayLike) -> Array:
     return plane
 
 
-def _touching(gpdf: Gpdf, pairs: GraspSet, thin: Mask) -> Mask:
-    """Whether both contacts, in thin walls one of them, lie on the completed surface."""
-    first, second = (np.abs(gpdf.distance(contact)) for contact in contacts(pairs))
-    off = np.where(thin, np.minimum(first, second), np.maximum(first, second))
-    return off <= CONTACT_TOLERANCE
+def _contact_state(gpdf: Gpdf, grasps: GraspSet) -> tuple[Array, Array]:
+    """How far both contacts are off the surface, shape (2, n) [m], and `contact_cosine`, (n,)."""
+    both = np.concatenate(contacts(grasps))
+    distance, gradient = gpdf.distance_and_gradient(both)
+    n1, n2 = unit_normals(gradient).reshape(2, -1, 3)
+    b = grasps.X_OG[:, :3, 0]
+    pair = np.einsum("ni,ni->n", n1, n2)
+    at_first = np.einsum("ni,ni->n", n1, b)
+    at_second = -np.einsum("ni,ni->n", n2, b)
+    cosine = np.maximum(pair, np.maximum(at_first, at_second))
+    return np.abs(distance).reshape(2, -1), cosine
 
 
 def _holding(gpdf: Gpdf, pairs: GraspSet) -> Mask:
     """Whether some part of the line between the contacts is inside the object."""
-    first, second = contacts(pairs)
-    share = np.array([0.2, 0.5, 0.8])[None, :, None]
-    between = first[:, None] + share * (second - first)[:, None]
-    return gpdf.distance(between.reshape(-1, 3)).reshape(-1, 3).min(axis=1) < 0.0
+    middle, first = pairs.X_OG[:, :3, 3], contacts(pairs)[0]
+    holding = gpdf.distance(middle) < 0.0
+    for share in (0.6, -0.6):  # most are filled in the middle
+        left = np.flatnonzero(~holding)
+        at = middle[left] + share * (first[left] - middle[left])
+        holding[left] = gpdf.distance(at) < 0.0
+    return holding
 
 
 def _leverage(gpdf: Gpdf, pairs: GraspSet) -> Array:

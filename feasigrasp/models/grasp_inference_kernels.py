@@ -267,22 +267,33 @@ def grasps_kernel(  # type: ignore[no-untyped-def]
 ):
     """Writes grasps, in float64 so that unit vectors are unit."""
     ring, modes = len(free), score.shape[1]
-    b, a, logits = np.empty(3), np.empty(3), np.empty(ring)
+    logits = np.empty(ring)
     for i in range(len(width)):
         width[i] = max(chords[i] + LENGTH_SCALE * np.float64(said[1, i]), NARROWEST)
-        for axis in range(3):
-            b[axis] = np.float64(frames[0, axis, i]) + tilt[axis, i]
-        b /= np.sqrt(b[0] ** 2 + b[1] ** 2 + b[2] ** 2)
-        closing[i] = b
+        axis = frames[0, :, i].astype(np.float64)
+        b = _unit(axis[0] + tilt[0, i], axis[1] + tilt[1, i], axis[2] + tilt[2, i])
+        closing[i, 0], closing[i, 1], closing[i, 2] = b
         for k in range(ring):
             logits[k] = free[k, i]
         for mode in range(modes):
             best = int(np.argmax(logits))
             score[i, mode] = logits[best]
             logits[best - 1] = logits[best] = logits[(best + 1) % ring] = -np.inf
-            for axis in range(3):
-                u, v = np.float64(frames[1, axis, i]), np.float64(frames[2, axis, i])
-                a[axis] = turns[0, best] * u + turns[1, best] * v
-            a -= (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) * b
-            a /= np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
-            approach[i, mode] = a
+            x = _along(turns, best, frames[1, 0, i], frames[2, 0, i])
+            y = _along(turns, best, frames[1, 1, i], frames[2, 1, i])
+            z = _along(turns, best, frames[1, 2, i], frames[2, 2, i])
+            dot = x * b[0] + y * b[1] + z * b[2]
+            x, y, z = _unit(x - dot * b[0], y - dot * b[1], z - dot * b[2])
+            approach[i, mode, 0], approach[i, mode, 1], approach[i, mode, 2] = x, y, z
+
+
+@njit(cache=True, error_model="numpy")
+def _along(turns, k, u, v):  # type: ignore[no-untyped-def]
+    """A coordinate of direction k of the ring, from those of its axes."""
+    return turns[0, k] * np.float64(u) + turns[1, k] * np.float64(v)
+
+
+@njit(cache=True, error_model="numpy")
+def _unit(x, y, z):  # type: ignore[no-untyped-def]
+    length = np.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.gpdf_field import Gpdf, unit_normals
 from feasigrasp.models.grasp_input_kernels import chords, nearest_distance
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.shape_completion import CompletedField, predicted_deviation
@@ -98,12 +98,13 @@ def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) 
     """
     if n_points < 1:
         raise GraspError(f"n_points = {n_points}; give 1 or more")
-    points, normals = _candidates(field, n_points)
+    points, normals, smoothed = _candidates(field, n_points)
     if len(points) == 0:
         raise GraspError("the field has no surface; fit it to more points")
     chosen = farthest_points(points, min(n_points, len(points)))
-    points = np.ascontiguousarray(points[chosen])
-    normals = _normals(field, points, normals[chosen])
+    points, normals = np.ascontiguousarray(points[chosen]), normals[chosen]
+    observed = np.flatnonzero(smoothed[chosen])
+    normals[observed] = _combined(field.normals(points[observed]), normals[observed])
     length, ends, end_normals = chords(
         field._tiles,
         field.length_scale,
@@ -120,9 +121,12 @@ def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) 
     return GraspInput(points, normals, scalars)  # type: ignore[arg-type]
 
 
-def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array]:
-    """Points of the surface, and their smoothed normals; zero where the field has to tell."""
-    completed = field.completion.points
+def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Points of the surface, their normals, and which of these are smoothed or missing yet.
+
+    The others are the field's own, known from when the surface was completed.
+    """
+    completed = field.completion
     if isinstance(field, CompletedField):
         cloud, normals = field.cloud, field.cloud_normals
     else:
@@ -132,23 +136,22 @@ def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array]:
         even = np.linspace(0, len(cloud) - 1, most).astype(int)
         cloud, normals = cloud[even], normals[even]
     return (
-        np.concatenate([cloud, completed]),
-        np.concatenate([normals, np.zeros_like(completed)]),
+        np.concatenate([cloud, completed.points]),
+        np.concatenate([normals, completed.normals]),
+        np.arange(len(cloud) + len(completed)) < len(cloud),
     )
 
 
-def _normals(field: Gpdf, points: Array, smoothed: Array) -> Array:
+def _combined(of_field: Array, smoothed: Array) -> Array:
     """Means of the field's and the smoothed normals where both exist and agree.
 
     Between the two faces of a wall the field's gradient may point to either side; there the
     smoothed normal, made from the points of one face, is right.
     """
-    of_field = field.normals(points)
     known = np.einsum("ij,ij->i", smoothed, smoothed) > 0.5
     agree = np.einsum("ij,ij->i", of_field, smoothed) > _AGREE
     mean = smoothed + np.where(known & ~agree, 0.0, 1.0)[:, None] * of_field
-    unit: Array = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
-    return unit
+    return unit_normals(mean)
 
 
 def _deviation(field: Gpdf, points: Array) -> Array:

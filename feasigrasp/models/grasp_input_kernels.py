@@ -87,6 +87,8 @@ def chords(
         a, b, c = planes[3:, j]
         guess = planes[0, j] * a + planes[1, j] * b + planes[2, j] * c
         guess = (guess - px * a - py * b - pz * c) / (u * a + v * b + w * c)
+        if guess - _STRAYS > longest and guess >= _WALL:
+            continue  # wherever Newton steps led, it would be too far
         t = guess
         for _ in range(_STEPS):
             x, y, z = px + t * u, py + t * v, pz + t * w

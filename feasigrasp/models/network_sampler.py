@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.gpdf_field import Gpdf, unit_normals
 from feasigrasp.models.grasp_certainty import surface_deviation
 from feasigrasp.models.grasp_filter import THIN_WALL, filter_grasps
 from feasigrasp.models.grasp_input import grasp_input
@@ -145,28 +145,37 @@ def _straightened(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Ar
     ends = middle + 0.5 * width[:, None] * b
     known = np.flatnonzero((width > THIN_WALL) & (surface_deviation(gpdf, ends) < _WELL_KNOWN))
     p, x, w = middle[known], b[known], width[known]
-    for _ in range(_TURNS):
-        half = 0.5 * w[:, None] * x
-        turned = gpdf.normals(p + half) - gpdf.normals(p - half)
-        turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
-        ahead = gpdf.ray_exits(p, turned, _FARTHEST, 0.0)
-        behind = gpdf.ray_exits(p, -turned, _FARTHEST, 0.0)
-        length = ahead + behind
-        there = p + 0.5 * (ahead - behind)[:, None] * turned
-        found = np.isfinite(length) & (np.einsum("ni,ni->n", turned, x) > _LEAST_TURN_COSINE)
-        after = np.full(len(p), np.inf)
-        after[found] = _opposition(gpdf, there[found], turned[found], length[found])
-        better = after < _opposition(gpdf, p, x, w)
-        p, x = np.where(better[:, None], there, p), np.where(better[:, None], turned, x)
-        w = np.where(better, length, w)
+    n1, n2 = _end_normals(gpdf, p, x, w)
+    turning = np.arange(len(p))
+    for _ in range(_TURNS):  # a line that gained nothing would gain nothing by the same turn again
+        turned = unit_normals(n2[turning] - n1[turning])
+        near = np.einsum("ni,ni->n", turned, x[turning]) > _LEAST_TURN_COSINE
+        turning, turned = turning[near], turned[near]
+        ahead, behind = gpdf.ray_exits(
+            np.tile(p[turning], (2, 1)), np.concatenate([turned, -turned]), _FARTHEST, 0.0
+        ).reshape(2, -1)
+        length, there = ahead + behind, p[turning] + 0.5 * (ahead - behind)[:, None] * turned
+        found = np.isfinite(length)
+        turning, turned = turning[found], turned[found]
+        length, there = length[found], there[found]
+        after = _end_normals(gpdf, there, turned, length)
+        better = _opposition(*after, turned) < _opposition(n1[turning], n2[turning], x[turning])
+        turning = turning[better]
+        p[turning], x[turning], w[turning] = there[better], turned[better], length[better]
+        n1[turning], n2[turning] = (normals[better] for normals in after)
     middle[known], b[known], width[known] = p, x, w
     return middle, b, width
 
 
-def _opposition(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> Array:
-    """As `contact_cosine`, of lines: -1 where both ends oppose each other perfectly, (n,)."""
+def _end_normals(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Array, Array]:
+    """Outward normals at both ends of closing lines, shapes (n, 3)."""
     half = 0.5 * width[:, None] * b
-    n1, n2 = gpdf.normals(middle - half), gpdf.normals(middle + half)
+    first, second = gpdf.normals(np.concatenate([middle - half, middle + half])).reshape(2, -1, 3)
+    return first, second
+
+
+def _opposition(n1: Array, n2: Array, b: Array) -> Array:
+    """As `contact_cosine`, of the normals at both ends: -1 if these are perfectly opposed, (n,)."""
     return np.maximum(np.einsum("ni,ni->n", n1, b), -np.einsum("ni,ni->n", n2, b))
 
 

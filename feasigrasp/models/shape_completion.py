@@ -109,7 +109,8 @@ class CompletedField(Gpdf):
     def possible(self, x: Array) -> NDArray[np.bool_]:
         """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
         free = free_distance(self.images, x) > _CARVED
-        free[free] = self._tree.query(x[free])[0] > _OBSERVED
+        near = self._tree.query(x[free], distance_upper_bound=_OBSERVED)[0]  # inf if none is
+        free[free] = near > _OBSERVED
         return ~free
 
     @cached_property
@@ -198,6 +199,6 @@ def _free_nodes(images: tuple[ViewImage, ...], points: Array) -> tuple[Array, Ar
         return np.zeros((0, 3)), np.zeros(0)
     nodes = np.concatenate([rim_points(image, FREE_NODES // len(images)) for image in images])
     distance = free_distance(images, nodes)
-    apart = cKDTree(points).query(nodes)[0]
+    apart = cKDTree(points).query(nodes, distance_upper_bound=_CLEARANCE)[0]  # inf if further
     kept = (distance > 0.0) & (apart > _CLEARANCE)
     return nodes[kept], distance[kept]

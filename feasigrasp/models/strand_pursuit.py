@@ -4,12 +4,12 @@ On a strand the arm follows its reference. On the way there, the joint that take
 duration: it moves at its speed limit, and every other joint need only be in time with it. What is
 free meanwhile keeps the hand close to the object::
 
-    min  sum_j w_j ((qd_j - qd*_j) / v_j)^2 + w_p |(J_p qd - v_p) / v_0|^2
+    min  sum_j w_j ((qd_j - qd*_j) / v_j)^2 + w_p ((n . J_p qd - v_n) / v_0)^2
 
 with ``qd*`` the synchronised motion, ``w_j`` rising steeply with the share of the time that joint j
-needs, and ``v_p`` the velocity that leads the hand to a sphere about the object: as far from its
-middle as the way into the grasp asks for at present, so that the hand goes round the object, not
-through it.
+needs, n the direction from the hand to the object's middle, and ``v_n`` the speed along it that leads
+the hand to a sphere about the object: as far from its middle as the way into the grasp asks for at
+present. Along the sphere the hand is free, so that it goes round the object, not through it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class PursuitOptions:
         closeness: w_p, weight of keeping the hand on the sphere on the way.
         freedom: w_j of a joint that has all the time.
         urgency: w_j of the joint that takes longest.
-        blend: Ways shorter than this are followed without regard to the object [s].
+        blend: Ways shorter than half of this are followed without regard to the object, ways
+            longer than 1.5 times as much with full weight of it [s].
         speed: v_0, speed that leads the hand to the sphere at most [m/s].
     """
 

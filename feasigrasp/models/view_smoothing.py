@@ -73,9 +73,13 @@ def _fit_patches(
             basis[0, j], basis[1, j], basis[2, j] = 1.0, u, v
             basis[3, j], basis[4, j], basis[5, j] = u * u, u * v, v * v
             weight[j] = np.exp(-0.5 * (distance[i, j] / (0.6 * size)) ** 2)
-        spread = 0.0
         for again in range(2):
             if again:
+                for j in range(k):
+                    residual[j] = height[j]
+                    for a in range(6):
+                        residual[j] -= right[a] * basis[a, j]
+                spread = 2.0 * max(1.4826 * np.median(np.abs(residual)), _MIN_RESIDUAL)
                 for j in range(k):
                     weight[j] /= (1.0 + (residual[j] / spread) ** 2) ** 2
             for a in range(6):
@@ -88,11 +92,6 @@ def _fit_patches(
             for a in range(6):
                 matrix[a, a] += total * (_CURVATURE_PENALTY if a > 2 else 1e-6)
             _solve(matrix, right)
-            for j in range(k):
-                residual[j] = height[j]
-                for a in range(6):
-                    residual[j] -= right[a] * basis[a, j]
-            spread = 2.0 * max(1.4826 * np.median(np.abs(residual)), _MIN_RESIDUAL)
         if abs(right[0]) < _MAX_SHIFT:
             points[i] = at[i] + right[0] * z
         normal = z - (right[1] / size) * x - (right[2] / size) * y

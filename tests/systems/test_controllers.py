@@ -261,8 +261,8 @@ def test_the_hand_gets_to_a_grasp_and_stays_there(make, speed, spin):
     both_ways = ring().with_twins()
     reachable = REACH.reachable(motion.pose(0.0) @ both_ways.X_OG)
     grasps = both_ways.select(reachable)
-    times, q = closed_loop(make, motion, 4.5, grasps)
-    for t, q_t in zip(times[times > 4.0], q[times > 4.0], strict=True):
+    times, q = closed_loop(make, motion, 4.0, grasps)
+    for t, q_t in zip(times[times > 3.5], q[times > 3.5], strict=True):
         X_WG = motion.pose(t) @ grasps.X_OG
         X_GH = np.linalg.inv(X_WG) @ forward_kinematics(q_t, REACH.gripper.X_FG)
         position = np.linalg.norm(X_GH[:, :3, 3], axis=1)
