@@ -7,9 +7,9 @@ free meanwhile keeps the hand close to the object::
     min  sum_j w_j ((qd_j - qd*_j) / v_j)^2 + w_p ((n . J_p qd - v_n) / v_0)^2
 
 with ``qd*`` the synchronised motion, ``w_j`` rising steeply with the share of the time that joint j
-needs, n the direction from the hand to the object's middle, and ``v_n`` the speed along it that leads
-the hand to a sphere about the object: as far from its middle as the way into the grasp asks for at
-present. Along the sphere the hand is free, so that it goes round the object, not through it.
+needs, n the direction from the hand to the object's middle, and ``v_n`` the speed along it that
+leads the hand to a sphere about the object: as far from its middle as the way into the grasp asks
+for at present. Along the sphere the hand is free, so that it goes round the object, not through it.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def _pursue_kernel(  # type: ignore[no-untyped-def]
         for i in range(3):
             n[i] = X_WO[i, 3] - X_WH[i, 3]
             radius += X_OT[i, 3] ** 2
-        distance = max(np.sqrt(n @ n), 1e-9)
+        distance = max(float(np.sqrt(n @ n)), 1e-9)
         n /= distance
         inwards = min(max(gain * (distance - np.sqrt(radius)), -speed), speed) + n @ V_WO[3:]
         # Along the sphere the hand is free.
