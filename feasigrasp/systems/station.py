@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
 from dataclasses import dataclass, field
 
@@ -206,6 +207,7 @@ class Station(Diagram):
             poses.get_output_port(), scene_graph.get_source_pose_port(twin.get_source_id())
         )
         for index, (name, camera) in enumerate(config.cameras.items()):
+            camera = copy.deepcopy(camera)  # the caller's stays as it is
             camera.name = name
             noise = config.camera_noise.get(name)
             seed = config.noise_seed + 2**32 * index  # cameras err differently

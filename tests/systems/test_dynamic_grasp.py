@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.iiwa import POSITION_LIMITS
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario
+from feasigrasp.scenario import dump_scenario, load_scenario
 from feasigrasp.systems import (
     dynamic_grasp,
     gp_joint_controller,
@@ -44,7 +44,7 @@ def wrap(monkeypatch, calls, owner, name):
 
 @pytest.mark.parametrize("controller", ["task", "joint"])
 def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
-    """Perception 2 Hz, adaptation 20 Hz, control 200 Hz, plant 500 Hz, over one second."""
+    """Perception 2 Hz, adaptation 10 Hz, control 200 Hz, plant 500 Hz, over one second."""
     calls: dict[str, int] = {}
     for owner, name in (
         (point_cloud_to_gpdf, "complete_shape"),
@@ -67,14 +67,14 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     assert calls.pop("complete_shape") == 2
     assert calls.pop("__call__") == 2
     assert calls.pop("_calc") == 2  # read by the latency's hold alone, 0.1 s after each view
-    assert calls.pop("judge_grasps") == 20
+    assert calls.pop("judge_grasps") == 10
     assert calls.pop("_update") == 200
     assert calls.pop("motion_wrench_kernel") == 500
     if controller == "task":
-        assert calls.pop("_advanced") == 20
+        assert calls.pop("_advanced") == 10
         assert calls.pop("task_space_velocity") == 200
     else:
-        assert calls.pop("update") == 20
+        assert calls.pop("update") == 10
         assert calls.pop("velocity") == 200
     assert calls == {}
 
@@ -89,6 +89,14 @@ def test_the_subsystems_have_their_documented_names(diagram):
     documented = {word for word in named.split("``")[1::2]}
     assert len(documented) >= 12
     assert documented == {system.get_name() for system in diagram.GetSystems()}
+
+
+def test_building_leaves_the_scenario_as_it_is():
+    """A result says which scenario it is of: it is found again only if that has not changed."""
+    config = scenario()
+    before = dump_scenario(config)
+    make_dynamic_grasp(config)
+    assert dump_scenario(config) == before
 
 
 def test_every_input_is_connected(diagram):
@@ -171,7 +179,7 @@ def test_the_arm_sets_off_for_a_grasp_once_it_has_one(controller):
 
 def test_latency_delays_the_grasps(monkeypatch):
     slow = scenario(text="{perception: {latency: 0.3}}")
-    _, command, _, _ = arm_positions(slow, 0.4)
+    _, command, _, _ = arm_positions(slow, 0.5)
     moving = np.flatnonzero(np.any(command, axis=1)) * 0.02
     assert 0.3 - 1e-9 <= moving[0] <= 0.3 + slow.reachability.period + 0.02
 
@@ -185,7 +193,7 @@ def test_controller_inputs_go_through_the_sequencer(diagram):
         )
         for sink, source in diagram.connection_map().items()
     }
-    for name in ("grasps", "object_pose", "object_velocity"):
+    for name in ("grasps", "object_pose", "object_velocity", "gpdf"):
         assert connections["controller", name] == ("sequencer", name)
     assert connections["station", "object.hold"] == ("sequencer", "object_hold")
     # Perception and the arm see what the tracker says; only the metrics see the truth.
