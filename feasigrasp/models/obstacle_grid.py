@@ -176,7 +176,7 @@ def obstacle_grid(
     return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))
 
 
-@lru_cache(maxsize=8)  # a field is immutable, and asked for again at every tick
+@lru_cache(maxsize=8)  # the same field comes along with every tick of the sequencer
 def object_grid(
     gpdf: Gpdf, *, voxel_size: float = 0.008, max_distance: float = 0.05
 ) -> ObstacleGrid:

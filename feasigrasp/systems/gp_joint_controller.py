@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
+from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
@@ -15,6 +16,7 @@ from feasigrasp.models.joint_space_control import JointControlOptions, JointSpac
 from feasigrasp.models.obstacle_grid import object_grid, obstacle_grid
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.solutions import Solutions
+from feasigrasp.models.sphere import sphere_points
 
 
 class GPJointController(LeafSystem):
@@ -44,7 +46,8 @@ class GPJointController(LeafSystem):
 
     ``desired_velocity`` V7 [rad/s], the drive's last command, lets ``safe`` mode keep to the
     acceleration limits; ``scene``, a `SceneField` or None, is kept clear of; ``object_motion``, a
-    `MotionEstimate`, predicts the object's poses. These three are optional.
+    `MotionEstimate`, predicts the object's poses; off the surface of ``gpdf``, the object's `Gpdf`
+    or None, the open hand keeps. These four are optional.
     """
 
     def __init__(
@@ -145,3 +148,5 @@ def _compile(control: JointSpaceControl) -> None:
     for time in (0.0, control.period):
         solutions = control.update(solutions, time, X_OG, X_WO, V_WO, q)
     control.velocity(q, solutions, control.period, X_WO, V_WO, np.zeros(NUM_JOINTS))
+    if control.safety is not None:
+        object_grid(fit_gpdf(sphere_points(64, 0.03)))

@@ -8,12 +8,14 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
+from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
 from feasigrasp.models.obstacle_grid import object_grid, obstacle_grid
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.safe_velocity import Safety
+from feasigrasp.models.sphere import sphere_points
 from feasigrasp.models.task_memory import TaskMemory
 from feasigrasp.models.task_space_control import (
     TaskControlOptions,
@@ -44,8 +46,9 @@ class RMMTaskController(LeafSystem):
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
     carried it out, without which accelerations are not limited; ``scene``, a `SceneField` or None,
-    which the arm keeps clear of; and ``object_motion``, a `MotionEstimate` that predicts, without
-    which the object's twist is taken for constant.
+    which the arm keeps clear of; ``object_motion``, a `MotionEstimate` that predicts, without which
+    the object's twist is taken for constant; and ``gpdf``, the object's `Gpdf` or None, whose
+    surface the open hand keeps off.
 
     Every ``period`` seconds the mixture is fitted anew if the grasps are others, going on from the
     mixture before, and the grasp is chosen that the hand goes for. In between the command is a
@@ -95,9 +98,8 @@ class RMMTaskController(LeafSystem):
         inputs = {self._position.ticket(), self._pose.ticket(), self._velocity.ticket()}
         inputs.add(self.abstract_state_ticket(self._memory))
         if self._safe:
-            inputs |= {self._desired_velocity.ticket(), self._obstacles.ticket()}
-            inputs.add(self._surface.ticket())
-            inputs.add(self.time_ticket())
+            inputs |= {self._desired_velocity.ticket(), self.time_ticket()}
+            inputs |= {self._obstacles.ticket(), self._surface.ticket()}
         calc = self._calc_safe if self._safe else self._calc_paper
         self.DeclareVectorOutputPort("commanded_velocity", NUM_JOINTS, calc, inputs)
 
@@ -179,6 +181,7 @@ class RMMTaskController(LeafSystem):
             memory = self._advanced(memory, some, 0.0, q, X_WO, V_WO, None)
         assert memory.mixture is not None
         if self._safe:
+            object_grid(fit_gpdf(sphere_points(64, 0.03)))
             task_space_velocity(
                 q, memory.choice, X_WO, V_WO, self._reachability, self._safety, self._options
             )
