@@ -1,33 +1,27 @@
 """Runs a scenario in a process of its own.
 
 A diagram with Python systems is never freed (11 MB each), and a crash in compiled code takes its
-process along: one process per run costs a few seconds of start-up and settles both.
+process along: one process per run settles both. The processes are forked from one server that has
+imported everything and built a diagram before, which saves each of them several seconds.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
+import multiprocessing
+import multiprocessing.connection
 import os
-import subprocess
-import sys
+import signal
 import tempfile
 import threading
 import traceback
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from feasigrasp.evaluation.result_files import write_json
 from feasigrasp.evaluation.run import crash_record, run, write_result
 from feasigrasp.scenario import Scenario, dump_scenario, parse_scenario
-
-#: Libraries that would start one thread per processor in each of the processes.
-_THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-)
 
 
 def run_isolated(
@@ -36,7 +30,8 @@ def run_isolated(
     """Runs a scenario in its own single-threaded process and writes its record.
 
     However the process ends, there is a record: one that did not finish has its ``error``, and its
-    grasp counts as not held.
+    grasp counts as not held. All processes run the code, and name the revision, that was there when
+    the first of them started.
 
     Args:
         scenario: What to run.
@@ -48,61 +43,52 @@ def run_isolated(
         The record, as `feasigrasp.evaluation.run.run` makes it.
     """
     filename.unlink(missing_ok=True)
-    order = {
-        "name": name,
-        "scenario": dump_scenario(scenario),
-        "filename": str(filename),
-        "replay": str(replay) if replay else None,
-    }
-    environment = os.environ | dict.fromkeys(_THREAD_VARIABLES, "1")
-    with tempfile.TemporaryFile("w+") as messages:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "feasigrasp.evaluation.isolated"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=messages,
-            env=environment,
-            text=True,
-            start_new_session=True,  # Ctrl-C is for the parent alone; see _end_with_parent
+    with tempfile.NamedTemporaryFile("r", errors="replace") as messages:
+        process = _server().Process(
+            target=_run_to_file,
+            args=(dump_scenario(scenario), name, filename, replay, messages.name),
+            daemon=True,
         )
-        assert process.stdin is not None
-        with contextlib.suppress(BrokenPipeError), process.stdin as pipe:
-            pipe.write(json.dumps(order) + "\n")
-            pipe.flush()
-            process.wait()  # with the pipe open: the process ends itself when it closes
-        status = process.wait()
+        process.start()
+        process.join()
         if filename.exists():
             record: dict[str, Any] = json.loads(filename.read_text())
             return record
-        messages.seek(0)
-        error = f"the process ended with status {status}: {messages.read()[-2000:].strip()}"
+        last = messages.read()[-2000:].strip()
+    error = f"the process ended with status {process.exitcode}: {last}"
     record = crash_record(scenario, name, error)
     write_json(record, filename)
     return record
 
 
-def _end_with_parent() -> None:
-    """Ends the process when its standard input closes, however the parent went."""
-    sys.stdin.read()
-    os._exit(1)
+@cache
+def _server() -> multiprocessing.context.ForkServerContext:
+    """Starts processes from one that has loaded `feasigrasp.evaluation.isolated_server`."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["feasigrasp.evaluation.isolated_server"])
+    return context
 
 
-def main() -> int:
-    """The process: reads its order from the first line of standard input."""
-    order = json.loads(sys.stdin.readline())
+def _run_to_file(
+    scenario_text: str, name: str, filename: Path, replay: Path | None, messages: str
+) -> None:
+    """The process: runs a scenario and writes its record; file ``messages`` gets what it prints."""
+    stdout, stderr = 1, 2
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stdout)
+    os.dup2(os.open(messages, os.O_WRONLY), stderr)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, see the next line
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    scenario = parse_scenario(order["scenario"])
-    filename, replay = Path(order["filename"]), order["replay"]
+    scenario = parse_scenario(scenario_text)
     try:
-        result = run(scenario, order["name"], replay=Path(replay) if replay else None)
-        write_result(result, filename)
+        write_result(run(scenario, name, replay=replay), filename)
     except Exception as error:
         traceback.print_exc()
-        text = f"{type(error).__name__}: {error}"
-        write_json(crash_record(scenario, order["name"], text), filename)
-        return 1
-    return 0
+        write_json(crash_record(scenario, name, f"{type(error).__name__}: {error}"), filename)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def _end_with_parent() -> None:
+    """Ends the process as soon as its parent is gone, however that went."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    multiprocessing.connection.wait([parent.sentinel])
+    os._exit(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,12 @@ def versions() -> dict[str, str]:
     return found
 
 
+@cache
 def git_revision() -> str | None:
-    """Revision of the checkout that the package runs from, ``-dirty`` if changed; None outside."""
+    """Revision of the checkout that the package runs from, ``-dirty`` if changed; None outside.
+
+    It is the one of the first call: the code that runs does not change with the files.
+    """
     root = Path(__file__).resolve().parents[2]
     try:
         described = subprocess.run(

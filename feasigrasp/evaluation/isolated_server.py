@@ -1,0 +1,27 @@
+"""What the processes of `feasigrasp.evaluation.isolated` have in common, done once.
+
+Importing this module loads all that a run needs and builds a diagram, so that compiled code is in
+memory. It is for the server process that they are forked from, and for nothing else.
+"""
+
+import gc
+import os
+
+#: Libraries that would start one thread per processor in each of the processes.
+_THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))  # before the libraries are loaded
+
+from feasigrasp.evaluation.provenance import git_revision  # noqa: E402
+from feasigrasp.evaluation.run import run  # noqa: E402
+from feasigrasp.resources import diagram_path  # noqa: E402
+from feasigrasp.scenario import load_scenario  # noqa: E402
+
+git_revision()  # remembered: that of the code which has just been loaded
+file = diagram_path("dynamic.scenarios.yaml")
+run(load_scenario(file, "ReachLinear", "{simulation_duration: 0.1}"))
+gc.freeze()  # the processes share what is never touched
