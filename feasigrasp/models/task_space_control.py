@@ -48,6 +48,8 @@ class TaskControlOptions:
         gain: Rate at which the hand closes its distance to a grasp [1/s].
         max_linear: Largest speed relative to the object [m/s].
         max_angular: Largest angular speed relative to the object [rad/s].
+        damping: Of the pseudo-inverse in `paper_task_space_velocity`; it matters where singular
+            values of the Jacobian are not far above it.
         near: Travel time to the chosen configuration up to which the hand follows the geodesic [s];
             from twice as much on the joints go to it.
         choice: Which grasp is followed, and in which configuration.
@@ -58,6 +60,7 @@ class TaskControlOptions:
     gain: float = 5.0
     max_linear: float = 0.4
     max_angular: float = 1.5
+    damping: float = 0.02
     near: float = 0.2
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     pursuit: PursuitOptions = field(default_factory=PursuitOptions)
@@ -167,13 +170,13 @@ def task_space_velocity(
 
 
 @nb.njit(cache=True)
-def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains):  # type: ignore[no-untyped-def]
+def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains, damping):  # type: ignore[no-untyped-def]
     gain, max_angular, max_linear = gains
     X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, 7)), np.empty(6)
     pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
     ascent_kernel(compose_kernel(inverse_kernel(X_WO), X_WH), parameters, u_H)
     V_WH = hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, max_angular, max_linear)
-    qd = least_norm_kernel(J_WH, V_WH)
+    qd = least_norm_kernel(J_WH, V_WH, damping)
     return qd if np.isfinite(np.sum(qd)) else np.zeros(7)
 
 
@@ -185,7 +188,7 @@ def paper_task_space_velocity(
     X_FG: FloatArray,
     options: TaskControlOptions,
 ) -> FloatArray:
-    """The paper's law with its corrections: ``qd = J^+ V``, nothing enforced.
+    """The paper's law with its corrections: ``qd = J^+ V`` (damped), nothing enforced.
 
     The twist V is the preconditioned direction of the log density, whose maxima are the medoids of
     the components, plus the object's own twist. Where the pulls of components cancel, surrounding
@@ -202,5 +205,6 @@ def paper_task_space_velocity(
     Returns:
         Joint velocity [rad/s], shape (7,); zero if anything is not finite.
     """
-    qd: FloatArray = _paper_kernel(q, X_FG, X_WO, V_WO, grasps.targets.parameters, options.gains)
+    parameters = grasps.targets.parameters
+    qd: FloatArray = _paper_kernel(q, X_FG, X_WO, V_WO, parameters, options.gains, options.damping)
     return qd

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.grasps import GraspSet
@@ -17,6 +17,7 @@ from feasigrasp.models.obstacle_grid import object_grid, obstacle_grid
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.solutions import Solutions
 from feasigrasp.models.sphere import sphere_points
+from feasigrasp.systems.optional_input import declare_derived, eval_optional
 
 
 class GPJointController(LeafSystem):
@@ -72,16 +73,8 @@ class GPJointController(LeafSystem):
         self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
         self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
         self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
-        self._obstacles = self.DeclareCacheEntry(
-            "obstacles",
-            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_obstacles),
-            prerequisites_of_calc={self._scene.ticket()},
-        )
-        self._surface = self.DeclareCacheEntry(
-            "surface of the object",
-            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_surface),
-            prerequisites_of_calc={self._gpdf.ticket()},
-        )
+        self._obstacles = declare_derived(self, "obstacles", self._scene, obstacle_grid)
+        self._surface = declare_derived(self, "surface of the object", self._gpdf, object_grid)
         self._solutions = self.DeclareAbstractState(AbstractValue.Make(Solutions.empty()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(solution_period, 0.0, self._find)
         self.DeclareVectorOutputPort(
@@ -113,27 +106,18 @@ class GPJointController(LeafSystem):
             self._pose.Eval(context).GetAsMatrix4(),
             self._velocity.Eval(context).get_coeffs(),
             self._position.Eval(context),
-            self._motion.Eval(context) if self._motion.HasValue(context) else None,
+            eval_optional(self._motion, context),
         )
         state.get_mutable_abstract_state(int(self._solutions)).set_value(solutions)
 
-    def _calc_obstacles(self, context: Context, value: AbstractValue) -> None:
-        scene = self._scene.Eval(context) if self._scene.HasValue(context) else None
-        value.set_value(None if scene is None else obstacle_grid(scene))
-
-    def _calc_surface(self, context: Context, value: AbstractValue) -> None:
-        gpdf = self._gpdf.Eval(context) if self._gpdf.HasValue(context) else None
-        value.set_value(None if gpdf is None else object_grid(gpdf))
-
     def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        last = self._desired_velocity
         qd = self._control.velocity(
             self._position.Eval(context),
             self.solutions(context),
             context.get_time(),
             self._pose.Eval(context).GetAsMatrix4(),
             self._velocity.Eval(context).get_coeffs(),
-            last.Eval(context) if last.HasValue(context) else None,
+            eval_optional(self._desired_velocity, context),
             self._obstacles.Eval(context),
             self._surface.Eval(context),
         )

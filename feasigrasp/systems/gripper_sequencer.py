@@ -12,6 +12,7 @@ from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.iiwa import NUM_JOINTS
 from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.systems.optional_input import eval_optional
 
 
 class GripperSequencer(LeafSystem):
@@ -122,8 +123,8 @@ class GripperSequencer(LeafSystem):
         output.set_value(self._grasps.Eval(context) if committed is None else committed)
 
     def _calc_gpdf(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        approaching = self.state(context).grasp is None and self._gpdf.HasValue(context)
-        output.set_value(self._gpdf.Eval(context) if approaching else None)
+        approaching = self.state(context).grasp is None
+        output.set_value(eval_optional(self._gpdf, context) if approaching else None)
 
     def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
         output.set_value(RigidTransform(self._target(context)[0]))

@@ -13,6 +13,7 @@ from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.pose_judge import PoseJudge
 from feasigrasp.models.reachability import Reachability
 from feasigrasp.models.reachable_space import ReachableSpace
+from feasigrasp.systems.optional_input import eval_optional
 
 
 class ReachabilityFilter(LeafSystem):
@@ -87,14 +88,13 @@ class ReachabilityFilter(LeafSystem):
             )
 
     def _calc_judged(self, context: Context, value: AbstractValue) -> None:
-        predicted = self._motion.HasValue(context)
         judged = judge_grasps(
             self._grasps.Eval(context),
             self._pose.Eval(context).GetAsMatrix4(),
             self._velocity.Eval(context).get_coeffs(),
             self._judge,
             self._horizon,
-            motion=self._motion.Eval(context) if predicted else None,
+            motion=eval_optional(self._motion, context),
         )
         value.set_value(judged)
 

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.grasps import GraspSet
@@ -23,6 +23,7 @@ from feasigrasp.models.task_space_control import (
     task_space_velocity,
 )
 from feasigrasp.models.twist_estimator import future_poses
+from feasigrasp.systems.optional_input import declare_derived, eval_optional
 
 
 class RMMTaskController(LeafSystem):
@@ -85,16 +86,8 @@ class RMMTaskController(LeafSystem):
         self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
         self._memory = self.DeclareAbstractState(AbstractValue.Make(TaskMemory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
-        self._obstacles = self.DeclareCacheEntry(
-            "obstacles",
-            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_obstacles),
-            prerequisites_of_calc={self._scene.ticket()},
-        )
-        self._surface = self.DeclareCacheEntry(
-            "surface of the object",
-            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_surface),
-            prerequisites_of_calc={self._gpdf.ticket()},
-        )
+        self._obstacles = declare_derived(self, "obstacles", self._scene, obstacle_grid)
+        self._surface = declare_derived(self, "surface of the object", self._gpdf, object_grid)
         inputs = {self._position.ticket(), self._pose.ticket(), self._velocity.ticket()}
         inputs.add(self.abstract_state_ticket(self._memory))
         if self._safe:
@@ -109,7 +102,6 @@ class RMMTaskController(LeafSystem):
         return memory
 
     def _update(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
-        predicted = self._motion.HasValue(context)
         memory = self._advanced(
             self.memory(context),
             self._grasps.Eval(context),
@@ -117,7 +109,7 @@ class RMMTaskController(LeafSystem):
             self._position.Eval(context),
             self._pose.Eval(context).GetAsMatrix4(),
             self._velocity.Eval(context).get_coeffs(),
-            self._motion.Eval(context) if predicted else None,
+            eval_optional(self._motion, context),
         )
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
@@ -131,16 +123,7 @@ class RMMTaskController(LeafSystem):
         ahead = future_poses(motion, X_WO, V_WO, choice.instants)
         return memory.with_choice(time, q, ahead, self._reachability, choice)
 
-    def _calc_obstacles(self, context: Context, value: AbstractValue) -> None:
-        scene = self._scene.Eval(context) if self._scene.HasValue(context) else None
-        value.set_value(None if scene is None else obstacle_grid(scene))
-
-    def _calc_surface(self, context: Context, value: AbstractValue) -> None:
-        gpdf = self._gpdf.Eval(context) if self._gpdf.HasValue(context) else None
-        value.set_value(None if gpdf is None else object_grid(gpdf))
-
     def _calc_safe(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
-        desired = self._desired_velocity
         qd = task_space_velocity(
             self._position.Eval(context),
             self.memory(context).choice,
@@ -150,7 +133,7 @@ class RMMTaskController(LeafSystem):
             self._safety,
             self._options,
             time=context.get_time(),
-            qd_last=desired.Eval(context) if desired.HasValue(context) else None,
+            qd_last=eval_optional(self._desired_velocity, context),
             obstacles=self._obstacles.Eval(context),
             surface=self._surface.Eval(context),
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import (
@@ -50,7 +50,8 @@ class StationConfig:
         cameras: Cameras by name.
         q_start: Joint positions at the start [rad], shape (7,).
         friction: Coulomb friction of the object.
-        enforce_joint_limits: Whether the joints have end stops.
+        enforce_limits: Whether joints have end stops and bodies of the robot block each other. The
+            paper's tests are "without constraints": what goes beyond them is counted.
         camera_noise: Errors of the depth images, by camera; a camera not named has none.
         noise_seed: Seed of those errors.
     """
@@ -60,7 +61,7 @@ class StationConfig:
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
     q_start: np.ndarray = field(default_factory=lambda: np.zeros(7))
     friction: float = 0.8
-    enforce_joint_limits: bool = True
+    enforce_limits: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
     noise_seed: int = 0
 
@@ -123,6 +124,8 @@ class Station(Diagram):
         self.object_body = plant.GetBodyByName("object", self.object_instance)
         plant.SetDefaultFloatingBaseBodyPose(self.object_body, RigidTransform(motion.pose(0.0)))
         plant.Finalize()
+        if not config.enforce_limits:
+            self._let_robot_pass_through_itself()
 
         self._export_arm(builder, config)
         self._export_gripper(builder)
@@ -148,6 +151,18 @@ class Station(Diagram):
     ) -> ModelInstanceIndex:
         _add_cell(plant, config)
         return add_object(plant, obj, directory=self._files.name, friction=config.friction)
+
+    def _let_robot_pass_through_itself(self) -> None:
+        plant = self.plant
+        bodies = [
+            plant.get_body(index)
+            for instance in self.robot_instances()
+            for index in plant.GetBodyIndices(instance)
+        ]
+        geometries = plant.CollectRegisteredGeometries(bodies)
+        self.scene_graph.collision_filter_manager().Apply(
+            CollisionFilterDeclaration().ExcludeWithin(geometries)
+        )
 
     def _export_arm(self, builder: DiagramBuilder, config: StationConfig) -> None:
         plant, iiwa = self.plant, self.plant.GetModelInstanceByName("iiwa")
@@ -231,7 +246,7 @@ def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         actuator = plant.GetJointActuatorByName(f"iiwa_joint_{i}", iiwa)
         actuator.set_controller_gains(PdControllerGains(p=kp, d=1.8 * np.sqrt(kp)))
         joint.set_default_positions([q])
-        if not config.enforce_joint_limits:
+        if not config.enforce_limits:
             joint.set_position_limits([-np.inf], [np.inf])
     gripper = plant.GetModelInstanceByName("gripper")
     finger = plant.GetJointActuatorByName("left_finger_joint", gripper)

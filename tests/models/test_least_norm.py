@@ -1,4 +1,4 @@
-"""The pseudo-inverse solution against NumPy's."""
+"""The pseudo-inverse solutions, plain and damped, against NumPy's."""
 
 import numpy as np
 import pytest
@@ -39,6 +39,19 @@ def test_where_the_jacobian_loses_rank_the_answer_is_finite(q):
     assert np.linalg.svd(J)[1][-1] < 1e-9
     for V in np.eye(6):
         assert np.isfinite(least_norm_velocity(J, V)).all()
+
+
+@pytest.mark.parametrize("damping", [0.01, 0.05, 0.3])
+def test_damping_trades_the_twist_for_speed(damping):
+    """The damped solution is the least-squares one of ``[J; damping I] qd = [V; 0]``."""
+    rng = np.random.default_rng(0)
+    for q in (np.zeros(7), *rng.uniform(-2, 2, (20, 7))):
+        J, V = pose_and_jacobian(q)[1], rng.normal(size=6)
+        rows = np.vstack([J, damping * np.eye(7)])
+        expected = np.linalg.lstsq(rows, np.r_[V, np.zeros(7)], rcond=None)[0]
+        qd = least_norm_velocity(J, V, damping)
+        np.testing.assert_allclose(qd, expected, atol=1e-9)
+        assert np.linalg.norm(qd) <= np.linalg.norm(V) / (2.0 * damping)
 
 
 def test_numbers_that_are_none_stay_so():

@@ -1,5 +1,7 @@
 """The task-space controller in kinematic rollouts, and its symmetries."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -321,7 +323,8 @@ def test_the_papers_law_follows_the_mixture(ring_of_grasps):
     grasps = within_reach(ring_of_grasps, X_WO)
     mixture = fit_grasp_mixture(grasps, 10, np.random.default_rng(0))
     X_WH, J = pose_and_jacobian(HOME, X_FG)
-    qd = paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, OPTIONS)
+    undamped = dataclasses.replace(OPTIONS, damping=0.0)
+    qd = paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, undamped)
     relative = J @ qd - carried_twist(V_WO, X_WH[:3, 3] - X_WO[:3, 3])
     body = np.concatenate([X_WH[:3, :3].T @ relative[:3], X_WH[:3, :3].T @ relative[3:]])
     direction = mixture.targets.direction((se3.inverse(X_WO) @ X_WH)[None])[0]

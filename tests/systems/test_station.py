@@ -208,6 +208,21 @@ def test_the_end_stops_are_there_only_in_safe_mode(mode, free):
         assert reached == pytest.approx(POSITION_LIMITS[0], abs=0.02)
 
 
+@pytest.mark.parametrize(("mode", "touches"), [("safe", True), ("paper", False)])
+def test_the_arm_blocks_itself_only_in_safe_mode(mode, touches):
+    cell = Cell(scenario(mode=mode)).start()
+    plant = cell.station.plant
+    inspector = cell.read("query_object").inspector()
+    robot = {int(b) for i in cell.station.robot_instances() for b in plant.GetBodyIndices(i)}
+
+    def of_robot(geometry):
+        body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+        return int(body.index()) in robot
+
+    pairs = [pair for pair in inspector.GetCollisionCandidates() if all(map(of_robot, pair))]
+    assert bool(pairs) is touches
+
+
 def test_the_point_cloud_lies_on_the_true_object(seeing, surface):
     cell = seeing.start()
     cell.advance(0.01)
