@@ -1,177 +1,20 @@
-"""``feasigrasp evaluate dynamic``: figures against hand-computed ones, resuming, failures."""
+"""``feasigrasp evaluate dynamic``: what it runs, and that it goes on where it was."""
 
 import argparse
 import csv
 import json
-import os
-import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.evaluation import dynamic, isolated
+from feasigrasp.evaluation import dynamic
 from feasigrasp.evaluation import run as run_module
 from feasigrasp.evaluation.arguments import select_objects
 from feasigrasp.evaluation.dynamic_plan import STUDIES, plan
-from feasigrasp.evaluation.dynamic_summary import format_table, summary_rows
 from feasigrasp.evaluation.run import crash_record
-from feasigrasp.evaluation.statistics import mean, proportion
 from feasigrasp.models.rigid_object import builtin_objects, load_object
-from feasigrasp.resources import diagram_path, model_path
-from feasigrasp.scenario import Scenario, load_scenario
-
-# ---------------------------------------------------------------------------------- intervals
-
-
-@pytest.mark.parametrize(
-    ("successes", "n", "low", "high"),
-    [
-        (81, 263, 0.2553, 0.3662),
-        (15, 148, 0.0624, 0.1605),
-        (0, 20, 0.0, 0.1611),
-        (1, 29, 0.0061, 0.1718),
-    ],
-)
-def test_wilson_interval_as_published(successes, n, low, high):
-    """Newcombe (1998), Statistics in Medicine 17, table I, method 3."""
-    estimate = proportion(successes, n)
-    assert estimate.value == pytest.approx(successes / n)
-    assert (round(estimate.low, 4), round(estimate.high, 4)) == (low, high)
-
-
-@pytest.mark.parametrize("n", [1, 2, 7, 36])
-def test_wilson_interval_is_symmetric_and_holds_its_value(n):
-    none, all_of_them = proportion(0, n), proportion(n, n)
-    assert (none.low, all_of_them.high) == (0.0, 1.0)
-    assert none.high == pytest.approx(1.0 - all_of_them.low)
-
-
-def test_student_interval_of_three():
-    """Mean 2, deviation 1: 2 +- 4.302653/sqrt(3), t_0.975 with 2 degrees of freedom."""
-    estimate = mean([1.0, 2.0, 3.0])
-    half = 4.302652729911275 / np.sqrt(3.0)
-    assert (estimate.value, estimate.n) == (2.0, 3)
-    np.testing.assert_allclose([estimate.low, estimate.high], [2.0 - half, 2.0 + half])
-    cut = mean([1.0, 2.0, 3.0], lower=0.0, upper=4.0)
-    assert (cut.low, cut.high) == (0.0, 4.0)
-    assert mean([5.0]).low is None and mean([5.0]).high is None
-
-
-# -------------------------------------------------------------------------------- aggregation
-
-
-def record(scenario, controller, held, *, limits=0.0, distance=5.0, slip=None, error=None):
-    made = crash_record(Scenario(), scenario, "")
-    made |= {"controller": controller, "error": error}
-    made["metrics"] |= {
-        "grasp_held": held,
-        "joint_limit_violation_percent": limits,
-        "gripper_object_distance_cm_mean": distance,
-        "slip_mm": slip,
-    }
-    return made
-
-
-RECORDS = [
-    record("ReachLinear", "task", True, distance=4.0, slip=0.5),
-    record("ReachLinear", "task", False, distance=6.0, limits=10.0),
-    record("ReachLinear", "joint", True, distance=3.0, slip=1.5),
-    record("ReachCircular", "task", True, distance=8.0),
-    record("PaperLinear", "task", None, distance=2.0),
-    record("PaperLinear", "joint", None, distance=None, error="broke"),
-]
-
-
-@pytest.fixture(scope="module")
-def found():
-    return {(row.preset, row.name.removeprefix("dynamic.")): row for row in summary_rows(RECORDS)}
-
-
-@pytest.mark.parametrize(
-    ("preset", "name", "value", "n"),
-    [
-        ("ReachLinear/task/safe", "held_percent", 50.0, 2),
-        ("ReachLinear/joint/safe", "held_percent", 100.0, 1),
-        ("all/task/safe", "held_percent", 200.0 / 3.0, 3),
-        ("all/joint/safe", "held_percent", 100.0, 1),
-        ("all/all/safe", "held_percent", 75.0, 4),
-        ("ReachLinear/task/safe", "joint_limit_violation_percent", 5.0, 2),
-        ("all/all/safe", "joint_limit_violation_percent", 10.0 / 6.0, 6),
-        ("all/task/safe", "gripper_object_distance_cm_mean", 5.0, 4),
-        ("all/all/safe", "gripper_object_distance_cm_mean", 23.0 / 5.0, 5),
-        ("all/all/safe", "slip_mm", 1.0, 2),
-        ("all/all/safe", "failed_percent", 100.0 / 6.0, 6),
-        ("PaperLinear/joint/safe", "failed_percent", 100.0, 1),
-    ],
-)
-def test_figures_are_those_computed_by_hand(found, preset, name, value, n):
-    row = found[preset, name]
-    assert row.value == pytest.approx(value)
-    assert row.n == n
-
-
-@pytest.mark.parametrize(
-    ("preset", "name"),
-    [
-        ("PaperLinear/task/safe", "held_percent"),
-        ("PaperLinear/joint/safe", "gripper_object_distance_cm_mean"),
-        ("all/all/safe", "manipulability_mean"),
-        ("all/all/safe", "object_end_x_m"),
-        ("all/all/safe", "grasp_held"),
-    ],
-)
-def test_figures_that_no_run_has_are_left_out(found, preset, name):
-    assert (preset, name) not in found
-
-
-def test_intervals_are_in_the_unit_of_the_row(found):
-    row = found["all/all/safe", "held_percent"]
-    expected = proportion(3, 4)
-    assert (row.low, row.high, row.unit) == (100 * expected.low, 100 * expected.high, "%")
-    # 10/6 +- t would go below 0.
-    assert found["all/all/safe", "joint_limit_violation_percent"].low == 0.0
-    assert found["ReachLinear/joint/safe", "slip_mm"].low is None
-
-
-def test_presets_go_from_single_to_all(found):
-    presets = list(dict.fromkeys(preset for preset, _ in found))
-    assert presets == [
-        "ReachLinear/task/safe",
-        "ReachLinear/joint/safe",
-        "ReachCircular/task/safe",
-        "PaperLinear/task/safe",
-        "PaperLinear/joint/safe",
-        "all/task/safe",
-        "all/joint/safe",
-        "all/all/safe",
-    ]
-
-
-def test_objects_have_rows_of_their_own_if_there_are_several(found):
-    assert not any(preset.count("/") == 3 for preset, _ in found)
-    two = [
-        record("PaperLinear", "task", None, distance=distance) | {"object": model}
-        for model, distance in [("duck", 1.0), ("duck", 2.0), ("/meshes/vase.obj", 6.0)]
-    ]
-    rows = {(row.preset, row.name): row for row in summary_rows(two)}
-    name = "dynamic.gripper_object_distance_cm_mean"
-    assert rows["PaperLinear/task/safe", name].value == 3.0
-    assert rows["PaperLinear/task/safe/duck", name].value == 1.5
-    assert rows["PaperLinear/task/safe/vase", name].n == 1
-    assert len(format_table(list(rows.values())).splitlines()) == 4
-
-
-def test_the_table_has_a_line_per_preset():
-    lines = format_table(summary_rows(RECORDS)).splitlines()
-    assert len(lines) == 9
-    line = next(line for line in lines if line.startswith("all/all/safe"))
-    assert "75 [30, 95]" in line and line.endswith(" 6")
-    assert next(line for line in lines if line.startswith("PaperLinear/task")).split()[1] == "-"
-
-
-# ------------------------------------------------------------------------------------ the command
+from feasigrasp.resources import model_path
 
 
 @pytest.fixture
@@ -380,9 +223,6 @@ def test_objects_of_the_ycb_layout(shared_data):
     assert len(select_objects(str(shared_data / "ycb"))) == 40
 
 
-# ------------------------------------------------------------------------------- real processes
-
-
 def test_real_runs_in_real_processes(tmp_path):
     text = "{simulation_duration: 0.06}"
     status = evaluate(
@@ -394,35 +234,3 @@ def test_real_runs_in_real_processes(tmp_path):
     assert rows["all/all/safe", "dynamic.failed_percent"]["value"] == 0.0
     assert rows["all/all/safe", "dynamic.joint_limit_violation_percent"]["n"] == 2
     assert rows["all/all/safe", "dynamic.held_percent"]["value"] == 0.0
-
-
-def test_an_exception_in_the_process_becomes_its_record(tmp_path):
-    scenario = load_scenario(
-        diagram_path("dynamic.scenarios.yaml"), "ReachLinear", "{object: {model: teapot}}"
-    )
-    file = tmp_path / "run.json"
-    record = isolated.run_isolated(scenario, "Mine", file)
-    assert "MeshError: 'teapot' is neither" in record["error"]
-    assert record["metrics"]["grasp_held"] is False
-    assert json.loads(file.read_text()) == record
-
-
-def run_out_of_memory(*arguments):
-    Path(arguments[-1]).write_text("out of memory")
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def test_a_killed_process_becomes_its_record(tmp_path, monkeypatch):
-    monkeypatch.setattr(isolated, "_run_to_file", run_out_of_memory)
-    file = tmp_path / "run.json"
-    file.write_text("an old result")
-    record = isolated.run_isolated(Scenario(), "Mine", file)
-    assert record["error"] == "the process ended with status -9: out of memory"
-    assert json.loads(file.read_text()) == record
-
-
-def test_a_process_repeats_what_a_run_in_this_one_gives(tmp_path):
-    text = "{simulation_duration: 0.3, object: {model: ball}}"
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
-    record = isolated.run_isolated(scenario, "Mine", tmp_path / "run.json")
-    assert record["metrics"] == run_module.run(scenario, "Mine").record["metrics"]
