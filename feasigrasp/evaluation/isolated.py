@@ -42,6 +42,8 @@ def run_isolated(
     Returns:
         The record, as `feasigrasp.evaluation.run.run` makes it.
     """
+    filename = filename.resolve()  # the server may be in another folder
+    replay = None if replay is None else replay.resolve()
     filename.unlink(missing_ok=True)
     with tempfile.NamedTemporaryFile("r", errors="replace") as messages:
         process = _server().Process(
