@@ -90,7 +90,7 @@ def _cross(xp: ModuleType, a: Array, b: Array) -> Array:
 
 
 class ArrayTaskStep:
-    """The paper's step in task space: mixture, preconditioned direction, pseudo-inverse."""
+    """The paper's step in task space: mixture, preconditioned direction, damped pseudo-inverse."""
 
     def __init__(
         self,
@@ -126,7 +126,8 @@ class ArrayTaskStep:
         excess = max(1.0, angular / options.max_angular, linear / options.max_linear)
         carried = V_WO[3:] + _cross(xp, V_WO[None, :3], (p_WH - p_WO)[None])[0]
         V = xp.concatenate([R_WH @ u[:3] / excess + V_WO[:3], R_WH @ u[3:] / excess + carried])
-        return xp.linalg.pinv(J) @ V
+        square = options.damping**2 * xp.eye(6, dtype=J.dtype)
+        return J.T @ xp.linalg.solve(J @ J.T + square, V)
 
 
 class ArrayJointStep:
