@@ -58,7 +58,7 @@ def make_station(scenario: Scenario) -> Station:
             noise_seed=scenario.random_seed,
             q_start=np.deg2rad(scenario.q_start),
             friction=scenario.object.friction,
-            enforce_limits=scenario.control.mode == "safe",
+            enforce_constraints=scenario.control.mode == "safe",
         ),
         load_scenario_object(scenario),
         make_motion(scenario),

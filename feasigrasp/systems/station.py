@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import copy
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import (
@@ -50,8 +51,10 @@ class StationConfig:
         cameras: Cameras by name.
         q_start: Joint positions at the start [rad], shape (7,).
         friction: Coulomb friction of the object.
-        enforce_limits: Whether joints have end stops and bodies of the robot block each other. The
-            paper's tests are "without constraints": what goes beyond them is counted.
+        enforce_constraints: Whether joints have end stops and bodies block the robot. The paper's
+            tests are "without constraints": joints turn on, links pass through each other, there is
+            no table, and the object is put back on its path at every step, whatever touches it.
+            What goes beyond limits and through links is counted.
         camera_noise: Errors of the depth images, by camera; a camera not named has none.
         noise_seed: Seed of those errors.
     """
@@ -61,7 +64,7 @@ class StationConfig:
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
     q_start: np.ndarray = field(default_factory=lambda: np.zeros(7))
     friction: float = 0.8
-    enforce_limits: bool = True
+    enforce_constraints: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
     noise_seed: int = 0
 
@@ -124,8 +127,8 @@ class Station(Diagram):
         self.object_body = plant.GetBodyByName("object", self.object_instance)
         plant.SetDefaultFloatingBaseBodyPose(self.object_body, RigidTransform(motion.pose(0.0)))
         plant.Finalize()
-        if not config.enforce_limits:
-            self._let_robot_pass_through_itself()
+        if not config.enforce_constraints:
+            self._let_robot_pass()
 
         self._export_arm(builder, config)
         self._export_gripper(builder)
@@ -152,17 +155,19 @@ class Station(Diagram):
         _add_cell(plant, config)
         return add_object(plant, obj, directory=self._files.name, friction=config.friction)
 
-    def _let_robot_pass_through_itself(self) -> None:
-        plant = self.plant
-        bodies = [
-            plant.get_body(index)
-            for instance in self.robot_instances()
-            for index in plant.GetBodyIndices(instance)
-        ]
-        geometries = plant.CollectRegisteredGeometries(bodies)
+    def _let_robot_pass(self) -> None:
+        instances = map(ModelInstanceIndex, range(self.plant.num_model_instances()))
+        robot = self._geometries(self.robot_instances())
         self.scene_graph.collision_filter_manager().Apply(
-            CollisionFilterDeclaration().ExcludeWithin(geometries)
+            CollisionFilterDeclaration()
+            .ExcludeWithin(robot)
+            .ExcludeBetween(robot, self._geometries(instances))
         )
+
+    def _geometries(self, instances: Iterable[ModelInstanceIndex]) -> GeometrySet:
+        plant = self.plant
+        indices = [index for instance in instances for index in plant.GetBodyIndices(instance)]
+        return plant.CollectRegisteredGeometries([plant.get_body(index) for index in indices])
 
     def _export_arm(self, builder: DiagramBuilder, config: StationConfig) -> None:
         plant, iiwa = self.plant, self.plant.GetModelInstanceByName("iiwa")
@@ -246,7 +251,7 @@ def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         actuator = plant.GetJointActuatorByName(f"iiwa_joint_{i}", iiwa)
         actuator.set_controller_gains(PdControllerGains(p=kp, d=1.8 * np.sqrt(kp)))
         joint.set_default_positions([q])
-        if not config.enforce_limits:
+        if not config.enforce_constraints:
             joint.set_position_limits([-np.inf], [np.inf])
     gripper = plant.GetModelInstanceByName("gripper")
     finger = plant.GetJointActuatorByName("left_finger_joint", gripper)

@@ -208,19 +208,24 @@ def test_the_end_stops_are_there_only_in_safe_mode(mode, free):
         assert reached == pytest.approx(POSITION_LIMITS[0], abs=0.02)
 
 
-@pytest.mark.parametrize(("mode", "touches"), [("safe", True), ("paper", False)])
-def test_the_arm_blocks_itself_only_in_safe_mode(mode, touches):
+@pytest.mark.parametrize("mode", ["safe", "paper"])
+def test_what_the_robot_can_touch(mode):
     cell = Cell(scenario(mode=mode)).start()
-    plant = cell.station.plant
+    plant, robot = cell.station.plant, set(cell.station.robot_instances())
     inspector = cell.read("query_object").inspector()
-    robot = {int(b) for i in cell.station.robot_instances() for b in plant.GetBodyIndices(i)}
 
-    def of_robot(geometry):
-        body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-        return int(body.index()) in robot
+    def touched(pair):
+        bodies = [plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)) for geometry in pair]
+        others = [body for body in bodies if body.model_instance() not in robot]
+        if len(others) == 2:
+            return "nothing of the robot"
+        if not others:
+            return "itself"
+        return "object" if others[0].index() == cell.station.object_body.index() else "cell"
 
-    pairs = [pair for pair in inspector.GetCollisionCandidates() if all(map(of_robot, pair))]
-    assert bool(pairs) is touches
+    candidates = {touched(pair) for pair in inspector.GetCollisionCandidates()}
+    expected = {"itself", "object", "cell"} if mode == "safe" else set()
+    assert candidates - {"nothing of the robot"} == expected
 
 
 def test_the_point_cloud_lies_on_the_true_object(seeing, surface):
