@@ -49,6 +49,7 @@ def load_scenario_object(scenario: Scenario) -> RigidObject:
 
 def make_station(scenario: Scenario) -> Station:
     """The robot cell of a scenario, with its moving object."""
+    safe = scenario.control.mode == "safe"
     return Station(
         StationConfig(
             plant=scenario.plant_config,
@@ -58,7 +59,8 @@ def make_station(scenario: Scenario) -> Station:
             noise_seed=scenario.random_seed,
             q_start=np.deg2rad(scenario.q_start),
             friction=scenario.object.friction,
-            enforce_constraints=scenario.control.mode == "safe",
+            enforce_constraints=safe,
+            touch_object=safe or scenario.grasp.close,
         ),
         load_scenario_object(scenario),
         make_motion(scenario),

@@ -51,10 +51,11 @@ class StationConfig:
         cameras: Cameras by name.
         q_start: Joint positions at the start [rad], shape (7,).
         friction: Coulomb friction of the object.
-        enforce_constraints: Whether joints have end stops and bodies block the robot. The paper's
-            tests are "without constraints": joints turn on, links pass through each other, there is
-            no table, and the object is put back on its path at every step, whatever touches it.
-            What goes beyond limits and through links is counted.
+        enforce_constraints: Whether joints have end stops and the robot is blocked by itself and by
+            its cell. The paper's tests are "without constraints": joints turn on, links pass
+            through each other, and there is no table. What goes beyond is counted.
+        touch_object: Whether robot and object touch. The paper's dynamic test puts the object back
+            on its path at every step, whatever touches it.
         camera_noise: Errors of the depth images, by camera; a camera not named has none.
         noise_seed: Seed of those errors.
     """
@@ -65,6 +66,7 @@ class StationConfig:
     q_start: np.ndarray = field(default_factory=lambda: np.zeros(7))
     friction: float = 0.8
     enforce_constraints: bool = True
+    touch_object: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
     noise_seed: int = 0
 
@@ -127,8 +129,7 @@ class Station(Diagram):
         self.object_body = plant.GetBodyByName("object", self.object_instance)
         plant.SetDefaultFloatingBaseBodyPose(self.object_body, RigidTransform(motion.pose(0.0)))
         plant.Finalize()
-        if not config.enforce_constraints:
-            self._let_robot_pass()
+        self._let_robot_pass(config)
 
         self._export_arm(builder, config)
         self._export_gripper(builder)
@@ -155,13 +156,15 @@ class Station(Diagram):
         _add_cell(plant, config)
         return add_object(plant, obj, directory=self._files.name, friction=config.friction)
 
-    def _let_robot_pass(self) -> None:
+    def _let_robot_pass(self, config: StationConfig) -> None:
+        """Excludes from contact what the configuration lets the robot pass through."""
         instances = map(ModelInstanceIndex, range(self.plant.num_model_instances()))
+        passed = [] if config.touch_object else [self.object_instance]
+        if not config.enforce_constraints:
+            passed += [instance for instance in instances if instance != self.object_instance]
         robot = self._geometries(self.robot_instances())
         self.scene_graph.collision_filter_manager().Apply(
-            CollisionFilterDeclaration()
-            .ExcludeWithin(robot)
-            .ExcludeBetween(robot, self._geometries(instances))
+            CollisionFilterDeclaration().ExcludeBetween(robot, self._geometries(passed))
         )
 
     def _geometries(self, instances: Iterable[ModelInstanceIndex]) -> GeometrySet:

@@ -208,9 +208,19 @@ def test_the_end_stops_are_there_only_in_safe_mode(mode, free):
         assert reached == pytest.approx(POSITION_LIMITS[0], abs=0.02)
 
 
-@pytest.mark.parametrize("mode", ["safe", "paper"])
-def test_what_the_robot_can_touch(mode):
-    cell = Cell(scenario(mode=mode)).start()
+@pytest.mark.parametrize(
+    ("mode", "grips", "expected"),
+    [
+        ("safe", True, {"itself", "object", "cell"}),
+        ("safe", False, {"itself", "object", "cell"}),
+        ("paper", True, {"object"}),
+        ("paper", False, set()),
+    ],
+)
+def test_what_the_robot_can_touch(mode, grips, expected):
+    config = scenario(mode=mode)
+    config.grasp.close = grips
+    cell = Cell(config).start()
     plant, robot = cell.station.plant, set(cell.station.robot_instances())
     inspector = cell.read("query_object").inspector()
 
@@ -224,7 +234,6 @@ def test_what_the_robot_can_touch(mode):
         return "object" if others[0].index() == cell.station.object_body.index() else "cell"
 
     candidates = {touched(pair) for pair in inspector.GetCollisionCandidates()}
-    expected = {"itself", "object", "cell"} if mode == "safe" else set()
     assert candidates - {"nothing of the robot"} == expected
 
 
