@@ -1,7 +1,5 @@
 """The task-space controller in kinematic rollouts, and its symmetries."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,19 +10,16 @@ from feasigrasp.models.arm_circle import arm_angle_kernel
 from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.grasp_funnel import Funnel
 from feasigrasp.models.grasp_lookahead import reachable_grasps
-from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp.models.grasp_mixture import fit_grasp_mixture
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.object_motion import HarmonicMotion
 from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
 from feasigrasp.models.safe_velocity import Safety
 from feasigrasp.models.self_collision import min_distance
 from feasigrasp.models.task_memory import TaskMemory
 from feasigrasp.models.task_space_control import (
     TaskControlOptions,
-    hand_twist_kernel,
     paper_task_space_velocity,
     task_space_velocity,
 )
@@ -242,13 +237,6 @@ def test_the_choice_of_the_object_frame_changes_nothing(ring_of_grasps):
     )
 
 
-def components_at(X_OG):
-    """A mixture with one component, and one member, per pose."""
-    n = len(X_OG)
-    covariance = np.tile(np.diag([0.01] * 3 + [1e-4] * 3), (n, 1, 1))
-    return GraspMixture(RiemannianMixture(np.full(n, 1 / n), X_OG, covariance), X_OG, np.arange(n))
-
-
 def test_a_grasp_out_of_reach_counts_nothing(ring_of_grasps):
     X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
     one = within_reach(ring_of_grasps, X_WO).select(np.array([0]))
@@ -314,63 +302,3 @@ def test_whatever_comes_in_the_command_never_jumps(events, seed):
             assert (np.abs(qd) <= VELOCITY_LIMITS).all()
             q, last, t = q + PERIOD * qd, qd, t + PERIOD
             assert (np.abs(q) <= POSITION_LIMITS).all()
-
-
-def test_the_papers_law_follows_the_mixture(ring_of_grasps):
-    """J qd is the object's twist plus the preconditioned direction, and converges to a grasp."""
-    X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
-    V_WO = np.array([0.1, -0.1, 0.2, 0.05, 0.1, -0.03])
-    grasps = within_reach(ring_of_grasps, X_WO)
-    mixture = fit_grasp_mixture(grasps, 10, np.random.default_rng(0))
-    X_WH, J = pose_and_jacobian(HOME, X_FG)
-    undamped = dataclasses.replace(OPTIONS, damping=0.0)
-    qd = paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, undamped)
-    relative = J @ qd - carried_twist(V_WO, X_WH[:3, 3] - X_WO[:3, 3])
-    body = np.concatenate([X_WH[:3, :3].T @ relative[:3], X_WH[:3, :3].T @ relative[3:]])
-    direction = mixture.targets.direction((se3.inverse(X_WO) @ X_WH)[None])[0]
-    cosine = body @ direction / np.linalg.norm(body) / np.linalg.norm(direction)
-    assert cosine == pytest.approx(1.0)
-    assert np.linalg.norm(body[3:]) <= OPTIONS.max_linear + 1e-9
-    assert np.linalg.norm(body[:3]) <= OPTIONS.max_angular + 1e-9
-
-    q = HOME
-    for _ in range(800):
-        q = q + 0.01 * paper_task_space_velocity(q, mixture, X_WO, STILL, X_FG, OPTIONS)
-    tangents = se3.log(se3.inverse(grasps.X_OG) @ se3.inverse(X_WO) @ forward_kinematics(q, X_FG))
-    assert np.linalg.norm(tangents, axis=1).min() < 1e-3
-
-
-def test_the_papers_law_leaves_the_middle_between_a_grasp_and_its_twin():
-    """Both pull as strongly, in opposite directions."""
-    X_WH = forward_kinematics(HOME, X_FG)
-    turns = [se3.exp([0, 0, angle, 0, 0, 0]) for angle in (np.pi / 2, -np.pi / 2)]
-    mixture = components_at(X_WH @ np.array(turns))
-    q = HOME
-    for _ in range(800):
-        q = q + 0.01 * paper_task_space_velocity(q, mixture, np.eye(4), STILL, X_FG, OPTIONS)
-    reached = se3.log(se3.inverse(mixture.X_OG) @ forward_kinematics(q, X_FG))
-    assert np.linalg.norm(reached, axis=1).min() < 1e-3
-
-
-def test_the_relative_twist_is_shortened_in_proportion():
-    def shortened(u, max_angular, max_linear):
-        return hand_twist_kernel(u, np.eye(4), np.eye(4), STILL, max_angular, max_linear)
-
-    u = np.array([3.0, 0.0, 0.0, 0.0, 0.1, 0.0])
-    np.testing.assert_allclose(shortened(u, 1.5, 0.4), u / 2)
-    np.testing.assert_allclose(shortened(u, 1.5, 0.04), u / 2.5)
-    np.testing.assert_array_equal(shortened(u, 4.0, 0.2), u)
-    np.testing.assert_array_equal(shortened(STILL, 1.5, 0.4), STILL)
-
-
-@pytest.mark.parametrize("relative", [False, True])
-def test_the_hands_twist_by_finite_differences(relative):
-    """Of a hand that moves in the body frame while the object carries it along."""
-    rng = np.random.default_rng(3)
-    X_WO, X_OH = se3.random_pose(rng, 2)
-    V_WO, u_H, h = rng.normal(size=6), relative * rng.normal(size=6), 1e-6
-    ahead, behind = (se3.extrapolate(X_WO, V_WO, dt) @ X_OH @ se3.exp(dt * u_H) for dt in (h, -h))
-    V = hand_twist_kernel(u_H, X_WO @ X_OH, X_WO, V_WO, np.inf, np.inf)
-    np.testing.assert_allclose(V[3:], (ahead - behind)[:3, 3] / (2 * h), atol=1e-8)
-    angular = se3.so3_log(ahead[:3, :3] @ behind[:3, :3].T) / (2 * h)
-    np.testing.assert_allclose(V[:3], angular, atol=1e-8)

@@ -1,0 +1,91 @@
+"""The paper's task-space law, which enforces nothing, and the twist that it asks of the hand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import se3
+from feasigrasp.models.grasp_lookahead import reachable_grasps
+from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.task_space_control import (
+    TaskControlOptions,
+    hand_twist_kernel,
+    paper_task_space_velocity,
+)
+
+HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
+X_FG = Reachability().gripper.X_FG
+OPTIONS = TaskControlOptions()
+STILL = np.zeros(6)
+
+
+def components_at(X_OG):
+    """A mixture with one component, and one member, per pose."""
+    n = len(X_OG)
+    covariance = np.tile(np.diag([0.01] * 3 + [1e-4] * 3), (n, 1, 1))
+    return GraspMixture(RiemannianMixture(np.full(n, 1 / n), X_OG, covariance), X_OG, np.arange(n))
+
+
+def test_the_papers_law_follows_the_mixture(ring_of_grasps):
+    """J qd is the object's twist plus the preconditioned direction, and converges to a grasp."""
+    X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
+    V_WO = np.array([0.1, -0.1, 0.2, 0.05, 0.1, -0.03])
+    grasps = reachable_grasps(ring_of_grasps, X_WO, STILL, Reachability())
+    mixture = fit_grasp_mixture(grasps, 10, np.random.default_rng(0))
+    X_WH, J = pose_and_jacobian(HOME, X_FG)
+    undamped = dataclasses.replace(OPTIONS, damping=0.0)
+    qd = paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, undamped)
+    carried = V_WO[3:] + np.cross(V_WO[:3], X_WH[:3, 3] - X_WO[:3, 3])
+    relative = J @ qd - np.concatenate([V_WO[:3], carried])
+    body = np.concatenate([X_WH[:3, :3].T @ relative[:3], X_WH[:3, :3].T @ relative[3:]])
+    direction = mixture.targets.direction((se3.inverse(X_WO) @ X_WH)[None])[0]
+    cosine = body @ direction / np.linalg.norm(body) / np.linalg.norm(direction)
+    assert cosine == pytest.approx(1.0)
+    assert np.linalg.norm(body[3:]) <= OPTIONS.max_linear + 1e-9
+    assert np.linalg.norm(body[:3]) <= OPTIONS.max_angular + 1e-9
+
+    q = HOME
+    for _ in range(800):
+        q = q + 0.01 * paper_task_space_velocity(q, mixture, X_WO, STILL, X_FG, OPTIONS)
+    tangents = se3.log(se3.inverse(grasps.X_OG) @ se3.inverse(X_WO) @ forward_kinematics(q, X_FG))
+    assert np.linalg.norm(tangents, axis=1).min() < 1e-3
+
+
+def test_the_papers_law_leaves_the_middle_between_a_grasp_and_its_twin():
+    """Both pull as strongly, in opposite directions."""
+    X_WH = forward_kinematics(HOME, X_FG)
+    turns = [se3.exp([0, 0, angle, 0, 0, 0]) for angle in (np.pi / 2, -np.pi / 2)]
+    mixture = components_at(X_WH @ np.array(turns))
+    q = HOME
+    for _ in range(800):
+        q = q + 0.01 * paper_task_space_velocity(q, mixture, np.eye(4), STILL, X_FG, OPTIONS)
+    reached = se3.log(se3.inverse(mixture.X_OG) @ forward_kinematics(q, X_FG))
+    assert np.linalg.norm(reached, axis=1).min() < 1e-3
+
+
+def test_the_relative_twist_is_shortened_in_proportion():
+    def shortened(u, max_angular, max_linear):
+        return hand_twist_kernel(u, np.eye(4), np.eye(4), STILL, max_angular, max_linear)
+
+    u = np.array([3.0, 0.0, 0.0, 0.0, 0.1, 0.0])
+    np.testing.assert_allclose(shortened(u, 1.5, 0.4), u / 2)
+    np.testing.assert_allclose(shortened(u, 1.5, 0.04), u / 2.5)
+    np.testing.assert_array_equal(shortened(u, 4.0, 0.2), u)
+    np.testing.assert_array_equal(shortened(STILL, 1.5, 0.4), STILL)
+
+
+@pytest.mark.parametrize("relative", [False, True])
+def test_the_hands_twist_by_finite_differences(relative):
+    """Of a hand that moves in the body frame while the object carries it along."""
+    rng = np.random.default_rng(3)
+    X_WO, X_OH = se3.random_pose(rng, 2)
+    V_WO, u_H, h = rng.normal(size=6), relative * rng.normal(size=6), 1e-6
+    ahead, behind = (se3.extrapolate(X_WO, V_WO, dt) @ X_OH @ se3.exp(dt * u_H) for dt in (h, -h))
+    V = hand_twist_kernel(u_H, X_WO @ X_OH, X_WO, V_WO, np.inf, np.inf)
+    np.testing.assert_allclose(V[3:], (ahead - behind)[:3, 3] / (2 * h), atol=1e-8)
+    angular = se3.so3_log(ahead[:3, :3] @ behind[:3, :3].T) / (2 * h)
+    np.testing.assert_allclose(V[:3], angular, atol=1e-8)
