@@ -45,10 +45,11 @@ def run_isolated(
     filename = filename.resolve()  # the server may be in another folder
     replay = None if replay is None else replay.resolve()
     filename.unlink(missing_ok=True)
-    with tempfile.NamedTemporaryFile("r", errors="replace") as messages:
+    with tempfile.TemporaryDirectory(prefix="feasigrasp-run-") as scratch:
+        messages = Path(scratch) / "messages.txt"
         process = _server().Process(
             target=_run_to_file,
-            args=(dump_scenario(scenario), name, filename, replay, messages.name),
+            args=(dump_scenario(scenario), name, filename, replay, messages),
             daemon=True,
         )
         process.start()
@@ -56,7 +57,7 @@ def run_isolated(
         if filename.exists():
             record: dict[str, Any] = json.loads(filename.read_text())
             return record
-        last = messages.read()[-2000:].strip()
+        last = messages.read_text(errors="replace")[-2000:].strip() if messages.exists() else ""
     error = f"the process ended with status {process.exitcode}: {last}"
     record = crash_record(scenario, name, error)
     write_json(record, filename)
@@ -72,12 +73,13 @@ def _server() -> multiprocessing.context.ForkServerContext:
 
 
 def _run_to_file(
-    scenario_text: str, name: str, filename: Path, replay: Path | None, messages: str
+    scenario_text: str, name: str, filename: Path, replay: Path | None, messages: Path
 ) -> None:
     """The process: runs a scenario and writes its record; file ``messages`` gets what it prints."""
     stdout, stderr = 1, 2
     os.dup2(os.open(os.devnull, os.O_WRONLY), stdout)
-    os.dup2(os.open(messages, os.O_WRONLY), stderr)
+    os.dup2(os.open(messages, os.O_WRONLY | os.O_CREAT), stderr)
+    tempfile.tempdir = str(messages.parent)  # forked processes do not tidy up: the parent does
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, see the next line
     threading.Thread(target=_end_with_parent, daemon=True).start()
     scenario = parse_scenario(scenario_text)
