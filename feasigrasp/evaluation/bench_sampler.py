@@ -60,7 +60,7 @@ def cases(view: PartialView) -> Iterator[Case]:
         yield name, preset, partial(other.propose_at, features)
     yield "bench.perception_ms", "default", lambda: cloud_to_grasps(view, sampler)
     yield "bench.perception_ms", "antipodal", lambda: cloud_to_grasps(view, antipodal)
-    X_OG, width, prior, _ = sampler.candidates(field)
+    X_OG, width, prior = sampler.candidates(field)
     parts: dict[str, Callable[[], object]] = {
         "smoothing": lambda: fused(view),
         "fit": lambda: complete_shape(cloud, max_points=POINTS),

@@ -76,7 +76,8 @@ def make_samplers() -> dict[str, GraspSamplerFn]:
     """The samplers by preset."""
     samplers: dict[str, GraspSamplerFn] = {"antipodal": AntipodalSampler(GRIPPER)}
     for preset in NETWORKS:
-        samplers[preset] = NetworkSampler(GRIPPER, load_grasp_network(preset))
+        network = load_grasp_network(preset)
+        samplers[preset] = NetworkSampler(GRIPPER, network, top_up=preset == "default")
     return samplers
 
 

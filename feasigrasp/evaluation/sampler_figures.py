@@ -108,7 +108,7 @@ def make_panel(name: str, model: str, seed: int) -> Panel:
     view = viewed.view(look_at(_DISTANCE * _DIRECTION / np.linalg.norm(_DIRECTION)), rng)
     field, sampler = fuse_and_complete([view]), NetworkSampler()
     truth = TrueGrasps(viewed.obj.mesh)
-    X_OG, _, prior, _ = sampler.candidates(field)
+    X_OG, _, prior = sampler.candidates(field)
     kept = sampler(field)
     return Panel(
         name,

@@ -65,6 +65,11 @@ def joint_certainty(of_network: Array, of_field: Array) -> Array:
     return _logistic(_BOTH + _OF_NETWORK * _odds(of_network) + _OF_FIELD * _odds(of_field))
 
 
+def mean_certainty(first: Array, second: Array) -> Array:
+    """Probability with the mean log odds of two, shapes (n,)."""
+    return _logistic(0.5 * (_odds(first) + _odds(second)))
+
+
 def clearance_certainty(clearance: Array, deviation: Array) -> Array:
     """Probability that a hand is free of the true surface.
 

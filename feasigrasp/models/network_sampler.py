@@ -7,19 +7,24 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf_field import Gpdf, unit_normals
-from feasigrasp.models.grasp_certainty import surface_deviation
+from feasigrasp.models.grasp_certainty import mean_certainty, surface_deviation
 from feasigrasp.models.grasp_filter import THIN_WALL, filter_grasps
-from feasigrasp.models.grasp_input import grasp_input
+from feasigrasp.models.grasp_input import GraspInput, grasp_input
 from feasigrasp.models.grasp_network import GraspNetwork, GraspProposals, load_grasp_network
-from feasigrasp.models.grasp_thinning import LEAST_SCORE, thin_grasps
+from feasigrasp.models.grasp_thinning import ENOUGH, LEAST_SCORE, thin_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 
 Array = NDArray[np.float64]
+
+#: Poses X_OG (n, 4, 4), widths (n,) [m], and probabilities (n,) of the contact by the network.
+Candidates = tuple[Array, Array, Array]
 
 #: Contacts that the network gives less than this are not looked at ...
 LEAST_CONTACT = 0.2
@@ -42,7 +47,8 @@ class NetworkSampler:
     The network says for every point of the completed surface whether a grasp starts there, where
     its other contact is and which approaches are free. The best contacts, spread over the object,
     are put together with their approaches; the field settles the width where both agree; the
-    filter judges every one, and weighs its verdict with the network's. The same field gives the
+    filter judges every one, and weighs its verdict with the network's. Where that leaves too few,
+    contact pairs that follow from the field alone are offered as well. The same field gives the
     same grasps.
 
     Attributes:
@@ -54,6 +60,8 @@ class NetworkSampler:
         n_grasps: Most grasps returned.
         least_score: Grasps that score less are left out, while there are enough; see `thin_grasps`.
         table: A plane that the hand stays above, see `filter_grasps`.
+        top_up: Whether candidates of an `AntipodalSampler` join in where fewer than `ENOUGH`
+            grasps are left.
     """
 
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
@@ -64,6 +72,7 @@ class NetworkSampler:
     n_grasps: int = 64
     least_score: float = LEAST_SCORE
     table: ArrayLike | None = None
+    top_up: bool = True
 
     def __post_init__(self) -> None:
         """Checks the counts."""
@@ -73,30 +82,46 @@ class NetworkSampler:
 
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
-        X_OG, width, prior, unlikely = self.candidates(gpdf)
-        grasps = filter_grasps(gpdf, X_OG, width, self.gripper, prior=prior, table=self.table)
-        thinned = thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
-        return thinned.counted({"unlikely contact": unlikely})
-
-    def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, Array, int]:
-        """Unfiltered grasps.
-
-        Returns:
-            Poses X_OG (n, 4, 4); widths (n,) [m]; probabilities (n,) that the contact is one by the
-            network; and the number of surface points that were not taken.
-        """
         surface = grasp_input(gpdf, self.n_points)
         proposals = self._network.propose(surface)
+        candidates = self._proposed(gpdf, surface, proposals)
+        grasps = self._judged(gpdf, candidates)
+        if self.top_up and len(grasps) < ENOUGH:
+            opposed = self._opposed(gpdf, surface, proposals.contact)
+            both = [np.concatenate(parts) for parts in zip(candidates, opposed, strict=True)]
+            grasps = self._judged(gpdf, (both[0], both[1], both[2]))
+        return grasps
+
+    def candidates(self, gpdf: Gpdf) -> Candidates:
+        """Unfiltered grasps of the network: poses X_OG, widths [m], contact probabilities."""
+        surface = grasp_input(gpdf, self.n_points)
+        return self._proposed(gpdf, surface, self._network.propose(surface))
+
+    def _judged(self, gpdf: Gpdf, candidates: Candidates) -> GraspSet:
+        """What filter and thinning leave of candidates."""
+        X_OG, width, prior = candidates
+        grasps = filter_grasps(gpdf, X_OG, width, self.gripper, prior=prior, table=self.table)
+        return thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
+
+    def _proposed(self, gpdf: Gpdf, surface: GraspInput, proposals: GraspProposals) -> Candidates:
+        """The likeliest contacts, spread over the object, put together with their approaches."""
         chosen = _choose(proposals.contact, surface.points, self.n_contacts)
         first = surface.points[chosen].astype(float)
         b = proposals.closing[chosen]
         width = _settled_width(gpdf, first, proposals, chosen, self.gripper.max_opening)
         z = proposals.approach[chosen, : self.n_approaches]
-        lines = _straightened(gpdf, first + 0.5 * width[:, None] * b, b, width)
-        middle, b, width = lines
+        middle, b, width = _straightened(gpdf, first + 0.5 * width[:, None] * b, b, width)
         X_OG = _frames(middle, b, z)
         width, prior = (np.repeat(each, z.shape[1]) for each in (width, proposals.contact[chosen]))
-        return X_OG.reshape(-1, 4, 4), width, prior, len(surface) - len(chosen)
+        return X_OG.reshape(-1, 4, 4), width, prior
+
+    def _opposed(self, gpdf: Gpdf, surface: GraspInput, contact: Array) -> Candidates:
+        """Contact pairs of the field alone; how likely the network finds both contacts."""
+        X_OG, width, _ = AntipodalSampler(self.gripper).candidates(gpdf)
+        half = 0.5 * width[:, None] * X_OG[:, :3, 0]
+        tree = cKDTree(surface.points)
+        ends = [tree.query(X_OG[:, :3, 3] + way * half)[1] for way in (-1.0, 1.0)]
+        return X_OG, width, mean_certainty(contact[ends[0]], contact[ends[1]])
 
     @cached_property
     def _network(self) -> GraspNetwork:

@@ -1,13 +1,16 @@
 """The learned sampler with untrained weights: all that does not depend on what was learnt."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_filter import filter_grasps
+from feasigrasp.models.grasp_filter import contact_cosine, filter_grasps
 from feasigrasp.models.grasp_network import GraspNetwork
 from feasigrasp.models.grasp_samplers import make_sampler
+from feasigrasp.models.grasp_thinning import ENOUGH
 from feasigrasp.models.network_sampler import NetworkSampler
 
 SAMPLER = NetworkSampler(network=GraspNetwork.untrained(seed=1))
@@ -20,9 +23,8 @@ def can(true_shapes):
 
 
 def test_candidates_are_frames_on_the_surface(can):
-    X_OG, width, prior, unlikely = SAMPLER.candidates(can)
+    X_OG, width, prior = SAMPLER.candidates(can)
     assert len(X_OG) == len(width) == len(prior) == SAMPLER.n_contacts * SAMPLER.n_approaches
-    assert unlikely == SAMPLER.n_points - SAMPLER.n_contacts
     R = X_OG[:, :3, :3]
     eye = np.broadcast_to(np.eye(3), R.shape)
     np.testing.assert_allclose(R.transpose(0, 2, 1) @ R, eye, atol=1e-6)
@@ -34,7 +36,7 @@ def test_candidates_are_frames_on_the_surface(can):
 
 def test_widths_end_on_the_far_side_where_field_and_network_agree(can):
     """Untrained widths are the chords: nearly all end on the surface."""
-    X_OG, width, _, _ = SAMPLER.candidates(can)
+    X_OG, width, _ = SAMPLER.candidates(can)
     second = X_OG[:, :3, 3] + 0.5 * width[:, None] * X_OG[:, :3, 0]
     assert np.median(np.abs(can.distance(second))) < 2e-4
 
@@ -51,8 +53,19 @@ def test_grasps_are_filtered_ranked_and_reproducible(can):
 
 def test_every_candidate_is_accounted_for(can):
     grasps = SAMPLER(can)
-    X_OG, _, _, unlikely = SAMPLER.candidates(can)
-    assert len(grasps) + sum(grasps.rejected.values()) == len(X_OG) + unlikely
+    X_OG, _, _ = SAMPLER.candidates(can)
+    assert len(grasps) + sum(grasps.rejected.values()) == len(X_OG)
+
+
+def test_the_field_tops_up_what_the_network_leaves_open(can):
+    """One contact gives a few grasps at most; the others are antipodal pairs of the field."""
+    few = NetworkSampler(network=SAMPLER.network, n_contacts=1, top_up=False)
+    alone, more = few(can), replace(few, top_up=True)(can)
+    assert len(alone) < ENOUGH <= len(more)
+    assert (np.diff(more.score) <= 0).all()
+    assert (contact_cosine(can, more) < -0.8).all()
+    enough = replace(SAMPLER, top_up=False)(can)
+    np.testing.assert_array_equal(SAMPLER(can).X_OG, enough.X_OG)  # no need, no change
 
 
 def test_a_table_keeps_the_hand_above(can):
