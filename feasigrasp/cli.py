@@ -116,6 +116,10 @@ COMMANDS = {
         "feasigrasp.evaluation.train_ik_flow",
         "train the flow that proposes inverse kinematics",
     ),
+    ("train", "hidden-side"): (
+        "feasigrasp.evaluation.train_hidden_side",
+        "train what is expected behind the seen side of an object",
+    ),
     ("train", "sampler-data"): (
         "feasigrasp.evaluation.sampler_data",
         "make the training data of the grasp network",

@@ -31,6 +31,7 @@ from feasigrasp.evaluation.statistics import mean
 from feasigrasp.models.gpdf_field import Gpdf
 from feasigrasp.models.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape_completion import complete_shape
+from feasigrasp.models.surface_error import surface_deviation
 from feasigrasp.models.view_fusion import FusedCloud
 
 Record = dict[str, Any]
@@ -82,7 +83,8 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
 
     Returns:
         One record each: the figures of `measure`, what they are of, the CPU time of the last
-        perception tick [ms] and, for calibration, variance and error of completed points.
+        perception tick [ms] and, for calibration, the predicted deviation and the error of
+        completed points.
     """
     viewed = ViewedObject(load_object(path))
     points, normals = true_samples(viewed, seed)
@@ -101,7 +103,7 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
                 record: Record = {"object": name, "view": index, "condition": condition}
                 record |= {"preset": preset, "cpu_ms": cpu}
                 record |= measure(viewed, field, seen, points, normals)
-                record["variance"] = surface.variance.round(6).tolist()
+                record["deviation"] = surface_deviation(field, surface.points).round(6).tolist()
                 record["error"] = viewed.distance(surface.points).round(6).tolist()
                 records.append(record)
     return records

@@ -69,10 +69,9 @@ def sample_level_set(field: Gpdf, seeds: Iterable[Array] = (), cells: int = 40) 
         cells: Cells of the grid along each side of the box that `Gpdf.surface` searches.
     """
     field = replace(field, damped=True)  # the paper's short steps end beside the surface
-    middle, half = field.bounds.mean(axis=0), np.ptp(field.bounds, axis=0) / 2
-    half = 2.0 * np.maximum(half, 0.3 * half.max())
-    axes = [np.linspace(m - h, m + h, cells) for m, h in zip(middle, half, strict=True)]
-    step = 2.0 * half / (cells - 1)
+    lower, upper = field.search_box
+    axes = [np.linspace(a, b, cells) for a, b in zip(lower, upper, strict=True)]
+    step = (upper - lower) / (cells - 1)
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     value = field.distance(grid.reshape(-1, 3)).reshape(cells, cells, cells)
 

@@ -12,13 +12,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from feasigrasp.evaluation.result_files import Row
-from feasigrasp.models.shape_completion import predicted_deviation
 
 Array = NDArray[np.float64]
 
 #: Groups of equally many completed points, by predicted deviation.
 _BINS = 12
-_LENGTH_SCALE = 0.3
 
 
 def write_reliability(
@@ -49,9 +47,8 @@ def write_reliability(
         ]
         if not chosen:
             continue
-        variance = np.concatenate([r["variance"] for r in chosen])
         error = 1e3 * np.concatenate([r["error"] for r in chosen])
-        predicted = 1e3 * predicted_deviation(variance, _LENGTH_SCALE)
+        predicted = 1e3 * np.concatenate([r["deviation"] for r in chosen])
         table = _binned(predicted, error)
         lines += [f"{label},{p:.3f},{m:.3f},{q:.3f},{n:.0f}" for p, m, q, n in table]
         axes.plot(table[:, 0], table[:, 1], "o-", label=f"mean error, objects {label}")

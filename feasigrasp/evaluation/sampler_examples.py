@@ -23,7 +23,8 @@ from feasigrasp.models.grasp_labels import PointLabels, label_points
 from feasigrasp.models.grasp_truth import TrueGrasps
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.rigid_object import RigidObject
-from feasigrasp.models.shape_completion import complete_shape, predicted_deviation
+from feasigrasp.models.shape_completion import complete_shape
+from feasigrasp.models.surface_error import predicted_deviation
 from feasigrasp.models.view_fusion import FusedCloud
 
 Example = dict[str, Any]
@@ -86,7 +87,7 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator, n_points: int = POIN
     normals = np.asarray(mesh.face_normals[faces[chosen]])
     length, far = truth.cast(points - 1e-5 * normals, -normals)
     hit = (length > _MIN_CHORD) & (length <= MAX_CHORD)
-    sure = float(predicted_deviation(0.0, 1.0))
+    sure = float(predicted_deviation(0.0))
     scalars = np.zeros((n_points, len(SCALARS)))
     scalars[:, 0] = sure
     scalars[hit, 1] = length[hit]

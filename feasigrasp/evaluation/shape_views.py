@@ -127,6 +127,12 @@ class ViewedObject:
         row = np.clip(np.rint(fy * y / z + cy), 0, HEIGHT - 1).astype(int)
         return in_sight, in_sight & view.measured[row, column]
 
+    def first_hit(self, starts: Array, ways: Array) -> Array:
+        """How far rays from ``starts`` (n, 3) along unit vectors (n, 3) go, inf for ever, (n,)."""
+        rays = np.concatenate([starts, ways], axis=1).astype(np.float32)
+        hit = self.scene.cast_rays(_tensor(rays), nthreads=1)["t_hit"].numpy()
+        return np.asarray(hit, dtype=float)
+
     def distance(self, points: Array) -> Array:
         """Unsigned distance of points (n, 3) to the true surface, shape (n,) [m]."""
         query = _tensor(points.astype(np.float32))
@@ -175,12 +181,18 @@ def look_at(p_OC: Array, roll: float = 0.0) -> Array:
     return X_OC
 
 
-def turning_views(rng: np.random.Generator, center: Array, count: int) -> list[Array]:
+def turning_views(
+    rng: np.random.Generator,
+    center: Array,
+    count: int,
+    turn: tuple[float, float] = (60.0, 120.0),
+) -> list[Array]:
     """Camera poses X_OC for an object that turns in front of a camera.
 
     The first direction and the roll are uniform, the distance to the centre is `DISTANCE`. Between
-    two views the object turns by 60 to 120 degrees about an axis that makes an angle of 60 to 120
-    degrees with the line of sight, as a table in front of a camera at up to 30 degrees would.
+    two views the object turns by ``turn`` degrees, least and most, about an axis that makes an
+    angle of 60 to 120 degrees with the line of sight, as a table in front of a camera at up to 30
+    degrees would.
     """
     first = look_at(_unit(rng.normal(size=3)) * rng.uniform(*DISTANCE), rng.uniform(0, 2 * np.pi))
     tilt = np.deg2rad(rng.uniform(-30.0, 30.0))
@@ -192,7 +204,7 @@ def turning_views(rng: np.random.Generator, center: Array, count: int) -> list[A
         X_OC = X_OC @ first
         X_OC[:3, 3] += center
         poses.append(X_OC)
-        angle += np.deg2rad(rng.uniform(60.0, 120.0))
+        angle += np.deg2rad(rng.uniform(*turn))
     return poses
 
 

@@ -59,10 +59,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def fit_view(preset: str, view: PartialView, length_scale: float) -> Gpdf:
-    """The field that a preset makes of one view with a length scale [m]."""
+    """The field that a preset makes of one view with a length scale [m].
+
+    Without the network of the hidden side, which was trained for one length scale.
+    """
     cloud = FusedCloud.empty(_VOXEL, smooth=preset == "default").merged(view.points, view.p_OC)
-    more = {"max_points": _PAPER_POINTS} if preset == "paper" else {}
-    return complete_shape(cloud, preset=preset, length_scale=length_scale, **more)
+    points = _PAPER_POINTS if preset == "paper" else 512
+    return complete_shape(
+        cloud, preset=preset, length_scale=length_scale, max_points=points, learnt=False
+    )
 
 
 def study_object(

@@ -38,7 +38,7 @@ def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
     points = np.ascontiguousarray(x, dtype=float)
     for view in views:
         edge = EDGE_PIXELS * view.pitch
-        picture = (view.mask, view.depth, view.beside)
+        picture = (view.mask, view.front, view.beside)
         _raise_to_free(points, view.X_OC, view.pixel, edge, picture, best)
     return best
 
@@ -46,7 +46,7 @@ def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _raise_to_free(points, X_OC, pixel, edge, picture, best):  # type: ignore[no-untyped-def]
     """Raises ``best`` (n,) to how deep the points (n, 3) lie in the free space of one view."""
-    mask, depth, beside = picture
+    mask, front, beside = picture
     for i in range(len(points)):
         a, b, c = points[i, 0] - X_OC[0, 3], points[i, 1] - X_OC[1, 3], points[i, 2] - X_OC[2, 3]
         u = a * X_OC[0, 0] + b * X_OC[1, 0] + c * X_OC[2, 0]
@@ -57,7 +57,7 @@ def _raise_to_free(points, X_OC, pixel, edge, picture, best):  # type: ignore[no
         column = int(min(max(np.rint(u_at), 0.0), SIDE - 1.0))
         row = int(min(max(np.rint(v_at), 0.0), SIDE - 1.0))
         if mask[row, column]:
-            free = depth[row, column] - z
+            free = front[row, column] - z
         else:
             du, dv = u_at - column, v_at - row
             if max(abs(du), abs(dv)) > 0.5:  # outside the picture, which has a margin

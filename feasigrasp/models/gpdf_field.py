@@ -118,17 +118,25 @@ class Gpdf:
     def surface(self, n: int = 8, steps: int = 5, tolerance: float = 1e-3) -> SurfacePoints:
         """The completed surface: an n x n x n grid round the cloud projected onto it.
 
-        The grid fills the cloud's bounding box, grown by half its size on every side, with no half
-        size below 0.3 of the largest. Grid points that do not reach ``|d| < tolerance`` are
-        dropped.
+        The grid fills `search_box`. Grid points that do not reach ``|d| < tolerance`` are dropped.
         """
-        middle, half = self.bounds.mean(axis=0), np.ptp(self.bounds, axis=0) / 2
-        half = 2.0 * np.maximum(half, 0.3 * half.max())
-        axes = np.linspace(middle - half, middle + half, n)
+        lower, upper = self.search_box
+        axes = np.linspace(lower, upper, n)
         grid = np.stack(np.meshgrid(*axes.T, indexing="ij"), axis=-1).reshape(-1, 3)
         _, points, normals, residual = self._march(grid, steps)
         reached = np.abs(residual) < tolerance
         return SurfacePoints(points[reached], normals[reached], self.variance)
+
+    @property
+    def search_box(self) -> Array:
+        """Lower and upper corner of where the surface is looked for, shape (2, 3) [m].
+
+        The cloud's bounding box, grown by half its size on every side, with no half size below 0.3
+        of the largest.
+        """
+        middle, half = self.bounds.mean(axis=0), np.ptp(self.bounds, axis=0) / 2
+        half = 2.0 * np.maximum(half, 0.3 * half.max())
+        return np.stack([middle - half, middle + half])
 
     @cached_property
     def completion(self) -> SurfacePoints:

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.grasp_input_kernels import nearest_distance
 from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.shape_completion import predicted_deviation
+from feasigrasp.models.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 
@@ -34,17 +33,6 @@ _BOTH, _OF_NETWORK, _OF_FIELD = -0.95, 0.93, 0.58
 _CLOSE_TO_CERTAIN = 1e-4
 #: Further away than this a hand is certainly free [m].
 FAR = 0.012
-
-
-def surface_deviation(gpdf: Gpdf, x: Array) -> Array:
-    """Expected distance of completed surface at x (m, 3) from the true one, shape (m,) [m].
-
-    `predicted_deviation` of the variance that the nearest observed point alone would leave: the
-    others hardly add to it, and the full variance costs a hundred times as much.
-    """
-    apart = nearest_distance(np.ascontiguousarray(x), gpdf.points)
-    variance = -np.expm1(-2.0 * apart / gpdf.length_scale)
-    return predicted_deviation(variance, gpdf.length_scale)
 
 
 def contact_certainty(gpdf: Gpdf, pairs: GraspSet) -> Array:

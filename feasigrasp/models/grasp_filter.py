@@ -24,11 +24,11 @@ from feasigrasp.models.grasp_certainty import (
     clearance_certainty,
     contact_certainty,
     joint_certainty,
-    surface_deviation,
 )
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.shape_completion import CompletedField
+from feasigrasp.models.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

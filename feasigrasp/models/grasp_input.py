@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from feasigrasp.errors import GraspError
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf_field import Gpdf, unit_normals
-from feasigrasp.models.grasp_input_kernels import chords, nearest_distance
+from feasigrasp.models.grasp_input_kernels import chords
 from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.shape_completion import CompletedField, predicted_deviation
+from feasigrasp.models.shape_completion import CompletedField
+from feasigrasp.models.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -114,10 +115,10 @@ def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) 
     )
     hit = length > 0.0
     scalars = np.zeros((len(points), len(SCALARS)))
-    scalars[:, 0] = _deviation(field, points)
+    scalars[:, 0] = surface_deviation(field, points)
     scalars[hit, 1] = length[hit]
     scalars[hit, 2] = np.einsum("ij,ij->i", normals[hit], end_normals[hit])
-    scalars[hit, 3] = _deviation(field, ends[hit] + field.center)
+    scalars[hit, 3] = surface_deviation(field, ends[hit] + field.center)
     return GraspInput(points, normals, scalars)  # type: ignore[arg-type]
 
 
@@ -152,13 +153,3 @@ def _combined(of_field: Array, smoothed: Array) -> Array:
     agree = np.einsum("ij,ij->i", of_field, smoothed) > _AGREE
     mean = smoothed + np.where(known & ~agree, 0.0, 1.0)[:, None] * of_field
     return unit_normals(mean)
-
-
-def _deviation(field: Gpdf, points: Array) -> Array:
-    """Expected distance of surface points (m, 3) from the true surface [m], (m,).
-
-    `predicted_deviation` of the variance that the nearest observed point alone would leave: the
-    others hardly add to it, and the full variance would cost more than everything else here.
-    """
-    apart = nearest_distance(points, field.points)
-    return predicted_deviation(-np.expm1(-2.0 * apart / field.length_scale), field.length_scale)

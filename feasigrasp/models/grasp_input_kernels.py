@@ -109,23 +109,3 @@ def chords(
             ends[i, 0], ends[i, 1], ends[i, 2] = px + t * u, py + t * v, pz + t * w
             outward[i, 0], outward[i, 1], outward[i, 2] = a, b, c
     return lengths, ends, outward
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _least_square(xs: Array, ys: Array, zs: Array, x: float, y: float, z: float) -> float:
-    wide_vectors()
-    least = 1e30
-    for j in range(len(xs)):
-        a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
-        least = min(least, a * a + b * b + c * c)
-    return least
-
-
-@njit(cache=True, nogil=True)
-def nearest_distance(points: Array, others: Array) -> Array:
-    """Distance from each point (m, 3) to the nearest of the others (k, 3), shape (m,)."""
-    xs, ys, zs = others[:, 0].copy(), others[:, 1].copy(), others[:, 2].copy()
-    out = np.empty(len(points))
-    for i in range(len(points)):
-        out[i] = np.sqrt(_least_square(xs, ys, zs, points[i, 0], points[i, 1], points[i, 2]))
-    return out

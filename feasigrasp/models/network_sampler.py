@@ -13,13 +13,14 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf_field import Gpdf, unit_normals
-from feasigrasp.models.grasp_certainty import mean_certainty, surface_deviation
+from feasigrasp.models.grasp_certainty import mean_certainty
 from feasigrasp.models.grasp_filter import THIN_WALL, filter_grasps
 from feasigrasp.models.grasp_input import GraspInput, grasp_input
 from feasigrasp.models.grasp_network import GraspNetwork, GraspProposals, load_grasp_network
 from feasigrasp.models.grasp_thinning import ENOUGH, LEAST_SCORE, thin_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 

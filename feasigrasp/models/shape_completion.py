@@ -20,9 +20,11 @@ from scipy.spatial import cKDTree
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.free_space import free_distance, rim_points
-from feasigrasp.models.gpdf import PAPER, FitSettings, fit_field, fit_gpdf
+from feasigrasp.models.gpdf import PAPER, FitSettings, extend_field, fit_field, fit_gpdf
 from feasigrasp.models.gpdf_covariance import cross_covariance
 from feasigrasp.models.gpdf_field import Gpdf, checked_queries
+from feasigrasp.models.hidden_nodes import hidden_nodes
+from feasigrasp.models.hidden_side import load_hidden_side
 from feasigrasp.models.point_cloud_checks import check_fit, checked_cloud
 from feasigrasp.models.surface_points import SurfacePoints
 from feasigrasp.models.view_fusion import FusedCloud
@@ -40,34 +42,20 @@ BESIDE_SHARE = 0.15
 SMOOTHED_NOISE = 1e-3
 #: Nodes in free space, all views together.
 FREE_NODES = 80
+#: Nodes on the hidden side, all views together.
+HIDDEN_NODES = 200
+#: Neighbouring nodes there err together: so many of them count as one observation.
+HIDDEN_NOISE = 3.0
 #: Below this cosine between normal and line of sight a normal is a guess.
 _GRAZING = 0.15
 #: Completed surface deeper in free space than this is dropped [m] ...
 _CARVED = 3e-3
 #: ... unless an observed point is this near: then the view's edge is wrong, not the surface [m].
 _OBSERVED = 4e-3
-#: Error of surface that was seen [m], and its growth with the distance from what was seen.
-_DEVIATION_SEEN, _DEVIATION_SLOPE = 0.0002, 0.3
+#: Distance behind observed surface counts so much more for the variance.
+_FARTHER_BEHIND = 2.0
 #: Nodes in free space keep this distance from observed points [m].
 _CLEARANCE = 5e-3
-
-
-def predicted_deviation(variance: ArrayLike, length_scale: float) -> Array:
-    """Expected distance of completed surface from the true one, told by its variance.
-
-    At a distance r from a single observation the variance is ``1 - exp(-2 r / l)``. Solved for r,
-    that distance predicts the error linearly; the two coefficients are calibrated on the built-in
-    objects (``feasigrasp evaluate shape`` draws how well they do on these and on others).
-
-    Args:
-        variance: Predictive variances, any shape.
-        length_scale: l of the kernel [m].
-
-    Returns:
-        The same shape [m].
-    """
-    apart = -0.5 * length_scale * np.log1p(-np.clip(variance, 0.0, 0.999))
-    return np.asarray(_DEVIATION_SEEN + _DEVIATION_SLOPE * apart)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,22 +66,26 @@ class CompletedField(Gpdf):
         cloud: The observed points, shape (c, 3) [m].
         cloud_normals: Their outward unit normals, as smoothed, shape (c, 3).
         images: The views whose free space counts.
+        hidden: Where the surface that nobody saw is expected, shape (h, 3) [m].
         observed: The first so many nodes rest on observed points.
     """
 
     cloud: Array = field(default_factory=lambda: np.zeros((0, 3)))
     cloud_normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
     images: tuple[ViewImage, ...] = ()
+    hidden: Array = field(default_factory=lambda: np.zeros((0, 3)))
     observed: int = 0
 
     def variance(self, x: ArrayLike) -> Array:
         """Predictive variance of the occupancy at x (m, 3) given the observed nodes, (m,).
 
         Small near observed points, growing towards 1 away from them. Nodes in free space do not
-        count: they say that there is nothing, not what there is.
+        count: they say that there is nothing, not what there is. Behind observed surface it grows
+        faster: the far side of a thin wall is near what was seen, and still was not.
         """
         nodes = np.ascontiguousarray(self.nodes[:, : self.observed])
-        cross = cross_covariance(nodes, self.length_scale, self.center, checked_queries(x))
+        x = self._withdrawn(checked_queries(x))
+        cross = cross_covariance(nodes, self.length_scale, self.center, x)
         # The leading block of a Cholesky factor is the factor of the leading block.
         solved, info = lapack.dtrtrs(self._observed_factor, cross.T, lower=1, overwrite_b=1)
         if info != 0:
@@ -106,12 +98,25 @@ class CompletedField(Gpdf):
         kept = self.possible(all_points.points)
         return SurfacePoints(all_points.points[kept], all_points.normals[kept], self.variance)
 
+    @property
+    def search_box(self) -> Array:
+        """As `Gpdf.search_box`, and so large that the hidden side is in it."""
+        around = np.concatenate([super().search_box, self.hidden])
+        return np.stack([around.min(axis=0), around.max(axis=0)])
+
     def possible(self, x: Array) -> NDArray[np.bool_]:
         """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
         free = free_distance(self.images, x) > _CARVED
         near = self._tree.query(x[free], distance_upper_bound=_OBSERVED)[0]  # inf if none is
         free[free] = near > _OBSERVED
         return ~free
+
+    def _withdrawn(self, x: Array) -> Array:
+        """Points (m, 3), those behind the nearest observed surface moved farther behind it."""
+        nearest = self._tree.query(x)[1]
+        normals = self.cloud_normals[nearest]
+        behind = np.einsum("ij,ij->i", normals, self.cloud[nearest] - x)
+        return x - _FARTHER_BEHIND * np.maximum(behind, 0.0)[:, None] * normals
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -129,6 +134,7 @@ def complete_shape(
     length_scale: float = 0.3,
     noise_variance: float | None = None,
     max_points: int = 512,
+    learnt: bool = True,
 ) -> Gpdf:
     """Fits the distance field to the merged views of an object.
 
@@ -140,6 +146,7 @@ def complete_shape(
         noise_variance: s2 of the occupancy observations; by default the paper's 0.0025, or 0.001
             for smoothed views.
         max_points: Surface points that the field is fitted to, by farthest-point selection.
+        learnt: Whether nodes are put where a network expects the hidden side (default preset only).
 
     Returns:
         The field in the frame of the cloud, by default a `CompletedField`.
@@ -175,22 +182,46 @@ def complete_shape(
     offsets = [0.0, SURFACE_OFFSET, -SURFACE_OFFSET]
     signed = np.repeat(offsets, [len(surface), len(outside), len(inside)])
     targets = np.exp(-np.concatenate([signed, distance]) / length_scale)
+    bounds = np.stack([points.min(axis=0), points.max(axis=0)])
     fitted = fit_field(
         nodes,
         targets,
         points=surface,
-        bounds=np.stack([points.min(axis=0), points.max(axis=0)]),
+        bounds=bounds,
         length_scale=length_scale,
         noise_variance=noise_variance,
     )
+    hidden = np.zeros((0, 3))
+    if learnt:
+        fitted, hidden = _with_hidden_side(fitted, cloud.images, points, noise_variance)
     content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)}
     return CompletedField(
         **content,
         cloud=points,
         cloud_normals=cloud.normals,
         images=cloud.images,
+        hidden=hidden,
         observed=observed,
     )
+
+
+def _with_hidden_side(
+    field: Gpdf, images: tuple[ViewImage, ...], observed: Array, noise_variance: float
+) -> tuple[Gpdf, Array]:
+    """The field with nodes where the network expects the hidden side, and these, (h, 3)."""
+    hidden = hidden_nodes(field, images, observed, load_hidden_side(), HIDDEN_NODES)
+    if len(hidden.points) == 0:
+        return field, hidden.points
+    unsure = HIDDEN_NOISE * (hidden.deviation / field.length_scale) ** 2
+    extended = extend_field(
+        field,
+        hidden.points,
+        np.ones(len(hidden.points)),
+        points=np.zeros((0, 3)),
+        bounds=field.bounds,
+        noise_variance=noise_variance + unsure,
+    )
+    return extended, hidden.points
 
 
 def _free_nodes(images: tuple[ViewImage, ...], points: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
 from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 SIDE = 40
 #: Pixels between the silhouette and the border.
 MARGIN = 4
+#: Scatter of depths that says nothing about the surface [m].
+DEPTH_NOISE = 2e-3
+_AROUND = np.ones((3, 3), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,9 @@ class ViewImage:
         pixel: Width of a pixel in the plane z = 1.
         pitch: Width of a pixel of the real camera in the plane z = 1.
         mask: Which pixels show the object, shape (SIDE, SIDE).
-        depth: Depth along z, shape (SIDE, SIDE) [m]; 0 outside the mask.
+        depth: Mean depth along z, shape (SIDE, SIDE) [m]; 0 outside the mask.
+        front: Depth where the surface begins that a pixel shows, less than the mean where it is
+            steep or has steps, shape (SIDE, SIDE) [m]; 0 outside the mask.
     """
 
     X_OC: Array
@@ -40,6 +45,7 @@ class ViewImage:
     pitch: float
     mask: NDArray[np.bool_]
     depth: Array
+    front: Array
 
     @cached_property
     def beside(self) -> Array:
@@ -98,18 +104,29 @@ def view_image(points: Array, p_OC: Array) -> ViewImage:
     column, row = np.rint(at / pixel + 0.5 * (SIDE - 1)).astype(int).T
     flat = row * SIDE + column
     count = np.bincount(flat, minlength=SIDE * SIDE).reshape(SIDE, SIDE).astype(float)
-    total = np.bincount(flat, depth_of, SIDE * SIDE).reshape(SIDE, SIDE)
+    mean = depth_of.mean()
+    total, square = (
+        np.bincount(flat, (depth_of - mean) ** power, SIDE * SIDE).reshape(SIDE, SIDE)
+        for power in (1, 2)
+    )
     # Spread by the real pixel's width: closes the gaps between points and averages the noise.
     blur = max(0.6, 0.7 * pitch / pixel)
     weight = gaussian_filter(count, blur, mode="constant")
     # A pixel deep in the silhouette has the weight 1 / pitch^2 per pixel^2, one at its rim half.
     mask = weight > 0.3 * (pixel / pitch) ** 2
-    if not mask.any():
-        mask = count > 0.0
-    depth = gaussian_filter(total, blur, mode="constant") / np.maximum(weight, 1e-12)
+    # What is thinner than a pixel weighs less, and is there all the same.
+    apart = (count > 0.0) & ~binary_dilation(mask, _AROUND)
+    mask |= (count > 0.0) & binary_dilation(apart, _AROUND)
+    total, square = (
+        gaussian_filter(part, blur, mode="constant") / np.maximum(weight, 1e-12)
+        for part in (total, square)
+    )
+    steep = np.sqrt(3.0 * np.maximum(square - total**2 - DEPTH_NOISE**2, 0.0))
+    depth = mean + total
     X_OC = np.eye(4)
     X_OC[:3, :3], X_OC[:3, 3] = R, p_OC
-    return ViewImage(X_OC, pixel, pitch, mask, np.where(mask, depth, 0.0))
+    depth, front = (np.where(mask, part, 0.0) for part in (depth, depth - steep))
+    return ViewImage(X_OC, pixel, pitch, mask, depth, front)
 
 
 def _looking_along(direction: Array) -> Array:

@@ -25,6 +25,8 @@ _STEPS = 6
 _MAX_POINTS = 400
 #: A correction beyond this many standard deviations is a wrong one.
 _MAX_SIGMAS = 4.0
+#: A correction that leaves more than this of the misfit follows noise, not an error of the tracker.
+_MISFIT_LEFT = 0.95
 
 
 def register_view(
@@ -45,7 +47,7 @@ def register_view(
 
     Returns:
         The correction to apply to the view, shape (4, 4). The identity if there is too little
-        overlap, if it does not improve the fit, or if it is larger than tracking errors are.
+        overlap, if it hardly improves the fit, or if it is larger than tracking errors are.
     """
     every = -(-len(points) // _MAX_POINTS)
     points, normals = points[::every], normals[::every]
@@ -76,7 +78,7 @@ def register_view(
         _spread(points, X, tree, model_points, model_normals) for X in (total, np.eye(4))
     )
     too_far = np.abs(_about(se3.log(total), center)) > _MAX_SIGMAS * np.sqrt(2.0) * sigma
-    return np.eye(4) if too_far.any() or corrected >= tracked else total
+    return np.eye(4) if too_far.any() or corrected >= _MISFIT_LEFT * tracked else total
 
 
 def _spread(

@@ -13,8 +13,8 @@ from feasigrasp.evaluation.shape_measures import auc, measure, true_samples
 from feasigrasp.evaluation.shape_views import ViewedObject, look_at, turning_views
 from feasigrasp.models.gpdf import fit_gpdf
 from feasigrasp.models.rigid_object import load_object
-from feasigrasp.models.shape_completion import predicted_deviation
 from feasigrasp.models.sphere import sphere_points
+from feasigrasp.models.surface_error import predicted_deviation, surface_deviation
 
 RADIUS = 0.033
 
@@ -119,8 +119,13 @@ def test_auc_is_the_share_of_pairs_in_order():
 
 def test_deviation_grows_with_distance_from_what_was_seen():
     length = np.array([0.0, 0.005, 0.02])
-    deviation = predicted_deviation(1.0 - np.exp(-2.0 * length / 0.3), 0.3)
-    np.testing.assert_allclose(np.diff(deviation), 0.3 * np.diff(length))
+    deviation = predicted_deviation(length)
+    slope = np.diff(deviation) / np.diff(length)
+    assert slope[0] == pytest.approx(slope[1])
+    assert 0.1 < slope[0] < 0.5
+    field = fit_gpdf(sphere_points(600, RADIUS))
+    away = np.array([[RADIUS + 0.01, 0.0, 0.0]])
+    assert surface_deviation(field, away)[0] == pytest.approx(predicted_deviation(0.01), rel=0.1)
     table = _binned(np.linspace(0, 1, 1200), np.linspace(0, 2, 1200))
     np.testing.assert_allclose(table[:, 1], 2 * table[:, 0])
     assert table[:, 3].sum() == 1200

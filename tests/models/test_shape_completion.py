@@ -62,8 +62,11 @@ def test_points_the_camera_looked_through_are_not_possible(field):
 
 
 def test_variance_counts_the_observed_nodes_alone(field):
-    """The same as that of a field that never had the others."""
-    x = np.random.default_rng(1).uniform(-0.08, 0.08, (50, 3))
+    """In front of the object, the same as that of a field that never had the others."""
+    x = np.random.default_rng(1).uniform(-0.08, 0.08, (500, 3))
+    x = x[np.linalg.norm(x, axis=1) > 1.1 * RADIUS]
+    x = x[x @ CAMERA > 0.8 * np.linalg.norm(x, axis=1) * np.linalg.norm(CAMERA)]
+    assert len(x) > 10
     nodes = field.nodes[:, : field.observed].T + field.center
     noise = field.noise_variance[: field.observed]
 
@@ -75,6 +78,18 @@ def test_variance_counts_the_observed_nodes_alone(field):
     expected = 1.0 - np.einsum("ij,ji->i", cross, np.linalg.solve(gram, cross.T))
     assert field.observed < field.nodes.shape[1]
     np.testing.assert_allclose(field.variance(x), expected, atol=1e-8)
+
+
+def test_the_far_side_of_a_thin_wall_is_known_to_be_unseen():
+    side = np.linspace(-0.05, 0.05, 60)
+    near = np.stack([*np.meshgrid(side, side), np.zeros((60, 60))], axis=-1).reshape(-1, 3)
+    rng = np.random.default_rng(0)
+    seen = near + rng.normal(scale=5e-4, size=near.shape) * [0.0, 0.0, 1.0]
+    cloud = FusedCloud.empty(0.004, smooth=True).merged(seen, CAMERA)
+    wall = complete_shape(cloud, max_points=320)
+    x = rng.uniform(-0.045, 0.045, (500, 2))
+    near, far = (np.column_stack([x, np.full(len(x), z)]) for z in (0.0, -0.003))
+    assert np.quantile(wall.variance(near), 0.99) < np.quantile(wall.variance(far), 0.01)
 
 
 def test_three_views_of_a_ball_make_a_ball():

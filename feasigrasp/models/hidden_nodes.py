@@ -1,0 +1,104 @@
+"""Nodes of the distance field on the side of an object that nobody has seen, as far as it is known.
+
+`hidden_side` tells where the object probably ends behind each picture. Other pictures contradict
+that where they look through the place, or see a surface in front of it that is not the far one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from feasigrasp.models.farthest_points import farthest_points
+from feasigrasp.models.free_space import free_distance
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.hidden_side import BackSurface, HiddenSide
+from feasigrasp.models.view_image import SIDE, ViewImage
+
+Array = NDArray[np.float64]
+
+#: Nodes closer to an observed point than this know nothing that it does not [m].
+CLEARANCE = 3e-3
+#: ... nor do those closer than so many times their expected error.
+DOUBT = 1.0
+#: Nodes deeper in the free space of a picture than this are impossible [m].
+_FREE = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class HiddenNodes:
+    """Points where the hidden surface probably is.
+
+    Attributes:
+        points: Shape (n, 3) [m].
+        normals: Outward unit normals, shape (n, 3).
+        deviation: Expected error along the line of sight, shape (n,) [m].
+    """
+
+    points: Array
+    normals: Array
+    deviation: Array
+
+
+def hidden_nodes(
+    field: Gpdf, images: Sequence[ViewImage], observed: Array, network: HiddenSide, count: int
+) -> HiddenNodes:
+    """Nodes on the far sides of all pictures.
+
+    Args:
+        field: What is believed without the network.
+        images: Pictures of the object, in the frame of the points.
+        observed: Points seen, shape (n, 3) [m].
+        network: Tells far sides.
+        count: Number of nodes, at most.
+    """
+    backs = [network.back_surface(image, field) for image in images]
+    parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
+    if not parts:
+        return HiddenNodes(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    points, normals, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
+    kept = cKDTree(observed).query(points)[0] > np.maximum(CLEARANCE, DOUBT * deviation)
+    kept &= free_distance(images, points) < _FREE
+    for image, back in zip(images, backs, strict=True):
+        kept &= ~_inside(image, back, points)
+    points, normals, deviation = points[kept], normals[kept], deviation[kept]
+    if len(points) == 0:
+        return HiddenNodes(points, normals, deviation)
+    chosen = farthest_points(points, min(count, len(points)))
+    return HiddenNodes(points[chosen], normals[chosen], deviation[chosen])
+
+
+def _of_picture(image: ViewImage, back: BackSurface) -> tuple[Array, Array, Array]:
+    """Far points of the pixels whose neighbours show the object too, their normals, deviations."""
+    mask = image.mask.copy()
+    mask[[0, -1]], mask[:, [0, -1]] = False, False
+    for axis in (0, 1):
+        for step in (1, -1):
+            mask &= np.roll(image.mask, step, axis)
+    in_camera = image.rays() * back.depth[..., None]
+    across = np.cross(
+        np.roll(in_camera, -1, 1) - np.roll(in_camera, 1, 1),
+        np.roll(in_camera, -1, 0) - np.roll(in_camera, 1, 0),
+    )[mask]
+    normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    turned = normals @ image.X_OC[:3, :3].T
+    rows, columns = np.nonzero(mask)
+    points = image.unproject((rows, columns), back.depth[mask])
+    return points, turned, back.deviation[mask]
+
+
+def _inside(image: ViewImage, back: BackSurface, points: Array) -> NDArray[np.bool_]:
+    """Which points (n, 3) a picture puts inside the object, by more than its far side may err."""
+    x, y, z = image.in_camera(points).T
+    column = np.rint(x / z / image.pixel + 0.5 * (SIDE - 1)).astype(int)
+    row = np.rint(y / z / image.pixel + 0.5 * (SIDE - 1)).astype(int)
+    within = (column >= 0) & (column < SIDE) & (row >= 0) & (row < SIDE)
+    at = np.clip(row, 0, SIDE - 1), np.clip(column, 0, SIDE - 1)
+    before = z < back.depth[at] - np.maximum(2.0 * back.deviation[at], 3e-3)
+    behind = z > image.depth[at] + 3e-3
+    inside: NDArray[np.bool_] = within & image.mask[at] & before & behind
+    return inside
