@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.farthest_points import farthest_points
@@ -35,12 +36,10 @@ class HiddenNodes:
 
     Attributes:
         points: Shape (n, 3) [m].
-        normals: Outward unit normals, shape (n, 3).
         deviation: Expected error along the line of sight, shape (n,) [m].
     """
 
     points: Array
-    normals: Array
     deviation: Array
 
 
@@ -59,36 +58,24 @@ def hidden_nodes(
     backs = [network.back_surface(image, field) for image in images]
     parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
     if not parts:
-        return HiddenNodes(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    points, normals, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return HiddenNodes(np.zeros((0, 3)), np.zeros(0))
+    points, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
     kept = cKDTree(observed).query(points)[0] > np.maximum(CLEARANCE, DOUBT * deviation)
     kept &= free_distance(images, points) < _FREE
     for image, back in zip(images, backs, strict=True):
         kept &= ~_inside(image, back, points)
-    points, normals, deviation = points[kept], normals[kept], deviation[kept]
+    points, deviation = points[kept], deviation[kept]
     if len(points) == 0:
-        return HiddenNodes(points, normals, deviation)
+        return HiddenNodes(points, deviation)
     chosen = farthest_points(points, min(count, len(points)))
-    return HiddenNodes(points[chosen], normals[chosen], deviation[chosen])
+    return HiddenNodes(points[chosen], deviation[chosen])
 
 
-def _of_picture(image: ViewImage, back: BackSurface) -> tuple[Array, Array, Array]:
-    """Far points of the pixels whose neighbours show the object too, their normals, deviations."""
-    mask = image.mask.copy()
-    mask[[0, -1]], mask[:, [0, -1]] = False, False
-    for axis in (0, 1):
-        for step in (1, -1):
-            mask &= np.roll(image.mask, step, axis)
-    in_camera = image.rays() * back.depth[..., None]
-    across = np.cross(
-        np.roll(in_camera, -1, 1) - np.roll(in_camera, 1, 1),
-        np.roll(in_camera, -1, 0) - np.roll(in_camera, 1, 0),
-    )[mask]
-    normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    turned = normals @ image.X_OC[:3, :3].T
+def _of_picture(image: ViewImage, back: BackSurface) -> tuple[Array, Array]:
+    """Far points of the pixels whose four neighbours show the object too, and their deviations."""
+    mask = binary_erosion(image.mask)
     rows, columns = np.nonzero(mask)
-    points = image.unproject((rows, columns), back.depth[mask])
-    return points, turned, back.deviation[mask]
+    return image.unproject((rows, columns), back.depth[mask]), back.deviation[mask]
 
 
 def _inside(image: ViewImage, back: BackSurface, points: Array) -> NDArray[np.bool_]:
