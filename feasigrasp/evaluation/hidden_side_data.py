@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from feasigrasp.errors import MeshError
 from feasigrasp.evaluation.object_streams import ObjectStream
-from feasigrasp.evaluation.sampler_examples import FIELD_POINTS, VOXEL_SIZE
+from feasigrasp.evaluation.sampler_examples import VOXEL_SIZE
 from feasigrasp.evaluation.shape_views import ViewedObject, turning_views
 from feasigrasp.models.hidden_side import features, picture_scale
 from feasigrasp.models.hidden_side_network import FEATURES
-from feasigrasp.models.shape_completion import complete_shape
+from feasigrasp.models.shape_completion import ROUGH_POINTS, complete_shape
 from feasigrasp.models.view_fusion import FusedCloud
 from feasigrasp.models.view_image import SIDE, ViewImage
 
@@ -81,7 +81,7 @@ def object_pictures(
         if not cloud.images:
             continue
         image = cloud.images[rng.integers(len(cloud.images))]
-        field = complete_shape(cloud, max_points=FIELD_POINTS, learnt=False)
+        field = complete_shape(cloud, max_points=ROUGH_POINTS, learnt=False)
         seen.append(features(image, field))
         truth.append((true_thickness(viewed, image) / picture_scale(image)).astype(np.float32))
     if not seen:

@@ -22,10 +22,11 @@ from feasigrasp.models.view_image import SIDE, ViewImage
 
 Array = NDArray[np.float64]
 
-#: Nodes closer to an observed point than this know nothing that it does not [m].
-CLEARANCE = 3e-3
-#: ... nor do those closer than so many times their expected error.
-DOUBT = 1.0
+#: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
+#: closer than so many times their expected error. Where several pictures look round the object,
+#: they more often see such places themselves than that these are the far side of something thin.
+CLEARANCE, DOUBT = 3e-3, 1.0
+CLEARANCE_OF_SEVERAL, DOUBT_OF_SEVERAL = 10e-3, 1.5
 #: Nodes deeper in the free space of a picture than this are impossible [m].
 _FREE = 2e-3
 
@@ -41,6 +42,11 @@ class HiddenNodes:
 
     points: Array
     deviation: Array
+
+    @classmethod
+    def none(cls) -> HiddenNodes:
+        """No points."""
+        return cls(np.zeros((0, 3)), np.zeros(0))
 
 
 def hidden_nodes(
@@ -58,9 +64,12 @@ def hidden_nodes(
     backs = [network.back_surface(image, field) for image in images]
     parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
     if not parts:
-        return HiddenNodes(np.zeros((0, 3)), np.zeros(0))
+        return HiddenNodes.none()
     points, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
-    kept = cKDTree(observed).query(points)[0] > np.maximum(CLEARANCE, DOUBT * deviation)
+    several = len(images) > 1
+    clearance = CLEARANCE_OF_SEVERAL if several else CLEARANCE
+    doubt = DOUBT_OF_SEVERAL if several else DOUBT
+    kept = cKDTree(observed).query(points)[0] > np.maximum(clearance, doubt * deviation)
     kept &= free_distance(images, points) < _FREE
     for image, back in zip(images, backs, strict=True):
         kept &= ~_inside(image, back, points)

@@ -20,10 +20,10 @@ from scipy.spatial import cKDTree
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.free_space import free_distance, rim_points
-from feasigrasp.models.gpdf import PAPER, FitSettings, extend_field, fit_field, fit_gpdf
+from feasigrasp.models.gpdf import PAPER, FitSettings, fit_field, fit_gpdf
 from feasigrasp.models.gpdf_covariance import cross_covariance
 from feasigrasp.models.gpdf_field import Gpdf, checked_queries
-from feasigrasp.models.hidden_nodes import hidden_nodes
+from feasigrasp.models.hidden_nodes import HiddenNodes, hidden_nodes
 from feasigrasp.models.hidden_side import load_hidden_side
 from feasigrasp.models.point_cloud_checks import check_fit, checked_cloud
 from feasigrasp.models.surface_points import SurfacePoints
@@ -42,10 +42,12 @@ BESIDE_SHARE = 0.15
 SMOOTHED_NOISE = 1e-3
 #: Nodes in free space, all views together.
 FREE_NODES = 80
+#: Points of the field that the hidden side is guessed from, which needs no detail.
+ROUGH_POINTS = 320
 #: Nodes on the hidden side, all views together.
-HIDDEN_NODES = 200
+HIDDEN_NODES = 120
 #: Neighbouring nodes there err together: so many of them count as one observation.
-HIDDEN_NOISE = 3.0
+HIDDEN_NOISE = 1.5
 #: Below this cosine between normal and line of sight a normal is a guess.
 _GRAZING = 0.15
 #: Completed surface deeper in free space than this is dropped [m] ...
@@ -66,14 +68,12 @@ class CompletedField(Gpdf):
         cloud: The observed points, shape (c, 3) [m].
         cloud_normals: Their outward unit normals, as smoothed, shape (c, 3).
         images: The views whose free space counts.
-        hidden: Where the surface that nobody saw is expected, shape (h, 3) [m].
         observed: The first so many nodes rest on observed points.
     """
 
     cloud: Array = field(default_factory=lambda: np.zeros((0, 3)))
     cloud_normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
     images: tuple[ViewImage, ...] = ()
-    hidden: Array = field(default_factory=lambda: np.zeros((0, 3)))
     observed: int = 0
 
     def variance(self, x: ArrayLike) -> Array:
@@ -97,12 +97,6 @@ class CompletedField(Gpdf):
         all_points = super().surface(n, steps, tolerance)
         kept = self.possible(all_points.points)
         return SurfacePoints(all_points.points[kept], all_points.normals[kept], self.variance)
-
-    @property
-    def search_box(self) -> Array:
-        """As `Gpdf.search_box`, and so large that the hidden side is in it."""
-        around = np.concatenate([super().search_box, self.hidden])
-        return np.stack([around.min(axis=0), around.max(axis=0)])
 
     def possible(self, x: Array) -> NDArray[np.bool_]:
         """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
@@ -170,58 +164,49 @@ def complete_shape(
     check_fit(length_scale, noise_variance, SURFACE_OFFSET, max_points)
     chosen = farthest_points(points, min(max_points, len(points)))
     surface, normals = points[chosen], cloud.normals[chosen]
-    cosine = np.einsum("ij,ij->i", normals, cloud.directions[chosen])
-    share = round(BESIDE_SHARE * len(chosen))
-    beside = np.flatnonzero(cosine > _GRAZING)[:share]  # the first ones cover the cloud evenly
-    offset = SURFACE_OFFSET * normals[beside]
-    outside, inside = surface[beside] + offset, surface[beside] - offset
-    free, distance = _free_nodes(cloud.images, points)
-
-    nodes = np.concatenate([surface, outside, inside, free])
-    observed = len(nodes) - len(free)
-    offsets = [0.0, SURFACE_OFFSET, -SURFACE_OFFSET]
-    signed = np.repeat(offsets, [len(surface), len(outside), len(inside)])
-    targets = np.exp(-np.concatenate([signed, distance]) / length_scale)
+    steep = np.einsum("ij,ij->i", normals, cloud.directions[chosen]) <= _GRAZING
     bounds = np.stack([points.min(axis=0), points.max(axis=0)])
-    fitted = fit_field(
-        nodes,
-        targets,
-        points=surface,
-        bounds=bounds,
-        length_scale=length_scale,
-        noise_variance=noise_variance,
-    )
-    hidden = np.zeros((0, 3))
-    if learnt:
-        fitted, hidden = _with_hidden_side(fitted, cloud.images, points, noise_variance)
+    free, free_by = _free_nodes(cloud.images, points)
+
+    def fitted_to(count: int, hidden: HiddenNodes) -> tuple[Gpdf, int]:
+        """The field of so many of the surface points, and how many of its nodes rest on them."""
+        seen, signed = _seen_nodes(surface[:count], normals[:count], steep[:count])
+        unsure = HIDDEN_NOISE * (hidden.deviation / length_scale) ** 2
+        made_up = np.zeros(len(hidden.points))
+        noise = np.concatenate([np.zeros(len(seen) + len(free)), unsure])
+        fitted = fit_field(
+            np.concatenate([seen, free, hidden.points]),
+            np.exp(-np.concatenate([signed, free_by, made_up]) / length_scale),
+            points=surface[:count],
+            bounds=bounds,
+            length_scale=length_scale,
+            noise_variance=noise_variance + noise,
+        )
+        return fitted, len(seen)
+
+    hidden = HiddenNodes.none()
+    if learnt and cloud.images:
+        rough, _ = fitted_to(ROUGH_POINTS, hidden)
+        hidden = hidden_nodes(rough, cloud.images, points, load_hidden_side(), HIDDEN_NODES)
+    fitted, observed = fitted_to(len(surface), hidden)
     content = {f.name: getattr(fitted, f.name) for f in fields(Gpdf)}
     return CompletedField(
         **content,
         cloud=points,
         cloud_normals=cloud.normals,
         images=cloud.images,
-        hidden=hidden,
         observed=observed,
     )
 
 
-def _with_hidden_side(
-    field: Gpdf, images: tuple[ViewImage, ...], observed: Array, noise_variance: float
-) -> tuple[Gpdf, Array]:
-    """The field with nodes where the network expects the hidden side, and these, (h, 3)."""
-    hidden = hidden_nodes(field, images, observed, load_hidden_side(), HIDDEN_NODES)
-    if len(hidden.points) == 0:
-        return field, hidden.points
-    unsure = HIDDEN_NOISE * (hidden.deviation / field.length_scale) ** 2
-    extended = extend_field(
-        field,
-        hidden.points,
-        np.ones(len(hidden.points)),
-        points=np.zeros((0, 3)),
-        bounds=field.bounds,
-        noise_variance=noise_variance + unsure,
-    )
-    return extended, hidden.points
+def _seen_nodes(surface: Array, normals: Array, steep: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Points of the surface and some on either side of it, and their signed distances from it."""
+    share = round(BESIDE_SHARE * len(surface))
+    beside = np.flatnonzero(~steep)[:share]  # the first ones cover the cloud evenly
+    offset = SURFACE_OFFSET * normals[beside]
+    nodes = np.concatenate([surface, surface[beside] + offset, surface[beside] - offset])
+    offsets = [0.0, SURFACE_OFFSET, -SURFACE_OFFSET]
+    return nodes, np.repeat(offsets, [len(surface), len(beside), len(beside)])
 
 
 def _free_nodes(images: tuple[ViewImage, ...], points: Array) -> tuple[Array, Array]:
