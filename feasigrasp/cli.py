@@ -18,7 +18,7 @@ from feasigrasp.errors import FeasigraspError
 GROUPS = {
     "evaluate": "measure how well it works",
     "bench": "measure how quick it is",
-    "fit": "fit models to an arm",
+    "fit": "fit models to an arm, and to grasps",
     "train": "train the networks that come with the package",
 }
 
@@ -111,6 +111,10 @@ COMMANDS = {
     ("fit", "reachability"): (
         "feasigrasp.evaluation.fit_reachability",
         "fit the reachable space of an arm",
+    ),
+    ("fit", "certainty"): (
+        "feasigrasp.evaluation.fit_certainty",
+        "fit how far field and network are believed about grasps",
     ),
     ("train", "ik-flow"): (
         "feasigrasp.evaluation.train_ik_flow",

@@ -114,7 +114,7 @@ def make_panel(name: str, model: str, seed: int) -> Panel:
         name,
         dense_surface(field),
         (X_OG, kept.X_OG),
-        (prior, kept.score),
+        (prior.prod(axis=1), kept.score),
         (truth.valid(X_OG, sampler.gripper), truth.valid(kept.X_OG, sampler.gripper)),
     )
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from feasigrasp.errors import GraspError
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.grasp_filter import MARGIN, filter_grasps
+from feasigrasp.models.grasp_filter import filter_grasps
 from feasigrasp.models.grasp_thinning import LEAST_SCORE, thin_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.hand_freedom import MARGIN
 
 Array = NDArray[np.float64]
 

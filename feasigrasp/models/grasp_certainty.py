@@ -1,9 +1,10 @@
 """How likely a grasp of a completed surface is a grasp of the true one.
 
-What the camera did not see was made up, so neither contacts nor clearances are certain. Both
-probabilities here are logistic in what the distance field tells, with coefficients fitted to the
-verdicts of true meshes (`feasigrasp.models.grasp_truth`) on objects that no evaluation uses. Their
-product ranks grasps, and says how much is left to chance.
+What the camera did not see was made up, so neither contacts nor clearances are certain. The
+probabilities here are logistic in what the distance field and a network tell, with coefficients
+fitted to the verdicts of true meshes (`feasigrasp.models.grasp_truth`) on objects that no training
+and no evaluation uses, by ``feasigrasp fit certainty``. Their product ranks grasps, and says how
+much is left to chance.
 """
 
 from __future__ import annotations
@@ -20,16 +21,20 @@ Array = NDArray[np.float64]
 #: Distance from a contact to the surface points round it whose normals count as well [m]: the
 #: completed surface is off by a few millimetres, and beside an edge another face is met.
 PATCH_RADIUS = 0.004
-#: Log odds of a pair of contacts that are seen and perfectly opposed; what each radian of both
-#: normals, and each metre of both deviations, takes away.
-_OPPOSED, _PER_RADIAN, _PER_METRE = 4.1, 5.0, 115.0
 #: Error of a clearance: where the surface was seen [m], and per predicted deviation.
 _CLEARANCE_ERROR, _DEVIATION_SHARE = 0.003, 0.67
-#: Clearance in such errors at which the odds are even, and log odds per error beyond it.
-_EVEN, _PER_ERROR = 0.6, 2.4
-#: Log odds of a contact from those of a network and of the field: both have seen the same surface,
-#: so they count less than independent witnesses would.
-_BOTH, _OF_NETWORK, _OF_FIELD = -0.95, 0.93, 0.58
+#: Log odds that contacts are good: constant, per radian of both normals off the closing line, per
+#: metre of both predicted deviations.
+CONTACT = (4.1, -5.0, -115.0)
+#: The same by both witnesses: constant, per log odds of a network and of the field. Both have seen
+#: the same surface, so they count less than independent ones would.
+JOINT_CONTACT = (-0.95, 0.93, 0.58)
+#: Log odds that the hand is free: constant, per clearance in units of its error.
+CLEARANCE = (-1.44, 2.4)
+#: The same by both witnesses, as `JOINT_CONTACT`.
+JOINT_CLEARANCE = (0.594, 0.372, 0.139)
+#: The same where the field knows nothing: constant, per log odds of a network.
+UNSEEN_CLEARANCE = (-0.465, 0.438)
 _CLOSE_TO_CERTAIN = 1e-4
 #: Further away than this a hand is certainly free [m].
 FAR = 0.012
@@ -41,21 +46,25 @@ def contact_certainty(gpdf: Gpdf, pairs: GraspSet) -> Array:
     It falls with the angle between closing line and surface normals, averaged over a patch round
     each contact, and with the predicted deviation of the surface there.
     """
+    return probability(CONTACT, *contact_evidence(gpdf, pairs))
+
+
+def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
+    """Sums over both contacts of angles [rad] and predicted deviations [m], shape (n,) each."""
     b, half = pairs.X_OG[:, :3, 0], 0.5 * pairs.width[:, None] * pairs.X_OG[:, :3, 0]
     first, second = pairs.X_OG[:, :3, 3] - half, pairs.X_OG[:, :3, 3] + half
     angles = _patch_angle(gpdf, first, -b, pairs) + _patch_angle(gpdf, second, b, pairs)
-    deviations = surface_deviation(gpdf, first) + surface_deviation(gpdf, second)
-    return _logistic(_OPPOSED - _PER_RADIAN * angles - _PER_METRE * deviations)
+    return angles, surface_deviation(gpdf, first) + surface_deviation(gpdf, second)
 
 
 def joint_certainty(of_network: Array, of_field: Array) -> Array:
     """Probability of contacts by what a network and the field say of them, shapes (n,)."""
-    return _logistic(_BOTH + _OF_NETWORK * _odds(of_network) + _OF_FIELD * _odds(of_field))
+    return probability(JOINT_CONTACT, odds(of_network), odds(of_field))
 
 
 def mean_certainty(first: Array, second: Array) -> Array:
     """Probability with the mean log odds of two, shapes (n,)."""
-    return _logistic(0.5 * (_odds(first) + _odds(second)))
+    return probability((0.0, 0.5, 0.5), odds(first), odds(second))
 
 
 def clearance_certainty(clearance: Array, deviation: Array) -> Array:
@@ -68,8 +77,36 @@ def clearance_certainty(clearance: Array, deviation: Array) -> Array:
     Returns:
         Shape (n,).
     """
-    error = _CLEARANCE_ERROR + _DEVIATION_SHARE * deviation
-    return _logistic(_PER_ERROR * (clearance / error - _EVEN))
+    return probability(CLEARANCE, clearance_evidence(clearance, deviation))
+
+
+def clearance_evidence(clearance: Array, deviation: Array) -> Array:
+    """Clearances in units of their errors, shape (n,); arguments as `clearance_certainty`."""
+    return clearance / (_CLEARANCE_ERROR + _DEVIATION_SHARE * deviation)
+
+
+def joint_clearance_certainty(of_network: Array, of_field: Array) -> Array:
+    """Probability of a free hand by what a network, if not NaN, and the field say, shapes (n,)."""
+    joint = probability(JOINT_CLEARANCE, odds(of_network), odds(of_field))
+    return np.where(np.isnan(of_network), of_field, joint)
+
+
+def unseen_clearance_certainty(of_network: Array) -> Array:
+    """Probability of a free hand where only the network has an opinion, shape (n,)."""
+    return probability(UNSEEN_CLEARANCE, odds(of_network))
+
+
+def odds(probability: Array) -> Array:
+    """Log odds of probabilities (n,)."""
+    p = np.clip(probability, _CLOSE_TO_CERTAIN, 1.0 - _CLOSE_TO_CERTAIN)
+    return np.asarray(np.log(p / (1.0 - p)))
+
+
+def probability(coefficients: tuple[float, ...], *evidence: Array) -> Array:
+    """Logistic in pieces of evidence (n,); the first coefficient is the constant."""
+    constant, *slopes = coefficients
+    x = constant + sum(slope * part for slope, part in zip(slopes, evidence, strict=True))
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))
 
 
 def _patch_angle(gpdf: Gpdf, contact: Array, outward: Array, pairs: GraspSet) -> Array:
@@ -79,12 +116,3 @@ def _patch_angle(gpdf: Gpdf, contact: Array, outward: Array, pairs: GraspSet) ->
     _, _, normals = gpdf.refine(around.reshape(-1, 3), 2)
     cosine = np.einsum("nki,ni->nk", normals.reshape(-1, 4, 3), outward)
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)).mean(axis=1))
-
-
-def _odds(probability: Array) -> Array:
-    p = np.clip(probability, _CLOSE_TO_CERTAIN, 1.0 - _CLOSE_TO_CERTAIN)
-    return np.asarray(np.log(p / (1.0 - p)))
-
-
-def _logistic(x: Array) -> Array:
-    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))

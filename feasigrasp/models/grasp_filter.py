@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,16 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import Gpdf
 from feasigrasp.models.gpdf_field import unit_normals
-from feasigrasp.models.grasp_certainty import (
-    FAR,
-    clearance_certainty,
-    contact_certainty,
-    joint_certainty,
-)
+from feasigrasp.models.grasp_certainty import contact_certainty, joint_certainty
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.shape_completion import CompletedField
-from feasigrasp.models.surface_error import surface_deviation
+from feasigrasp.models.hand_freedom import FLIP, MARGIN, THIN_WALL, hand_freedom
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,15 +31,8 @@ Indices = NDArray[np.intp]
 COSINE_STEPS = (-0.8, -0.7, -0.6)
 #: A contact further than this from the surface touches nothing [m].
 CONTACT_TOLERANCE = 0.005
-#: Least distance of the open hand from completed surface that was seen [m], and by how much of the
-#: predicted deviation of the surface it grows.
-MARGIN, MARGIN_GROWTH = 0.003, 0.5
-#: In walls thinner than this the field's normals may point to either side [m]: there only a network
-#: can tell whether two contacts oppose each other.
-THIN_WALL = 0.010
 #: Lever arm from the object's centre to the contact line at which the score has dropped to 1/e [m].
 LEVER_LENGTH = 0.3
-_FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def filter_grasps(
@@ -72,9 +58,10 @@ def filter_grasps(
         X_OG: Candidate grasp frames, shape (n, 4, 4).
         width: Distance between the contacts, shape (n,) [m].
         gripper: The hand; it approaches fully open.
-        prior: Probability that the contacts are good, as a network tells it, shape (n,), to be
-            weighed with what the field tells; with it, walls thinner than `THIN_WALL` are left to
-            the network.
+        prior: What a network tells, shape (n, 2): the probabilities that the contacts are good and
+            that the hand is free, NaN where it has no opinion. They are weighed with what the field
+            tells; walls thinner than `THIN_WALL`, and hands that collide only with surface that
+            nobody has seen, are left to the network.
         margin: Least distance of the open hand from the surface, and of either pad on its side
             of the object [m]. Beside surface that was not seen it grows with the predicted error.
         cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
@@ -93,8 +80,11 @@ def filter_grasps(
         GraspError: If poses, widths and priors do not match, or the table is no plane.
     """
     poses = np.array(X_OG, dtype=float).reshape(-1, 4, 4)
-    told = np.ones(len(poses)) if prior is None else np.array(prior, dtype=float)
-    candidates = GraspSet(poses, np.array(width, dtype=float), told, {}, np.arange(len(poses)))
+    told = np.full((len(poses), 2), [1.0, np.nan])
+    if prior is not None:
+        told = _checked_prior(prior, len(poses))
+    numbers = np.arange(len(poses))
+    candidates = GraspSet(poses, np.array(width, dtype=float), told[:, 0], {}, numbers)
     plane = None if table is None else _checked_plane(table)
     if len(candidates) == 0:
         return candidates
@@ -116,15 +106,8 @@ def filter_grasps(
     left, pair_of = np.unique(pair_of, return_inverse=True)
     pairs, cosine, pair_of = pairs.select(left), cosine[left], pair_of.reshape(-1)
 
-    clearance, deviation = hand_clearance(gpdf, candidates.X_OG, gripper, margin)
-    free = clearance >= margin + MARGIN_GROWTH * deviation
-    if isinstance(gpdf, CompletedField):
-        # Where a wall is thin, the field fills what it encloses.
-        few = np.count_nonzero(free) < enough
-        again = np.flatnonzero(~free & (few | (candidates.width < THIN_WALL)))
-        clearance[again] = _seen_clearance(gpdf, candidates.X_OG[again], gripper)
-        free[again] = clearance[again] >= margin + MARGIN_GROWTH * deviation[again]
-    certain = clearance_certainty(clearance, deviation)[free]
+    free, certain = hand_freedom(gpdf, candidates, told[candidates.id, 1], gripper, margin, enough)
+    certain = certain[free]
     candidates, pair_of = _apply(candidates, pair_of, {"gripper collides": free})
 
     for limit in sorted(cosine_steps):
@@ -160,58 +143,6 @@ def contact_cosine(gpdf: Gpdf, grasps: GraspSet) -> Array:
     return _contact_state(gpdf, grasps)[1]
 
 
-def hand_clearance(
-    gpdf: Gpdf, X_OG: ArrayLike, gripper: ParallelGripper, near: float = 0.0
-) -> tuple[Array, Array]:
-    """How close the whole open hand comes to the surface, the worse way round.
-
-    Args:
-        gpdf: Distance field in frame O.
-        X_OG: Grasp frames, shape (n, 4, 4).
-        gripper: The hand.
-        near: A hand closer than this collides; how much closer it is does not matter [m].
-
-    Returns:
-        Least distance (n,), at most `FAR` [m], and the predicted deviation of the surface where
-        the hand is closest, shape (n,) [m].
-    """
-    poses = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
-    hand = _either_way_round(gripper)
-    clearance, closest = gpdf.clearance(poses, hand, FAR, near)
-    deviation = np.zeros(len(poses))
-    at = np.flatnonzero(closest >= 0)
-    points = np.einsum("nij,nj->ni", poses[at, :3, :3], hand[closest[at]]) + poses[at, :3, 3]
-    deviation[at] = surface_deviation(gpdf, points)
-    return clearance, deviation
-
-
-def _seen_clearance(gpdf: CompletedField, X_OG: Array, gripper: ParallelGripper) -> Array:
-    """As the clearance of `hand_clearance`, but what lies in known free space counts as far, (n,).
-
-    The field fills bowls and cups; a finger may enter them where the camera has seen the inside.
-    Raw distances, which are less than the true ones outside.
-    """
-    if len(X_OG) == 0:
-        return np.zeros(0)
-    hand = _either_way_round(gripper)
-    points = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
-    points = points.reshape(-1, 3)
-    clearance = np.full(len(points), FAR)
-    possible = gpdf.possible(points)
-    clearance[possible] = np.minimum(gpdf.distance(points[possible]), FAR)
-    return clearance.reshape(len(X_OG), len(hand)).min(axis=1, initial=FAR)
-
-
-@lru_cache(maxsize=8)
-def _either_way_round(gripper: ParallelGripper) -> Array:
-    """Points on the open hand and on its flip, without those that coincide, shape (k, 3) [m]."""
-    hand = gripper.surface_points(gripper.max_opening)
-    hand = np.concatenate([hand, hand @ _FLIP[:3, :3]])
-    hand = hand[np.sort(np.unique(hand.round(9), axis=0, return_index=True)[1])]
-    hand.flags.writeable = False
-    return np.asarray(hand)
-
-
 def _contact_pairs(grasps: GraspSet) -> tuple[GraspSet, Indices]:
     """One grasp per contact pair, and which of them each grasp belongs to.
 
@@ -243,13 +174,23 @@ def _above_table(
     """The grasps whose hand is above a plane, turned by half a turn where that is what it takes."""
     hand = gripper.surface_points(gripper.max_opening)
     heights = []
-    for way in (hand, hand @ _FLIP[:3, :3]):
+    for way in (hand, hand @ FLIP[:3, :3]):
         points = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, :3], way) + grasps.X_OG[:, None, :3, 3]
         heights.append((points @ plane[:3] - plane[3]).min(axis=1))
     as_is, flipped = heights[0] >= margin, heights[1] >= margin
     turn = ~as_is & flipped
-    poses = np.where(turn[:, None, None], grasps.X_OG @ _FLIP, grasps.X_OG)
+    poses = np.where(turn[:, None, None], grasps.X_OG @ FLIP, grasps.X_OG)
     return replace(grasps, X_OG=poses).select(as_is | flipped, "hits the table")
+
+
+def _checked_prior(prior: ArrayLike, count: int) -> Array:
+    told: Array = np.array(prior, dtype=float)
+    if told.shape != (count, 2):
+        raise GraspError(
+            f"prior has shape {told.shape}; give ({count}, 2): for every candidate the "
+            "probabilities that its contacts are good and that the hand is free"
+        )
+    return told
 
 
 def _checked_plane(table: ArrayLike) -> Array:

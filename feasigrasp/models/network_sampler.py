@@ -14,17 +14,19 @@ from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf_field import Gpdf, unit_normals
 from feasigrasp.models.grasp_certainty import mean_certainty
-from feasigrasp.models.grasp_filter import THIN_WALL, filter_grasps
+from feasigrasp.models.grasp_filter import filter_grasps
 from feasigrasp.models.grasp_input import GraspInput, grasp_input
 from feasigrasp.models.grasp_network import GraspNetwork, GraspProposals, load_grasp_network
 from feasigrasp.models.grasp_thinning import ENOUGH, LEAST_SCORE, thin_grasps
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.hand_freedom import THIN_WALL
 from feasigrasp.models.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 
-#: Poses X_OG (n, 4, 4), widths (n,) [m], and probabilities (n,) of the contact by the network.
+#: Poses X_OG (n, 4, 4), widths (n,) [m], and what the network tells: probabilities (n, 2) of the
+#: contact and of a free hand, NaN where it does not.
 Candidates = tuple[Array, Array, Array]
 
 #: Contacts that the network gives less than this are not looked at ...
@@ -68,7 +70,7 @@ class NetworkSampler:
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     network: GraspNetwork = field(default_factory=load_grasp_network)
     n_points: int = 512
-    n_contacts: int = 64
+    n_contacts: int = 48
     n_approaches: int = 4
     n_grasps: int = 64
     least_score: float = LEAST_SCORE
@@ -94,7 +96,7 @@ class NetworkSampler:
         return grasps
 
     def candidates(self, gpdf: Gpdf) -> Candidates:
-        """Unfiltered grasps of the network: poses X_OG, widths [m], contact probabilities."""
+        """Unfiltered grasps of the network: poses X_OG, widths [m], probabilities (n, 2)."""
         surface = grasp_input(gpdf, self.n_points)
         return self._proposed(gpdf, surface, self._network.propose(surface))
 
@@ -113,8 +115,11 @@ class NetworkSampler:
         z = proposals.approach[chosen, : self.n_approaches]
         middle, b, width = _straightened(gpdf, first + 0.5 * width[:, None] * b, b, width)
         X_OG = _frames(middle, b, z)
-        width, prior = (np.repeat(each, z.shape[1]) for each in (width, proposals.contact[chosen]))
-        return X_OG.reshape(-1, 4, 4), width, prior
+        free = proposals.approach_score[chosen, : self.n_approaches].reshape(-1)
+        width, contact = (
+            np.repeat(each, z.shape[1]) for each in (width, proposals.contact[chosen])
+        )
+        return X_OG.reshape(-1, 4, 4), width, np.column_stack([contact, free])
 
     def _opposed(self, gpdf: Gpdf, surface: GraspInput, contact: Array) -> Candidates:
         """Contact pairs of the field alone; how likely the network finds both contacts."""
@@ -122,7 +127,8 @@ class NetworkSampler:
         half = 0.5 * width[:, None] * X_OG[:, :3, 0]
         tree = cKDTree(surface.points)
         ends = [tree.query(X_OG[:, :3, 3] + way * half)[1] for way in (-1.0, 1.0)]
-        return X_OG, width, mean_certainty(contact[ends[0]], contact[ends[1]])
+        good = mean_certainty(contact[ends[0]], contact[ends[1]])
+        return X_OG, width, np.column_stack([good, np.full(len(good), np.nan)])
 
     @cached_property
     def _network(self) -> GraspNetwork:

@@ -7,7 +7,8 @@ import trimesh
 from feasigrasp.errors import GraspError
 from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_filter import COSINE_STEPS, MARGIN, contacts
+from feasigrasp.models.grasp_filter import COSINE_STEPS, contacts
+from feasigrasp.models.hand_freedom import MARGIN
 
 SAMPLER = AntipodalSampler()
 

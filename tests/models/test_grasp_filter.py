@@ -10,10 +10,10 @@ from feasigrasp.models.grasp_filter import (
     contact_cosine,
     contacts,
     filter_grasps,
-    hand_clearance,
 )
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.hand_freedom import hand_clearance
 
 GRIPPER = ParallelGripper()
 
@@ -118,12 +118,12 @@ def test_ids_are_the_numbers_of_the_candidates(ball):
 
 def test_a_prior_is_weighed_with_the_field(ball):
     X_OG, width = [grasp(), grasp(), grasp(at=(0, 0.01, 0))], [0.06, 0.06, 0.0566]
-    given = filter_grasps(ball, X_OG, width, GRIPPER, prior=[0.3, 0.9, 0.9])
+    given = filter_grasps(ball, X_OG, width, GRIPPER, prior=[[0.3, 0.9], [0.9, 0.9], [0.9, 0.9]])
     likely = dict(zip(given.id, given.score, strict=True))
     assert likely[1] > likely[0], "what the network says counts"
     assert likely[1] > likely[2], "what the field says counts"
     assert all(0.0 < score < 1.0 for score in likely.values())
-    with pytest.raises(GraspError, match="scores"):
+    with pytest.raises(GraspError, match="prior has shape"):
         filter_grasps(ball, X_OG, width, GRIPPER, prior=[0.5])
 
 

@@ -1,0 +1,175 @@
+"""``feasigrasp fit certainty``: how far fields and networks are to be believed about grasps.
+
+Household shapes that no training and no evaluation uses, half of them of the families that no
+training uses, are seen from one to three sides. What field and network say of grasp candidates is
+set against the verdicts of the true meshes; the logistic coefficients that explain these best are
+those of `feasigrasp.models.grasp_certainty`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from tqdm import tqdm
+
+from feasigrasp.errors import PointCloudError
+from feasigrasp.evaluation.arguments import positive
+from feasigrasp.evaluation.provenance import git_revision, versions
+from feasigrasp.evaluation.result_files import write_json
+from feasigrasp.evaluation.sampler_examples import fuse_and_complete
+from feasigrasp.evaluation.shape_views import ViewedObject, turning_views
+from feasigrasp.models import grasp_certainty as certainty
+from feasigrasp.models.antipodal_sampler import AntipodalSampler
+from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.models.grasp_filter import COSINE_STEPS, contact_cosine
+from feasigrasp.models.grasp_truth import TrueGrasps
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.hand_freedom import (
+    HOPEFUL,
+    INVENTED,
+    MARGIN,
+    MARGIN_GROWTH,
+    THIN_WALL,
+    hand_clearance,
+    seen_clearance,
+)
+from feasigrasp.models.household_shapes import HELD_OUT, TRAINED, make_shape
+from feasigrasp.models.network_sampler import NetworkSampler
+from feasigrasp.models.shape_completion import CompletedField
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+#: Evidence (n, k) and verdicts (n,) by the name of the coefficients.
+Cases = dict[str, tuple[Array, Mask]]
+
+#: Seeds of shapes from here on are used by nothing else.
+FIRST_SEED = 20_000_000
+#: How often an object is seen from one, two and three sides.
+_VIEWS = (1, 1, 1, 2, 3)
+#: The coefficients, in the order in which they build on each other.
+NAMES = ("CONTACT", "JOINT_CONTACT", "CLEARANCE", "JOINT_CLEARANCE", "UNSEEN_CLEARANCE")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument("--out", type=Path, default=Path("out/fit_certainty"))
+    parser.add_argument("--objects", type=positive, default=240, help="household shapes")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=positive, default=joblib.cpu_count())
+
+
+def shape_names(count: int, seed: int) -> list[tuple[str, int]]:
+    """Families and seeds of the shapes, every other one of a family that is held out."""
+    turns = (HELD_OUT, TRAINED)
+    return [
+        (turns[i % 2][(i // 2) % len(turns[i % 2])], FIRST_SEED + 100_000 * seed + i)
+        for i in range(count)
+    ]
+
+
+def object_cases(family: str, number: int) -> Cases:
+    """What field and network say of grasps of one shape, and what is true."""
+    obj = make_shape(family, number)
+    viewed, truth, rng = ViewedObject(obj), TrueGrasps(obj.mesh), np.random.default_rng(number)
+    center = 0.5 * (obj.vertices.min(axis=0) + obj.vertices.max(axis=0))
+    cameras = turning_views(rng, center, int(rng.choice(_VIEWS)))
+    try:
+        field = fuse_and_complete([viewed.view(X_OC, rng) for X_OC in cameras])
+    except PointCloudError:  # it can hardly be seen from there
+        return {}
+    return field_cases(field, truth)
+
+
+def field_cases(field: Gpdf, truth: TrueGrasps) -> Cases:
+    """As `object_cases`, of a field."""
+    network, opposed = NetworkSampler(), AntipodalSampler()
+    gripper = network.gripper
+    cases: Cases = {}
+
+    X_OG, width, _ = opposed.candidates(field)
+    pairs = _opposing(field, GraspSet(X_OG, width, np.ones(len(width))))
+    evidence = np.column_stack(certainty.contact_evidence(field, pairs))
+    cases["CONTACT"] = evidence, truth.truly_antipodal(pairs.X_OG, gripper.max_opening)
+
+    X_OG, width, told = network.candidates(field)
+    numbered = GraspSet(X_OG, width, told[:, 0], id=np.arange(len(width)))
+    pairs = _opposing(field, numbered)
+    evidence = np.column_stack([pairs.score, *certainty.contact_evidence(field, pairs)])
+    cases["JOINT_CONTACT"] = evidence, truth.truly_antipodal(pairs.X_OG, gripper.max_opening)
+
+    clearance, deviation = hand_clearance(field, X_OG, gripper, MARGIN)
+    free = clearance >= MARGIN + MARGIN_GROWTH * deviation
+    verdict = truth.hand_free(X_OG, gripper)
+    apart = certainty.clearance_evidence(clearance, deviation)
+    cases["CLEARANCE"] = apart[free, None], verdict[free]
+    cases["JOINT_CLEARANCE"] = np.column_stack([told[:, 1], apart])[free], verdict[free]
+    if isinstance(field, CompletedField):
+        in_doubt = np.flatnonzero(~free & (told.prod(axis=1) >= HOPEFUL))
+        seen = seen_clearance(field, X_OG[in_doubt], gripper, INVENTED)
+        in_doubt = in_doubt[seen >= MARGIN]
+        cases["UNSEEN_CLEARANCE"] = told[in_doubt, 1:], verdict[in_doubt]
+    return cases
+
+
+def _opposing(field: Gpdf, grasps: GraspSet) -> GraspSet:
+    """The grasps whose contacts oppose each other on the field, as far as it can tell."""
+    known = np.flatnonzero(grasps.width >= THIN_WALL)
+    return grasps.select(known[contact_cosine(field, grasps.select(known)) <= max(COSINE_STEPS)])
+
+
+def fit(evidence: Array, verdict: Mask) -> tuple[tuple[float, ...], float]:
+    """The coefficients with the least mean negative log likelihood, and that."""
+    design = np.column_stack([np.ones(len(evidence)), evidence])
+    scale = np.maximum(np.abs(design).mean(axis=0), 1e-9)
+    sign = np.where(verdict, 1.0, -1.0)
+
+    def loss(x: Array) -> float:
+        return float(np.logaddexp(0.0, -sign * (design @ (x / scale))).mean())
+
+    found = minimize(loss, np.zeros(design.shape[1]))
+    return tuple(float(c) for c in found.x / scale), float(found.fun)
+
+
+def stages(cases: Cases) -> Iterator[tuple[str, tuple[float, ...], float, int]]:
+    """Name, coefficients, loss and number of cases of every stage, each fitted on the last."""
+    found: dict[str, tuple[float, ...]] = {}
+    for name in NAMES:
+        evidence, verdict = cases[name]
+        if name == "JOINT_CONTACT":
+            of_field = certainty.probability(found["CONTACT"], *evidence[:, 1:].T)
+            evidence = np.column_stack([certainty.odds(evidence[:, 0]), certainty.odds(of_field)])
+        elif name == "JOINT_CLEARANCE":
+            of_field = certainty.probability(found["CLEARANCE"], evidence[:, 1])
+            evidence = np.column_stack([certainty.odds(evidence[:, 0]), certainty.odds(of_field)])
+        elif name == "UNSEEN_CLEARANCE":
+            evidence = certainty.odds(evidence)
+        found[name], loss = fit(evidence, verdict)
+        yield name, found[name], loss, len(verdict)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Fits and prints the coefficients, and writes ``certainty.json``."""
+    shapes = shape_names(args.objects, args.seed)
+    made = joblib.Parallel(n_jobs=args.jobs, return_as="generator")(
+        joblib.delayed(object_cases)(*shape) for shape in shapes
+    )
+    all_cases = [c for c in tqdm(made, total=len(shapes), desc="objects") if c]
+    cases: Cases = {}
+    for name in NAMES:
+        parts = zip(*(c[name] for c in all_cases if name in c), strict=True)
+        evidence, verdict = (np.concatenate(part) for part in parts)
+        cases[name] = evidence, verdict
+    written = {}
+    for name, coefficients, loss, count in stages(cases):
+        rounded = tuple(round(c, 3) for c in coefficients)
+        print(f"{name} = {rounded}  (log loss {loss:.4f}, {count} grasps)")
+        written[name] = {"coefficients": coefficients, "log_loss": loss, "n": count}
+    about = {"git": git_revision(), "versions": versions(), "seed": args.seed}
+    write_json(written | about | {"objects": args.objects}, args.out / "certainty.json")
+    return 0

@@ -1,0 +1,140 @@
+"""Whether the open hand is free on a completed surface, and how surely."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feasigrasp.models.gpdf import Gpdf
+from feasigrasp.models.grasp_certainty import (
+    FAR,
+    clearance_certainty,
+    joint_clearance_certainty,
+    unseen_clearance_certainty,
+)
+from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.nearest_distance import nearest_distance
+from feasigrasp.models.shape_completion import CompletedField
+from feasigrasp.models.surface_error import surface_deviation
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Least distance of the open hand from completed surface that was seen [m], and by how much of the
+#: predicted deviation of the surface it grows.
+MARGIN, MARGIN_GROWTH = 0.003, 0.5
+#: In walls thinner than this the field's normals may point to either side [m]: there only a network
+#: can tell whether two contacts oppose each other.
+THIN_WALL = 0.010
+#: Surface this far from all that was seen may not be there at all [m]: a hand that collides with
+#: nothing else stays, if a network finds it as likely as this that the grasp is good.
+INVENTED, HOPEFUL = 0.010, 0.5
+#: A grasp and its flip by half a turn about the approach are the same grasp.
+FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+def hand_freedom(
+    gpdf: Gpdf,
+    grasps: GraspSet,
+    told: Array,
+    gripper: ParallelGripper,
+    margin: float,
+    enough: int,
+) -> tuple[Mask, Array]:
+    """Which open hands are free, and how surely.
+
+    Where a wall is thin, the field fills what it encloses; and what it closes a shape with, far
+    from all that was seen, is a guess.
+
+    Args:
+        gpdf: Distance field in frame O.
+        grasps: n grasps; their scores are the probabilities of their contacts.
+        told: Probability that the hand is free, as a network tells it, shape (n,); NaN where it has
+            no opinion.
+        gripper: The hand.
+        margin: Least distance from surface that was seen [m].
+        enough: While fewer hands than this are free, what lies in known free space does not count.
+
+    Returns:
+        Which are free, and how probable that is of each, shapes (n,).
+    """
+    clearance, deviation = hand_clearance(gpdf, grasps.X_OG, gripper, margin)
+    free = clearance >= margin + MARGIN_GROWTH * deviation
+    in_doubt = np.zeros(len(grasps), dtype=bool)
+    if isinstance(gpdf, CompletedField):
+        in_doubt = ~free & (grasps.score * np.nan_to_num(told) >= HOPEFUL)
+        few = np.count_nonzero(free) < enough
+        again = ~free & ~in_doubt & (few | (grasps.width < THIN_WALL))
+        clearance[again] = seen_clearance(gpdf, grasps.X_OG[again], gripper)
+        free[again] = clearance[again] >= margin + MARGIN_GROWTH * deviation[again]
+        apart = seen_clearance(gpdf, grasps.X_OG[in_doubt], gripper, INVENTED)
+        free[in_doubt] = apart >= margin
+    certain = joint_clearance_certainty(told, clearance_certainty(clearance, deviation))
+    return free, np.where(in_doubt, unseen_clearance_certainty(told), certain)
+
+
+def hand_clearance(
+    gpdf: Gpdf, X_OG: ArrayLike, gripper: ParallelGripper, near: float = 0.0
+) -> tuple[Array, Array]:
+    """How close the whole open hand comes to the surface, the worse way round.
+
+    Args:
+        gpdf: Distance field in frame O.
+        X_OG: Grasp frames, shape (n, 4, 4).
+        gripper: The hand.
+        near: A hand closer than this collides; how much closer it is does not matter [m].
+
+    Returns:
+        Least distance (n,), at most `FAR` [m], and the predicted deviation of the surface where
+        the hand is closest, shape (n,) [m].
+    """
+    poses = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
+    hand = _either_way_round(gripper)
+    clearance, closest = gpdf.clearance(poses, hand, FAR, near)
+    deviation = np.zeros(len(poses))
+    at = np.flatnonzero(closest >= 0)
+    points = np.einsum("nij,nj->ni", poses[at, :3, :3], hand[closest[at]]) + poses[at, :3, 3]
+    deviation[at] = surface_deviation(gpdf, points)
+    return clearance, deviation
+
+
+def seen_clearance(
+    gpdf: CompletedField, X_OG: Array, gripper: ParallelGripper, invented: float = np.inf
+) -> Array:
+    """As the clearance of `hand_clearance`, but what lies in known free space counts as far.
+
+    The field fills bowls and cups; a finger may enter them where the camera has seen the inside.
+
+    Args:
+        gpdf: Distance field in frame O.
+        X_OG: Grasp frames, shape (n, 4, 4).
+        gripper: The hand.
+        invented: Surface farther from what was seen than this counts as far as well [m].
+
+    Returns:
+        Shape (n,) [m], of raw distances, which are less than the true ones outside.
+    """
+    if len(X_OG) == 0:
+        return np.zeros(0)
+    hand = _either_way_round(gripper)
+    points = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
+    points = points.reshape(-1, 3)
+    clearance = np.full(len(points), FAR)
+    counts = gpdf.possible(points)
+    if np.isfinite(invented):
+        counts &= nearest_distance(points, gpdf.cloud) < invented
+    clearance[counts] = np.minimum(gpdf.distance(points[counts]), FAR)
+    return clearance.reshape(len(X_OG), len(hand)).min(axis=1, initial=FAR)
+
+
+@lru_cache(maxsize=8)
+def _either_way_round(gripper: ParallelGripper) -> Array:
+    """Points on the open hand and on its flip, without those that coincide, shape (k, 3) [m]."""
+    hand = gripper.surface_points(gripper.max_opening)
+    hand = np.concatenate([hand, hand @ FLIP[:3, :3]])
+    hand = hand[np.sort(np.unique(hand.round(9), axis=0, return_index=True)[1])]
+    hand.flags.writeable = False
+    return np.asarray(hand)
