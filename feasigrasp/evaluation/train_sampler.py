@@ -246,6 +246,7 @@ def main(args: argparse.Namespace) -> int:
         most, args.held_out = QUICK_EXAMPLES, min(args.held_out, QUICK_EXAMPLES // 2)
         if args.steps is None and args.minutes is None:
             args.minutes = QUICK_MINUTES
+    torch.set_flush_denormal(True)  # with them a step takes several times as long
     examples, held_out = load_examples(args.data, HELD_OUT, args.seed, args.held_out, most)
     training = Training(args, examples, held_out)
     write_json(
