@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from feasigrasp.models import se3
-from feasigrasp.models.hidden_nodes import CLEARANCE, hidden_nodes
+from feasigrasp.models.hidden_nodes import CLEARANCE, CLEARANCE_OF_SEVERAL, hidden_nodes
 from feasigrasp.models.hidden_side import (
     FORMAT,
     BackSurface,
@@ -103,6 +103,16 @@ def test_nodes_keep_off_what_was_observed(image):
     nodes = hidden_nodes(None, [image], some, Ball(), 100)
     apart = np.linalg.norm(nodes.points[:, None] - some[None], axis=-1).min(axis=1)
     assert apart.min() > CLEARANCE
+    assert len(nodes.points) > 10
+
+
+def test_nodes_of_several_pictures_keep_farther_off(image):
+    side = np.array([0.5, 0.0, 0.0])
+    pictures = [image, view_image(front(side), side)]
+    observed = np.concatenate([front(CAMERA), front(side)])
+    nodes = hidden_nodes(None, pictures, observed, Ball(), 100)
+    apart = np.linalg.norm(nodes.points[:, None] - observed[None], axis=-1).min(axis=1)
+    assert apart.min() > CLEARANCE_OF_SEVERAL > CLEARANCE
     assert len(nodes.points) > 10
 
 
