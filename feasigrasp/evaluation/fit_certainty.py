@@ -53,7 +53,14 @@ FIRST_SEED = 20_000_000
 #: How often an object is seen from one, two and three sides.
 _VIEWS = (1, 1, 1, 2, 3)
 #: The coefficients, in the order in which they build on each other.
-NAMES = ("CONTACT", "JOINT_CONTACT", "CLEARANCE", "JOINT_CLEARANCE", "UNSEEN_CLEARANCE")
+NAMES = (
+    "CONTACT",
+    "JOINT_CONTACT",
+    "THIN_CONTACT",
+    "CLEARANCE",
+    "JOINT_CLEARANCE",
+    "UNSEEN_CLEARANCE",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,10 +105,13 @@ def field_cases(field: Gpdf, truth: TrueGrasps) -> Cases:
     cases["CONTACT"] = evidence, truth.truly_antipodal(pairs.X_OG, gripper.max_opening)
 
     X_OG, width, told = network.candidates(field)
-    numbered = GraspSet(X_OG, width, told[:, 0], id=np.arange(len(width)))
-    pairs = _opposing(field, numbered)
+    proposed = GraspSet(X_OG, width, told[:, 0])
+    pairs = _opposing(field, proposed)
     evidence = np.column_stack([pairs.score, *certainty.contact_evidence(field, pairs)])
     cases["JOINT_CONTACT"] = evidence, truth.truly_antipodal(pairs.X_OG, gripper.max_opening)
+    thin = proposed.select(width < THIN_WALL)
+    evidence = np.column_stack([thin.score, certainty.contact_evidence(field, thin)[1]])
+    cases["THIN_CONTACT"] = evidence, truth.truly_antipodal(thin.X_OG, gripper.max_opening)
 
     clearance, deviation = hand_clearance(field, X_OG, gripper, MARGIN)
     free = clearance >= MARGIN + MARGIN_GROWTH * deviation
@@ -144,6 +154,8 @@ def stages(cases: Cases) -> Iterator[tuple[str, tuple[float, ...], float, int]]:
         if name == "JOINT_CONTACT":
             of_field = certainty.probability(found["CONTACT"], *evidence[:, 1:].T)
             evidence = np.column_stack([certainty.odds(evidence[:, 0]), certainty.odds(of_field)])
+        elif name == "THIN_CONTACT":
+            evidence = np.column_stack([certainty.odds(evidence[:, 0]), evidence[:, 1]])
         elif name == "JOINT_CLEARANCE":
             of_field = certainty.probability(found["CLEARANCE"], evidence[:, 1])
             evidence = np.column_stack([certainty.odds(evidence[:, 0]), certainty.odds(of_field)])

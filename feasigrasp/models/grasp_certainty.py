@@ -29,6 +29,8 @@ CONTACT = (4.1, -5.0, -115.0)
 #: The same by both witnesses: constant, per log odds of a network and of the field. Both have seen
 #: the same surface, so they count less than independent ones would.
 JOINT_CONTACT = (-0.95, 0.93, 0.58)
+#: In thin walls: constant, per log odds of a network, per metre of both predicted deviations.
+THIN_CONTACT = (0.0, 1.0, 0.0)
 #: Log odds that the hand is free: constant, per clearance in units of its error.
 CLEARANCE = (-1.44, 2.4)
 #: The same by both witnesses, as `JOINT_CONTACT`.
@@ -40,21 +42,30 @@ _CLOSE_TO_CERTAIN = 1e-4
 FAR = 0.012
 
 
-def contact_certainty(gpdf: Gpdf, pairs: GraspSet) -> Array:
-    """Probability that both pads meet true surface within the friction cone, shape (n,).
-
-    It falls with the angle between closing line and surface normals, averaged over a patch round
-    each contact, and with the predicted deviation of the surface there.
-    """
-    return probability(CONTACT, *contact_evidence(gpdf, pairs))
-
-
 def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
-    """Sums over both contacts of angles [rad] and predicted deviations [m], shape (n,) each."""
+    """What the field tells of contacts, as sums over both of them.
+
+    Returns:
+        Angle between closing line and surface normals, averaged over a patch round each contact,
+        shape (n,) [rad]; predicted deviation of the surface there, shape (n,) [m].
+    """
     b, half = pairs.X_OG[:, :3, 0], 0.5 * pairs.width[:, None] * pairs.X_OG[:, :3, 0]
     first, second = pairs.X_OG[:, :3, 3] - half, pairs.X_OG[:, :3, 3] + half
     angles = _patch_angle(gpdf, first, -b, pairs) + _patch_angle(gpdf, second, b, pairs)
     return angles, surface_deviation(gpdf, first) + surface_deviation(gpdf, second)
+
+
+def contact_certainty(angles: Array, deviations: Array) -> Array:
+    """Probability that both pads meet true surface within the friction cone, shape (n,).
+
+    The arguments are those that `contact_evidence` gives.
+    """
+    return probability(CONTACT, angles, deviations)
+
+
+def thin_contact_certainty(of_network: Array, deviations: Array) -> Array:
+    """As `joint_certainty`, in walls so thin that the field's normals say nothing, (n,)."""
+    return probability(THIN_CONTACT, odds(of_network), deviations)
 
 
 def joint_certainty(of_network: Array, of_field: Array) -> Array:

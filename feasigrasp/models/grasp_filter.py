@@ -18,7 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import Gpdf
 from feasigrasp.models.gpdf_field import unit_normals
-from feasigrasp.models.grasp_certainty import contact_certainty, joint_certainty
+from feasigrasp.models.grasp_certainty import (
+    contact_certainty,
+    contact_evidence,
+    joint_certainty,
+    thin_contact_certainty,
+)
 from feasigrasp.models.grasps import GraspSet
 from feasigrasp.models.gripper import ParallelGripper
 from feasigrasp.models.hand_freedom import FLIP, MARGIN, THIN_WALL, hand_freedom
@@ -118,10 +123,12 @@ def filter_grasps(
     candidates, pair_of = _apply(candidates, pair_of, {"not antipodal": opposed})
     left, pair_of = np.unique(pair_of, return_inverse=True)
     pairs, pair_of = pairs.select(left), pair_of.reshape(-1)
-    contact = contact_certainty(gpdf, pairs)[pair_of]
+    angles, deviations = (part[pair_of] for part in contact_evidence(gpdf, pairs))
+    contact = contact_certainty(angles, deviations)
     if prior is not None:
+        in_thin_wall = thin_contact_certainty(candidates.score, deviations)
         joint = joint_certainty(candidates.score, contact)
-        contact = np.where(candidates.width < THIN_WALL, candidates.score, joint)
+        contact = np.where(candidates.width < THIN_WALL, in_thin_wall, joint)
     score = contact * certain * _leverage(gpdf, pairs)[pair_of]
     ranked = replace(candidates, score=score)
     return ranked.select(np.argsort(-score, kind="stable"))

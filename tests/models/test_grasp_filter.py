@@ -5,7 +5,12 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_certainty import FAR, clearance_certainty, contact_certainty
+from feasigrasp.models.grasp_certainty import (
+    FAR,
+    clearance_certainty,
+    contact_certainty,
+    contact_evidence,
+)
 from feasigrasp.models.grasp_filter import (
     contact_cosine,
     contacts,
@@ -140,7 +145,7 @@ def test_what_was_not_seen_is_given_more_room(sphere_cloud):
     grasps = GraspSet(
         np.stack([grasp(z=(0, 0, -1)), grasp((0, 1, 0), at=(0, 0, -0.02))]), [0.06, 0.045], [1, 1]
     )
-    sure, unsure = contact_certainty(half, grasps)
+    sure, unsure = contact_certainty(*contact_evidence(half, grasps))
     assert sure > unsure
 
 
@@ -155,7 +160,7 @@ def test_angle_makes_contacts_uncertain(ball):
     heights = [0.0, 0.006, 0.012, 0.018]
     X_OG = np.array([grasp(at=(0, y, 0)) for y in heights])
     width = [2 * np.sqrt(0.03**2 - y**2) for y in heights]
-    certain = contact_certainty(ball, GraspSet(X_OG, width, np.ones(4)))
+    certain = contact_certainty(*contact_evidence(ball, GraspSet(X_OG, width, np.ones(4))))
     assert (np.diff(certain) < 0).all()
 
 
