@@ -18,7 +18,13 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning_views
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.grasp_input import MAX_CHORD, SCALARS, GraspInput, grasp_input
+from feasigrasp.models.grasp_input import (
+    BEYOND_OPENING,
+    MAX_CHORD,
+    SCALARS,
+    GraspInput,
+    grasp_input,
+)
 from feasigrasp.models.grasp_labels import PointLabels, label_points
 from feasigrasp.models.grasp_truth import TrueGrasps
 from feasigrasp.models.gripper import ParallelGripper
@@ -86,6 +92,11 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator, n_points: int = POIN
     points = np.asarray(samples[chosen], dtype=float)
     normals = np.asarray(mesh.face_normals[faces[chosen]])
     length, far = truth.cast(points - 1e-5 * normals, -normals)
+    # From beyond the opening back: the outermost face, unless that place is inside the object.
+    opening = MAX_CHORD - BEYOND_OPENING
+    back, outer = truth.cast(points - opening * normals, normals)
+    several = (opening - back > length) & (np.einsum("ij,ij->i", outer, normals) < 0.0)
+    length, far = np.where(several, opening - back, length), np.where(several[:, None], outer, far)
     hit = (length > _MIN_CHORD) & (length <= MAX_CHORD)
     sure = float(predicted_deviation(0.0))
     scalars = np.zeros((n_points, len(SCALARS)))

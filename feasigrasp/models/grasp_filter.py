@@ -36,6 +36,8 @@ Indices = NDArray[np.intp]
 COSINE_STEPS = (-0.8, -0.7, -0.6)
 #: A contact further than this from the surface touches nothing [m].
 CONTACT_TOLERANCE = 0.005
+#: So deep behind a contact is the inside of a wall [m].
+_INTO_WALL = 0.002
 #: Lever arm from the object's centre to the contact line at which the score has dropped to 1/e [m].
 LEVER_LENGTH = 0.3
 
@@ -222,12 +224,12 @@ def _contact_state(gpdf: Gpdf, grasps: GraspSet) -> tuple[Array, Array]:
 
 def _holding(gpdf: Gpdf, pairs: GraspSet) -> Mask:
     """Whether some part of the line between the contacts is inside the object."""
-    middle, first = pairs.X_OG[:, :3, 3], contacts(pairs)[0]
+    middle, b, half = pairs.X_OG[:, :3, 3], pairs.X_OG[:, :3, 0], 0.5 * pairs.width
     holding = gpdf.distance(middle) < 0.0
-    for share in (0.6, -0.6):  # most are filled in the middle
+    # Most are filled in the middle; of a cup there are the walls alone.
+    for along in (0.6 * half, -0.6 * half, half - _INTO_WALL, _INTO_WALL - half):
         left = np.flatnonzero(~holding)
-        at = middle[left] + share * (first[left] - middle[left])
-        holding[left] = gpdf.distance(at) < 0.0
+        holding[left] = gpdf.distance(middle[left] + along[left, None] * b[left]) < 0.0
     return holding
 
 

@@ -46,7 +46,8 @@ class GraspInput:
         normals: Outward unit normals, shape (n, 3).
         scalars: Invariant features by the names in `SCALARS`, shape (n, 4): expected distance of
             this surface from the true one [m]; length of the chord from here along the inward
-            normal to where it leaves the object [m], 0 if it does not within reach; cosine between
+            normal to where it leaves the object for the last time within the hand's opening, else
+            for the first time [m], 0 if it does not within reach; cosine between
             the outward normals at its ends, -1 for parallel faces; expected deviation at its far
             end [m]. The last two are 0 as well where there is no chord.
     """
@@ -112,6 +113,7 @@ def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) 
         points - field.center,
         normals,
         max_chord,
+        max_chord - BEYOND_OPENING,
     )
     hit = length > 0.0
     scalars = np.zeros((len(points), len(SCALARS)))

@@ -49,14 +49,68 @@ def _exit_costs(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _crossing(planes: Array, i: int, j: int) -> float:
+    """Length along the inward normal of point i to the tangent plane of point j."""
+    a, b, c = planes[3:, j]
+    dx, dy, dz = (
+        planes[0, j] - planes[0, i],
+        planes[1, j] - planes[1, i],
+        planes[2, j] - planes[2, i],
+    )
+    slope = -planes[3, i] * a - planes[4, i] * b - planes[5, i] * c
+    return (dx * a + dy * b + dz * c) / slope
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _outermost(planes: Array, i: int, costs: Array, least: float, longest: float) -> int:
+    """The plane that the ray of point i leaves through last, no farther than ``longest``.
+
+    Offsets count against a plane, as they do against the first. -1 if that is the first itself.
+    """
+    best, most = -1, least + _REACH
+    for j in range(len(costs)):
+        if costs[j] < _NO_EXIT and costs[j] > most:
+            t = _crossing(planes, i, j)
+            if t <= longest and 2.0 * t - costs[j] > most:
+                best, most = j, 2.0 * t - costs[j]
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _exact_exit(
+    tiles: Array, work: Array, length_scale: float, ray: Array, guess: float
+) -> tuple[float, float, float, float]:
+    """Newton steps along a ray (point, then inward direction) to where the field says it leaves.
+
+    Returns:
+        Length and outward unit normal there; a negative length where they do not lead to an exit.
+    """
+    px, py, pz, u, v, w = ray
+    t = guess
+    for _ in range(_STEPS):
+        x, y, z = px + t * u, py + t * v, pz + t * w
+        d, gx, gy, gz = value_and_gradient_at(tiles, work, length_scale, x, y, z)
+        slope = gx * u + gy * v + gz * w
+        if abs(d) < _CONVERGED or slope <= 0.0:
+            break
+        t -= newton_step(d, slope)
+    size = max(np.sqrt(gx * gx + gy * gy + gz * gz), 1e-12)
+    found = abs(d) < _ACCEPTED and slope > _MIN_SLOPE * size and abs(t - guess) < _STRAYS
+    return (t if found else -1.0), gx / size, gy / size, gz / size
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def chords(
-    tiles: Array, length_scale: float, points: Array, normals: Array, longest: float
+    tiles: Array, length_scale: float, points: Array, normals: Array, longest: float, opening: float
 ) -> tuple[Array, Array, Array]:
     """Chords from surface points along their inward normals to where they leave the object.
 
-    A first guess is the tangent plane, of the points themselves, that the ray leaves through
-    first: many times quicker than marching through the field. Newton steps along the ray make it
-    exact. Where they fail in a thin wall, in which the field may have the wrong sign, it stays.
+    To the outermost face if that is within the hand's opening, else to the first: a cup that fits
+    between the pads is held by its outside, a larger one by its wall.
+
+    A first guess is the tangent plane, of the points themselves, that the ray leaves through: many
+    times quicker than marching through the field. Newton steps along the ray make it exact. Where
+    they fail in a thin wall, in which the field may have the wrong sign, it stays.
 
     Args:
         tiles: Of the field.
@@ -64,6 +118,7 @@ def chords(
         points: On the surface, relative to the field's centre, shape (n, 3) [m].
         normals: Outward unit normals there, shape (n, 3).
         longest: Longest chord [m].
+        opening: Longest chord beyond a first exit [m].
 
     Returns:
         Lengths (n,), -1 where there is none; far ends (n, 3); outward unit normals there (n, 3).
@@ -74,38 +129,30 @@ def chords(
     for i in range(n):
         for k in range(3):
             planes[k, i], planes[3 + k, i] = points[i, k], normals[i, k]
-    work, costs = make_workspace(), np.empty(n)
+    work, costs, ray = make_workspace(), np.empty(n), np.empty(6)
     for i in range(n):
-        px, py, pz, u, v, w = planes[:, i]
-        u, v, w = -u, -v, -w
-        least = _exit_costs(planes, px, py, pz, u, v, w, costs)
+        ray[:3], ray[3:] = points[i], -normals[i]
+        least = _exit_costs(planes, ray[0], ray[1], ray[2], ray[3], ray[4], ray[5], costs)
         if least >= _NO_EXIT:
             continue
-        j = 0
-        while j < n - 1 and costs[j] != least:
-            j += 1
-        a, b, c = planes[3:, j]
-        guess = planes[0, j] * a + planes[1, j] * b + planes[2, j] * c
-        guess = (guess - px * a - py * b - pz * c) / (u * a + v * b + w * c)
-        if guess - _STRAYS > longest and guess >= _WALL:
-            continue  # wherever Newton steps led, it would be too far
-        t = guess
-        for _ in range(_STEPS):
-            x, y, z = px + t * u, py + t * v, pz + t * w
-            d, gx, gy, gz = value_and_gradient_at(tiles, work, length_scale, x, y, z)
-            slope = gx * u + gy * v + gz * w
-            if abs(d) < _CONVERGED or slope <= 0.0:
-                break
-            t -= newton_step(d, slope)
-        size = max(np.sqrt(gx * gx + gy * gy + gz * gz), 1e-12)
-        if abs(d) < _ACCEPTED and slope > _MIN_SLOPE * size and abs(t - guess) < _STRAYS:
-            a, b, c = gx / size, gy / size, gz / size
-        elif guess < _WALL:
-            t = guess
-        else:
-            continue
-        if t <= longest:
+        t, a, b, c = -1.0, 0.0, 0.0, 0.0
+        j = _outermost(planes, i, costs, least, opening)
+        if j >= 0:
+            guess = _crossing(planes, i, j)
+            t, a, b, c = _exact_exit(tiles, work, length_scale, ray, guess)
+            if t > opening:
+                t = -1.0
+        if t < 0.0:
+            j = 0
+            while j < n - 1 and costs[j] != least:
+                j += 1
+            guess = _crossing(planes, i, j)
+            if guess - _STRAYS > longest and guess >= _WALL:
+                continue  # wherever Newton steps led, it would be too far
+            t, a, b, c = _exact_exit(tiles, work, length_scale, ray, guess)
+            if t < 0.0 and guess < _WALL:
+                t, a, b, c = guess, planes[3, j], planes[4, j], planes[5, j]
+        if 0.0 <= t <= longest:
             lengths[i] = t
-            ends[i, 0], ends[i, 1], ends[i, 2] = px + t * u, py + t * v, pz + t * w
-            outward[i, 0], outward[i, 1], outward[i, 2] = a, b, c
+            ends[i], outward[i] = ray[:3] + t * ray[3:], np.array((a, b, c))
     return lengths, ends, outward

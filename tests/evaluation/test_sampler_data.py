@@ -4,6 +4,7 @@ import argparse
 
 import numpy as np
 import pytest
+import trimesh
 
 pytest.importorskip("manifold3d", reason="the generator needs manifold3d (train extra)")
 
@@ -96,6 +97,19 @@ def test_true_surfaces_have_exact_chords():
     hit = chord > 0
     ends = points[hit] - chord[hit, None] * normals[hit]
     assert np.linalg.norm(truth.closest(ends)[0] - ends, axis=1).max() < 1e-4
+
+
+@pytest.mark.parametrize(("radius", "chord"), [(0.034, 0.068), (0.05, 0.004)])
+def test_chords_of_a_tube_end_where_the_pads_would(radius, chord):
+    """On its far outside if it fits between the pads, else on the inside of its wall."""
+    tube = trimesh.creation.annulus(radius - 0.004, radius, 0.08, sections=128)
+    made = true_input(TrueGrasps(tube), np.random.default_rng(0))
+    outward = np.einsum("ij,ij->i", made.points[:, :2], made.normals[:, :2])
+    outside = outward > 0.9 * radius
+    assert outside.sum() > 100
+    np.testing.assert_allclose(made.scalars[outside, 1], chord, atol=5e-4)
+    inside = outward < -0.5 * radius
+    np.testing.assert_allclose(made.scalars[inside, 1], 0.004, atol=5e-4)
 
 
 def test_views_make_an_input_near_the_surface():

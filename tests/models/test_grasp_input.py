@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.gpdf import fit_gpdf
+from feasigrasp.models.gpdf import fit_field, fit_gpdf
 from feasigrasp.models.grasp_input import MAX_CHORD, SCALARS, GraspInput, grasp_input
 from feasigrasp.models.shape_completion import CompletedField, complete_shape
 from feasigrasp.models.sphere import sphere_points
@@ -68,6 +68,38 @@ def test_chord_through_a_slab(thickness):
     assert middle.sum() > 40
     assert np.median(made.scalars[middle, CHORD]) == pytest.approx(thickness, abs=0.001)
     assert np.median(made.scalars[middle, COSINE]) < -0.95
+
+
+@pytest.mark.parametrize(("apart", "chord"), [(0.06, 0.06), (0.11, 0.01)])
+def test_chord_through_two_walls(apart, chord):
+    """Of two walls that fit between the pads it ends on the other one, else on this one."""
+    y, z = (part.ravel() for part in np.meshgrid(*[np.linspace(-0.04, 0.04, 21)] * 2))
+    wall = np.column_stack([np.full_like(y, apart / 2), y, z])
+    nodes, depth = [], []
+    for side in (1.0, -1.0):
+        for behind, value in ((0.0, 0.0), (0.002, -0.002), (0.005, -0.005), (0.01, 0.0)):
+            nodes.append((wall - [behind, 0.0, 0.0]) * [side, 1.0, 1.0])
+            depth.append(np.full(len(wall), value))
+        nodes.append((wall + [0.003, 0.0, 0.0]) * [side, 1.0, 1.0])
+        depth.append(np.full(len(wall), 0.003))
+        nodes.append((wall - [0.015, 0.0, 0.0]) * [side, 1.0, 1.0])
+        depth.append(np.full(len(wall), 0.005))
+    points = np.concatenate([part for part, d in zip(nodes, depth, strict=True) if d[0] == 0.0])
+    field = fit_field(
+        np.concatenate(nodes),
+        np.exp(-np.concatenate(depth) / 0.3),
+        points=points,
+        bounds=np.stack([points.min(axis=0), points.max(axis=0)]),
+        length_scale=0.3,
+        noise_variance=1e-4,
+    )
+    made = grasp_input(field, 400)
+    outer = (np.abs(made.points[:, 0]) > apart / 2 - 0.002) & (
+        np.abs(made.points[:, 1:]).max(axis=1) < 0.025
+    )
+    outer &= np.abs(made.normals[:, 0]) > 0.95
+    assert outer.sum() > 30
+    assert np.median(made.scalars[outer, CHORD]) == pytest.approx(chord, abs=0.0015)
 
 
 def test_no_chord_beyond_reach(ball):
