@@ -19,7 +19,7 @@ from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning
 from feasigrasp.models.farthest_points import farthest_points
 from feasigrasp.models.gpdf_field import Gpdf
 from feasigrasp.models.grasp_input import (
-    BEYOND_OPENING,
+    BEYOND_GRASPS,
     MAX_CHORD,
     SCALARS,
     GraspInput,
@@ -93,7 +93,7 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator, n_points: int = POIN
     normals = np.asarray(mesh.face_normals[faces[chosen]])
     length, far = truth.cast(points - 1e-5 * normals, -normals)
     # From beyond the opening back: the outermost face, unless that place is inside the object.
-    opening = MAX_CHORD - BEYOND_OPENING
+    opening = MAX_CHORD - BEYOND_GRASPS
     back, outer = truth.cast(points - opening * normals, normals)
     several = (opening - back > length) & (np.einsum("ij,ij->i", outer, normals) < 0.0)
     length, far = np.where(several, opening - back, length), np.where(several[:, None], outer, far)

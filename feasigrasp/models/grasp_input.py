@@ -29,6 +29,9 @@ Float32 = NDArray[np.float32]
 SCALARS = ("deviation", "chord", "chord_cosine", "chord_deviation")
 #: Chords are followed this far beyond the opening of the hand [m].
 BEYOND_OPENING = 0.02
+#: Chords to an outermost face are shorter than the longest by at least this: what fits between the
+#: pads with a little room [m].
+BEYOND_GRASPS = BEYOND_OPENING + 0.004
 #: Longest chord that is handed on, for the default hand [m].
 MAX_CHORD = ParallelGripper().max_opening + BEYOND_OPENING
 #: A cloud is thinned to so many points for each one wanted, before the even choice.
@@ -113,7 +116,7 @@ def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) 
         points - field.center,
         normals,
         max_chord,
-        max_chord - BEYOND_OPENING,
+        max_chord - BEYOND_GRASPS,
     )
     hit = length > 0.0
     scalars = np.zeros((len(points), len(SCALARS)))
