@@ -50,9 +50,9 @@ class GraspInput:
         scalars: Invariant features by the names in `SCALARS`, shape (n, 4): expected distance of
             this surface from the true one [m]; length of the chord from here along the inward
             normal to where it leaves the object for the last time within the hand's opening, else
-            for the first time [m], 0 if it does not within reach; cosine between
-            the outward normals at its ends, -1 for parallel faces; expected deviation at its far
-            end [m]. The last two are 0 as well where there is no chord.
+            for the first time [m], 0 if it does not within reach; cosine between the outward
+            normals at its ends, -1 for parallel faces; expected deviation at its far end [m]. The
+            last two are 0 as well where there is no chord.
     """
 
     points: Float32
