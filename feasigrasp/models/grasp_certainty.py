@@ -25,18 +25,18 @@ PATCH_RADIUS = 0.004
 _CLEARANCE_ERROR, _DEVIATION_SHARE = 0.003, 0.67
 #: Log odds that contacts are good: constant, per radian of both normals off the closing line, per
 #: metre of both predicted deviations.
-CONTACT = (4.1, -5.0, -115.0)
+CONTACT = (3.285, -4.136, -120.903)
 #: The same by both witnesses: constant, per log odds of a network and of the field. Both have seen
 #: the same surface, so they count less than independent ones would.
-JOINT_CONTACT = (-0.95, 0.93, 0.58)
+JOINT_CONTACT = (0.428, 0.457, 0.632)
 #: In thin walls: constant, per log odds of a network, per metre of both predicted deviations.
-THIN_CONTACT = (0.0, 1.0, 0.0)
+THIN_CONTACT = (2.191, 0.588, -589.643)
 #: Log odds that the hand is free: constant, per clearance in units of its error.
-CLEARANCE = (-1.44, 2.4)
+CLEARANCE = (0.639, 0.838)
 #: The same by both witnesses, as `JOINT_CONTACT`.
-JOINT_CLEARANCE = (0.594, 0.372, 0.139)
+JOINT_CLEARANCE = (0.276, 0.41, 0.348)
 #: The same where the field knows nothing: constant, per log odds of a network.
-UNSEEN_CLEARANCE = (-0.465, 0.438)
+UNSEEN_CLEARANCE = (1.077, 0.044)
 _CLOSE_TO_CERTAIN = 1e-4
 #: Further away than this a hand is certainly free [m].
 FAR = 0.012
