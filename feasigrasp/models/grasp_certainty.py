@@ -28,15 +28,15 @@ _CLEARANCE_ERROR, _DEVIATION_SHARE = 0.003, 0.67
 CONTACT = (3.285, -4.136, -120.903)
 #: The same by both witnesses: constant, per log odds of a network and of the field. Both have seen
 #: the same surface, so they count less than independent ones would.
-JOINT_CONTACT = (0.428, 0.457, 0.632)
+JOINT_CONTACT = (0.466, 0.432, 0.602)
 #: In thin walls: constant, per log odds of a network, per metre of both predicted deviations.
-THIN_CONTACT = (2.191, 0.588, -589.643)
+THIN_CONTACT = (1.658, 0.567, -317.852)
 #: Log odds that the hand is free: constant, per clearance in units of its error.
-CLEARANCE = (0.639, 0.838)
+CLEARANCE = (0.613, 0.865)
 #: The same by both witnesses, as `JOINT_CONTACT`.
-JOINT_CLEARANCE = (0.276, 0.41, 0.348)
+JOINT_CLEARANCE = (0.163, 0.35, 0.455)
 #: The same where the field knows nothing: constant, per log odds of a network.
-UNSEEN_CLEARANCE = (1.077, 0.044)
+UNSEEN_CLEARANCE = (0.974, 0.073)
 _CLOSE_TO_CERTAIN = 1e-4
 #: Further away than this a hand is certainly free [m].
 FAR = 0.012
