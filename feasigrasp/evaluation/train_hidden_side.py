@@ -27,7 +27,12 @@ from feasigrasp.evaluation.hidden_side_data import object_pictures
 from feasigrasp.evaluation.object_streams import ObjectStream
 from feasigrasp.evaluation.provenance import git_revision, versions
 from feasigrasp.evaluation.result_files import write_json
-from feasigrasp.evaluation.training_files import append_curve, read_checkpoint, write_checkpoint
+from feasigrasp.evaluation.training_files import (
+    append_curve,
+    read_checkpoint,
+    without_denormals,
+    write_checkpoint,
+)
 from feasigrasp.models.hidden_side import TYPICAL_SIZE, HiddenSide
 from feasigrasp.models.hidden_side_network import BELIEVED, HiddenSideNetwork
 from feasigrasp.models.household_shapes import HELD_OUT
@@ -231,12 +236,12 @@ def _tensor(part: NDArray[np.float16], device: str) -> Tensor:
     return torch.from_numpy(part.astype(np.float32)).to(device)
 
 
+@without_denormals()
 def main(args: argparse.Namespace) -> int:
     """Makes the pictures, trains or goes on with training, and prints the last figures."""
     if args.quick:
         args.objects, args.steps = min(args.objects, QUICK_OBJECTS), min(args.steps, QUICK_STEPS)
     files = make_pictures(args.out / "pictures", args.objects, args.views, args.seed, args.jobs)
-    torch.set_flush_denormal(True)  # with them a step takes several times as long
     training = Training(args, *read_pictures(files))
     write_json(
         {"git": git_revision(), "versions": versions(), **training.identity},

@@ -30,6 +30,7 @@ from feasigrasp.evaluation.training_files import (
     TrainingError,
     append_curve,
     read_checkpoint,
+    without_denormals,
     write_checkpoint,
 )
 from feasigrasp.models.grasp_network import PRESETS, GraspNetwork
@@ -241,6 +242,7 @@ class Training:
         self.step, self.seconds, self.best, self.worse = state["progress"]
 
 
+@without_denormals()
 def main(args: argparse.Namespace) -> int:
     """Trains, or goes on with training, and prints the last held-out metrics."""
     if args.out is None:
@@ -250,7 +252,6 @@ def main(args: argparse.Namespace) -> int:
         most, args.held_out = QUICK_EXAMPLES, min(args.held_out, QUICK_EXAMPLES // 2)
         if args.steps is None and args.minutes is None:
             args.minutes = QUICK_MINUTES
-    torch.set_flush_denormal(True)  # with them a step takes several times as long
     examples, held_out = load_examples(args.data, HELD_OUT, args.seed, args.held_out, most)
     training = Training(args, examples, held_out)
     write_json(

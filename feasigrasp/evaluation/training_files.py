@@ -1,4 +1,4 @@
-"""The files of a training run: what it resumes from, and how it went.
+"""What training runs share: what they resume from, how they went, the processor's setting.
 
 ``checkpoint.pt`` holds the state of the run, ``curve.csv`` one line for every evaluation.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,16 @@ from feasigrasp.errors import FeasigraspError
 
 class TrainingError(FeasigraspError, ValueError):
     """A training run that cannot start or go on with these arguments."""
+
+
+@contextmanager
+def without_denormals() -> Iterator[None]:
+    """Numbers too small for full precision count as zero: with them a step takes far longer."""
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
 
 
 def write_checkpoint(folder: Path, identity: Mapping[str, Any], **state: Any) -> None:

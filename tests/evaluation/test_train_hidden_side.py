@@ -4,7 +4,6 @@ import csv
 
 import numpy as np
 import pytest
-import torch
 
 from feasigrasp.cli import main
 from feasigrasp.evaluation.hidden_side_data import true_thickness
@@ -30,14 +29,6 @@ def test_the_true_thickness_of_a_ball_is_where_lines_of_sight_leave_it():
     assert (ends[:, 2] < center[2] + 0.3 * radius).all()
 
 
-@pytest.fixture
-def denormals():
-    """Keeps the command's setting of the processor from other tests."""
-    yield
-    torch.set_flush_denormal(False)
-
-
-@pytest.mark.usefixtures("denormals")
 def test_the_command_trains_and_resumes(tmp_path, capsys):
     command = ["train", "hidden-side", "--objects", "64", "--views", "1", "--steps", "2"]
     command += ["--batch", "8", "--jobs", "1", "--out", str(tmp_path)]

@@ -10,6 +10,7 @@ from feasigrasp.evaluation.training_files import (
     TrainingError,
     append_curve,
     read_checkpoint,
+    without_denormals,
     write_checkpoint,
 )
 
@@ -19,6 +20,14 @@ IDENTITY = {"seed": 3, "shape": {"hidden": [16, 16]}}
 def lines(folder):
     with (folder / "curve.csv").open(newline="") as file:
         return list(csv.reader(file))
+
+
+def test_denormal_numbers_come_back_after_a_training():
+    smallest = torch.tensor([1e-30])
+    with pytest.raises(KeyError), without_denormals():
+        assert (smallest * 1e-10).item() == 0.0
+        raise KeyError
+    assert (smallest * 1e-10).item() > 0.0
 
 
 def test_what_was_written_is_read(tmp_path):
