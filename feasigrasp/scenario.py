@@ -84,7 +84,7 @@ class PerceptionConfig:
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
-        sampler: ``antipodal`` (model-free) or ``network`` (learned); see `make_sampler`.
+        sampler: ``network`` (learned) or ``antipodal`` (model-free); see `make_sampler`.
         n_candidates: Grasp candidates drawn per update.
         n_grasps: Grasps kept per update.
     """
@@ -96,7 +96,7 @@ class PerceptionConfig:
     max_points: int = 320
     length_scale: float = 0.3
     voxel_size: float = 0.003
-    sampler: str = "antipodal"
+    sampler: str = "network"
     n_candidates: int = 800
     n_grasps: int = 64
 
