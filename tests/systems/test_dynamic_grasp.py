@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
 from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.network_sampler import NetworkSampler
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import dump_scenario, load_scenario
 from feasigrasp.systems import (
@@ -48,7 +48,7 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     calls: dict[str, int] = {}
     for owner, name in (
         (point_cloud_to_gpdf, "complete_shape"),
-        (AntipodalSampler, "__call__"),
+        (NetworkSampler, "__call__"),
         (grasp_sampler.GraspSampler, "_calc"),
         (reachability_filter, "judge_grasps"),
         (rmm_task_controller.RMMTaskController, "_advanced"),
