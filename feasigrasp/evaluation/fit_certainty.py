@@ -107,23 +107,27 @@ def field_cases(field: Gpdf, truth: TrueGrasps) -> Cases:
     X_OG, width, told = network.candidates(field)
     proposed = GraspSet(X_OG, width, told[:, 0])
     pairs = _opposing(field, proposed)
-    evidence = np.column_stack([pairs.score, *certainty.contact_evidence(field, pairs)])
+    contact = certainty.contact_evidence(field, pairs)
+    evidence = np.column_stack([certainty.odds(pairs.score), *contact])
     cases["JOINT_CONTACT"] = evidence, truth.truly_antipodal(pairs.X_OG, gripper.max_opening)
     thin = proposed.select(width < THIN_WALL)
-    evidence = np.column_stack([thin.score, certainty.contact_evidence(field, thin)[1]])
+    deviations = certainty.contact_evidence(field, thin)[1]
+    evidence = np.column_stack([certainty.odds(thin.score), deviations])
     cases["THIN_CONTACT"] = evidence, truth.truly_antipodal(thin.X_OG, gripper.max_opening)
 
     clearance, deviation = hand_clearance(field, X_OG, gripper, MARGIN)
     free = clearance >= MARGIN + MARGIN_GROWTH * deviation
     verdict = truth.hand_free(X_OG, gripper)
-    apart = certainty.clearance_evidence(clearance, deviation)
-    cases["CLEARANCE"] = apart[free, None], verdict[free]
-    cases["JOINT_CLEARANCE"] = np.column_stack([told[:, 1], apart])[free], verdict[free]
+    evidence = np.column_stack(
+        [certainty.odds(told[:, 1]), certainty.clearance_evidence(clearance, deviation)]
+    )
+    cases["CLEARANCE"] = evidence[free, 1:], verdict[free]
+    cases["JOINT_CLEARANCE"] = evidence[free], verdict[free]
     if isinstance(field, CompletedField):
         in_doubt = np.flatnonzero(~free & (told.prod(axis=1) >= HOPEFUL))
         seen = seen_clearance(field, X_OG[in_doubt], gripper, INVENTED)
         in_doubt = in_doubt[seen >= MARGIN]
-        cases["UNSEEN_CLEARANCE"] = told[in_doubt, 1:], verdict[in_doubt]
+        cases["UNSEEN_CLEARANCE"] = evidence[in_doubt, :1], verdict[in_doubt]
     return cases
 
 
@@ -151,16 +155,9 @@ def stages(cases: Cases) -> Iterator[tuple[str, tuple[float, ...], float, int]]:
     found: dict[str, tuple[float, ...]] = {}
     for name in NAMES:
         evidence, verdict = cases[name]
-        if name == "JOINT_CONTACT":
-            of_field = certainty.probability(found["CONTACT"], *evidence[:, 1:].T)
-            evidence = np.column_stack([certainty.odds(evidence[:, 0]), certainty.odds(of_field)])
-        elif name == "THIN_CONTACT":
-            evidence = np.column_stack([certainty.odds(evidence[:, 0]), evidence[:, 1]])
-        elif name == "JOINT_CLEARANCE":
-            of_field = certainty.probability(found["CLEARANCE"], evidence[:, 1])
-            evidence = np.column_stack([certainty.odds(evidence[:, 0]), certainty.odds(of_field)])
-        elif name == "UNSEEN_CLEARANCE":
-            evidence = certainty.odds(evidence)
+        if name.startswith("JOINT_"):  # of the network's odds, and of what the field's stage says
+            of_field = certainty.probability(found[name.removeprefix("JOINT_")], *evidence[:, 1:].T)
+            evidence = np.column_stack([evidence[:, 0], certainty.odds(of_field)])
         found[name], loss = fit(evidence, verdict)
         yield name, found[name], loss, len(verdict)
 

@@ -42,8 +42,8 @@ WARM_UP = 100
 LARGEST_GRADIENT = 2.0
 #: Weight decay of the optimiser.
 DECAY = 1e-3
-#: What decides which weights are kept, of `METRICS`: how well contacts are ranked. Late in a
-#: training the loss rises again as probabilities become too sure, which `fit certainty` mends.
+#: What decides which weights are kept, of `METRICS`: how well contacts are ranked. How sure
+#: probabilities are, which the loss counts as well, `fit certainty` mends.
 CRITERION = "contact_ap_completed"
 #: Steps over which the weights are averaged, at most.
 AVERAGED = 300

@@ -107,9 +107,9 @@ def unseen_clearance_certainty(of_network: Array) -> Array:
     return probability(UNSEEN_CLEARANCE, odds(of_network))
 
 
-def odds(probability: Array) -> Array:
+def odds(p: Array) -> Array:
     """Log odds of probabilities (n,)."""
-    p = np.clip(probability, _CLOSE_TO_CERTAIN, 1.0 - _CLOSE_TO_CERTAIN)
+    p = np.clip(p, _CLOSE_TO_CERTAIN, 1.0 - _CLOSE_TO_CERTAIN)
     return np.asarray(np.log(p / (1.0 - p)))
 
 

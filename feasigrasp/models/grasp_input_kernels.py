@@ -154,5 +154,6 @@ def chords(
                 t, a, b, c = guess, planes[3, j], planes[4, j], planes[5, j]
         if 0.0 <= t <= longest:
             lengths[i] = t
-            ends[i], outward[i] = ray[:3] + t * ray[3:], np.array((a, b, c))
+            ends[i] = ray[:3] + t * ray[3:]
+            outward[i, 0], outward[i, 1], outward[i, 2] = a, b, c
     return lengths, ends, outward
