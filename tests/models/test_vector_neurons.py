@@ -101,7 +101,8 @@ def test_no_direction_takes_nothing_and_gradients_stay_finite():
 def test_points_are_independent_but_for_the_mean():
     layer, x = made("shared"), vectors(7)
     order = torch.randperm(20)
-    assert torch.equal(layer(x[:, order]), layer(x)[:, order])
+    # To rounding: which points a processor sums at once depends on its vector width.
+    torch.testing.assert_close(layer(x[:, order]), layer(x)[:, order], rtol=0, atol=1e-14)
     both = with_mean(x)
     torch.testing.assert_close(both[:, 3, 5:], x.mean(1))
     assert torch.equal(both[..., :5], x)
