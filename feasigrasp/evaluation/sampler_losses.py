@@ -57,11 +57,12 @@ def loss(preset: str, heads: Heads, labels: Labels) -> tuple[Tensor, dict[str, T
     mask = labels.contact
     off = torch.linalg.vector_norm(heads.closing[mask] - labels.closing[mask], dim=-1)
     if preset == "paper":
-        width = (heads.width[mask].log() - labels.width[mask].log()).abs()
+        width = (heads.width[mask, 0].log() - labels.width[mask].log()).abs()
         approach = _nearest_approach(heads, labels)
     else:
-        error, spread = (heads.width - labels.width)[mask].abs(), heads.spread[mask]
-        width = error / spread + torch.log(spread / 1e-3)
+        error, spread = (heads.width - labels.width.unsqueeze(-1))[mask].abs(), heads.spread[mask]
+        likelihood = heads.weight[mask].log_softmax(-1) - error / spread - torch.log(spread / 1e-3)
+        width = -likelihood.logsumexp(-1)
         approach = functional.binary_cross_entropy_with_logits(
             heads.free[mask], labels.ring[mask], reduction="none"
         )

@@ -86,7 +86,7 @@ def measures(heads: Heads, labels: Labels) -> dict[str, NDArray[np.float64]]:
     found = {
         "score": heads.contact.flatten(),
         "positive": mask.flatten(),
-        "width_mm": 1e3 * (heads.width - labels.width)[mask].abs(),
+        "width_mm": 1e3 * (heads.likeliest_width()[0] - labels.width)[mask].abs(),
         "closing_deg": torch.rad2deg(torch.arccos(cosine)),
         "approach_valid": free > FREE,
         "sure": torch.sigmoid(heads.contact[mask]) > 0.5,

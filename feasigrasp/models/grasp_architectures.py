@@ -7,7 +7,8 @@ there and which. `ContactNetwork` is the default:
   cloud as context, give a correction of the closing direction, which starts out as the inward
   normal, and invariants;
 - a perceptron on the invariants, with mean and maximum over the cloud as context, gives contact
-  probability and a correction of the width, which starts out as the chord, with its spread;
+  probability and two widths that it may be, as corrections of the chord, with spreads and weights: a
+  cup is held by its wall or round its outside, and nothing in between is a grasp of it;
 - a ring of approach directions round each contact shares one small perceptron; it sees the room
   that the hand has that way and in the ways beside it, the vectors' components in the ring's frame,
   and the invariants, and tells how likely the hand is free.
@@ -43,7 +44,9 @@ from feasigrasp.models.vector_neurons import (
     with_mean,
 )
 
-#: Spread of widths that the default network starts out with, and the least one [m].
+#: Widths that a grasp may have, how far apart the default network starts them [m] ...
+WIDTHS, APART = 2, 20e-3
+#: ... and the spread that it starts them with, and the least one [m].
 SPREAD, LEAST_SPREAD = 5e-3, 2e-4
 #: Vectors that may tilt the closing direction, and that the ring sees.
 _TILTS, _BESIDE = 8, 6
@@ -85,8 +88,9 @@ class Heads(NamedTuple):
     Attributes:
         contact: Logit that a grasp starts there, (B, n).
         closing: b, unit, into the object, (B, n, 3).
-        width: Distance to the contact opposite [m], (B, n).
-        spread: Scale of the Laplace distribution of the width [m], (B, n).
+        width: Distances that the contact opposite may be away [m], (B, n, W).
+        spread: Scales of the Laplace distributions about them [m], (B, n, W).
+        weight: Logits of these, (B, n, W).
         approach: K directions, unit, across the closing direction, (B, n, K, 3).
         free: Logits that the whole hand is free that way, (B, n, K).
     """
@@ -95,8 +99,14 @@ class Heads(NamedTuple):
     closing: Tensor
     width: Tensor
     spread: Tensor
+    weight: Tensor
     approach: Tensor
     free: Tensor
+
+    def likeliest_width(self) -> tuple[Tensor, Tensor]:
+        """The width of most weight and its spread [m], both (B, n)."""
+        best = self.weight.argmax(-1, keepdim=True)
+        return self.width.gather(-1, best).squeeze(-1), self.spread.gather(-1, best).squeeze(-1)
 
 
 class ContactNetwork(nn.Module):
@@ -124,11 +134,13 @@ class ContactNetwork(nn.Module):
         self.ring_hidden = nn.Linear(ring, ring)
         self.ring_free = nn.Linear(ring, 1)
         self.judge = nn.Linear(hidden + ring + 1, hidden // 2)
-        self.last = nn.Linear(hidden // 2, 3)
+        self.last = nn.Linear(hidden // 2, 1 + 3 * WIDTHS)
         self.gates = nn.Linear(hidden, _TILTS)
         with torch.no_grad():  # start with b the inward normal and the width the chord
             self.last.weight[1:].mul_(0.1)
             self.last.bias[1:].zero_()
+            self.last.bias[1 : 1 + WIDTHS] = torch.arange(WIDTHS) * (APART / LENGTH_SCALE)
+            self.last.bias[-WIDTHS:] = -torch.arange(WIDTHS)
             self.gates.weight.mul_(0.1)
             self.gates.bias.zero_()
 
@@ -157,12 +169,14 @@ class ContactNetwork(nn.Module):
         r = torch.relu(self.ring_hidden(r))
         free = self.ring_free(r).squeeze(-1)
         judged = torch.cat((h, r.amax(-2), free.amax(-1, keepdim=True)), -1)
-        contact, width, spread = self.last(torch.relu(self.judge(judged))).unbind(-1)
+        said = self.last(torch.relu(self.judge(judged)))
+        contact, width, spread, weight = said.split((1, WIDTHS, WIDTHS, WIDTHS), -1)
         tilt = (self.tilt(vectors) * self.gates(h).unsqueeze(-3)).sum(-1).transpose(-1, -2)
         closing = unit(x.axes + tilt)
-        width = (x.chords + LENGTH_SCALE * width).clamp_min(NARROWEST)
+        width = (x.chords.unsqueeze(-1) + LENGTH_SCALE * width).clamp_min(NARROWEST)
         spread = LEAST_SPREAD + SPREAD * functional.softplus(spread)
-        return Heads(contact, closing, width, spread, self._approaches(x, closing), free)
+        approach = self._approaches(x, closing)
+        return Heads(contact.squeeze(-1), closing, width, spread, weight, approach, free)
 
     def _ring(self, x: Contacts, vectors: Tensor) -> Tensor:
         """Components of vectors (B, 3, n, C) along and beside each direction, (B, n, K, 2 C).
@@ -209,10 +223,9 @@ class PaperNetwork(nn.Module):
         approach = unit(across(approach.transpose(-1, -2), closing))
         a, b = a.transpose(-3, -2), b.transpose(-3, -2)  # (B, n, 3, 32)
         contact, width = self.numbers((a.transpose(-1, -2) @ b).flatten(-2)).unbind(-1)
-        width = torch.exp(width)
-        return Heads(
-            contact, closing, width, 0.3 * width, approach.unsqueeze(-2), contact.unsqueeze(-1)
-        )
+        width, score = torch.exp(width).unsqueeze(-1), contact.unsqueeze(-1)
+        one = torch.zeros_like(width)
+        return Heads(contact, closing, width, 0.3 * width, one, approach.unsqueeze(-2), score)
 
 
 class _PaperEncoder(nn.Sequential):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from feasigrasp.models.contact_features import ContactFeatures
-from feasigrasp.models.grasp_architectures import LEAST_SPREAD, SPREAD
+from feasigrasp.models.grasp_architectures import LEAST_SPREAD, SPREAD, WIDTHS
 from feasigrasp.models.grasp_inference_kernels import (
     cloud_kernel,
     contacts_kernel,
@@ -72,9 +72,9 @@ class FusedContactNetwork:
             modes: Approaches per contact that are kept, M; at most a third of all.
 
         Returns:
-            In float64: the probability of the contact (n,); closing directions (n, 3); widths and
-            the scales of their Laplace distributions (n,) [m]; approaches (n, M, 3), best first,
-            none beside a better one on the ring, and the probabilities that they are free (n, M).
+            In float64: the probability of the contact (n,); closing directions (n, 3); likeliest
+            widths and the scales of their Laplace distributions (n,) [m]; approaches (n, M, 3),
+            best first, none beside a better one on the ring, and the probabilities that they are free (n, M).
         """
         n, kind = len(x.chords), self.kind
         frames = np.empty((3, 3, n), dtype=kind)
@@ -83,7 +83,8 @@ class FusedContactNetwork:
         directions = x.room.shape[1]
         angle = 2.0 * np.pi * np.arange(directions) / directions
         turns = np.stack([np.cos(angle), np.sin(angle)]).astype(kind)
-        said, tilt = np.empty((3, n), dtype=kind), np.empty((3, n), dtype=kind)
+        said = np.empty((1 + 3 * WIDTHS, n), dtype=kind)
+        tilt = np.empty((3, n), dtype=kind)
         free = np.empty((directions, n), dtype=kind)
         with _threads().limit(limits=1, user_api="blas"):
             encoded, mean, pooled = cloud_kernel(x.vectors, x.numbers, *self.cloud, kind.type(0.0))
@@ -104,11 +105,12 @@ class FusedContactNetwork:
                 tilt,
                 free,
             )
-        closing, width = np.empty((n, 3)), np.empty(n)
+        closing, width, spread = np.empty((n, 3)), np.empty(n), np.empty(n)
         approach, score = np.empty((n, modes, 3)), np.empty((n, modes))
-        grasps_kernel(x.chords, frames, turns, said, tilt, free, closing, width, approach, score)
+        grasps = (closing, width, spread, approach, score)
+        grasps_kernel(x.chords, frames, turns, said, tilt, free, *grasps)
         contact, score = (1.0 / (1.0 + np.exp(-logit)) for logit in (said[0].astype(float), score))
-        spread = LEAST_SPREAD + SPREAD * np.logaddexp(0.0, said[2].astype(float))
+        spread = LEAST_SPREAD + SPREAD * np.logaddexp(0.0, spread)
         return contact, closing, width, spread, approach, score
 
 

@@ -8,7 +8,7 @@ from numba import njit
 
 from feasigrasp.models.contact_features import LENGTH_SCALE
 from feasigrasp.models.contact_surroundings import ROOM
-from feasigrasp.models.grasp_architectures import NARROWEST
+from feasigrasp.models.grasp_architectures import NARROWEST, WIDTHS
 from feasigrasp.models.vector_math import wide_vectors
 
 #: Contacts that go through the network together; with a power of two, rows of the matrices would
@@ -178,7 +178,7 @@ def _add_product(x, y, out):  # type: ignore[no-untyped-def]
 def contacts_kernel(  # type: ignore[no-untyped-def]
     encoded, shift, numbers, room, frames, turns, context, weights, tilts, zero, said, tilt, free
 ):
-    """Writes what is said of contacts, their tilts (both (3, n)), and how free approaches are.
+    """Writes what is said of contacts (7, n), their tilts (3, n), and how free approaches are.
 
     Args:
         encoded: Vectors (3, C, n).
@@ -252,7 +252,7 @@ def contacts_kernel(  # type: ignore[no-untyped-def]
         h = np.dot(judge, judged)
         _relu(h, judge_bias, zero)
         h = np.dot(last, h)
-        for c in range(3):
+        for c in range(len(said)):
             said[c, tile] = h[c] + last_bias[c]
         for axis in range(3):
             total = np.zeros(t, dtype=kind)
@@ -263,13 +263,16 @@ def contacts_kernel(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def grasps_kernel(  # type: ignore[no-untyped-def]
-    chords, frames, turns, said, tilt, free, closing, width, approach, score
+    chords, frames, turns, said, tilt, free, closing, width, spread, approach, score
 ):
-    """Writes grasps, in float64 so that unit vectors are unit."""
+    """Writes grasps, in float64 so that unit vectors are unit; spreads before their softplus."""
     ring, modes = len(free), score.shape[1]
     logits = np.empty(ring)
     for i in range(len(width)):
-        width[i] = max(chords[i] + LENGTH_SCALE * np.float64(said[1, i]), NARROWEST)
+        mode = int(np.argmax(said[1 + 2 * WIDTHS :, i]))
+        correction = LENGTH_SCALE * np.float64(said[1 + mode, i])
+        width[i] = max(chords[i] + correction, NARROWEST)
+        spread[i] = said[1 + WIDTHS + mode, i]
         axis = frames[0, :, i].astype(np.float64)
         b = _unit(axis[0] + tilt[0, i], axis[1] + tilt[1, i], axis[2] + tilt[2, i])
         closing[i, 0], closing[i, 1], closing[i, 2] = b

@@ -33,6 +33,9 @@ ARCHITECTURES: dict[str, type[nn.Module]] = {"default": ContactNetwork, "paper":
 PRESETS = tuple(ARCHITECTURES)
 #: Approach directions that are handed on for each contact.
 MODES = 6
+#: Where the contact opposite may be farther away than it likely is, the hand makes room for so many
+#: standard deviations of that, and for this much more on either side [m].
+ROOM_DEVIATIONS, ROOM_BESIDE = 2.0, 6e-3
 #: Of the weights files; another layout gets another number.
 FORMAT = "feasigrasp grasp_network 1"
 _FOLDER = Path(__file__).resolve().parent / "weights"
@@ -49,8 +52,8 @@ class GraspProposals:
     Attributes:
         contact: Probability that a valid grasp starts at the point, shape (n,).
         closing: Closing direction b from there into the object, unit, shape (n, 3).
-        width: Distance to the contact opposite [m], shape (n,).
-        width_deviation: Standard deviation of the width [m], shape (n,).
+        width: Likeliest distance to the contact opposite [m], shape (n,).
+        width_deviation: Standard deviation of the width, if it is that one [m], shape (n,).
         approach: M approach directions, best first, unit and perpendicular to ``closing``, shape
             (n, M, 3).
         approach_score: Probability that the whole open hand is free that way, shape (n, M).
@@ -172,9 +175,11 @@ class GraspNetwork:
         else:
             heads = Heads(*(head.double() for head in self.heads(features)))
             contact, score = (torch.sigmoid(logit).numpy() for logit in (heads.contact, heads.free))
-            closing, width = heads.closing.numpy(), heads.width.numpy()
-            spread, approach = heads.spread.numpy(), heads.approach.numpy()
-        return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
+            width, spread = (of_mode.numpy() for of_mode in heads.likeliest_width())
+            closing, approach = heads.closing.numpy(), heads.approach.numpy()
+        deviation = np.sqrt(2.0) * spread
+        width = with_room(width, deviation, self.gripper.max_opening)
+        return GraspProposals(contact, closing, width, deviation, approach, score)
 
     def heads(self, features: ContactFeatures) -> Heads:
         """What the torch network says of contacts, all approaches, without the batch axis."""
@@ -187,6 +192,26 @@ class GraspNetwork:
             return None
         state = self.network.state_dict()
         return FusedContactNetwork({name: tensor.cpu().numpy() for name, tensor in state.items()})
+
+
+def with_room(width: Array, deviation: Array, opening: float) -> Array:
+    """Widths that centre a hand so that it has room for a far contact that is uncertain.
+
+    A finger that is too far out costs nothing, one that is too near stands in the object.
+
+    Args:
+        width: Likeliest widths, shape (n,) [m].
+        deviation: Their standard deviations, shape (n,) [m].
+        opening: Of the hand [m].
+
+    Returns:
+        Shape (n,) [m]; more than ``width`` only where `ROOM_DEVIATIONS` need more than the room behind
+        it, and no more than leaves `ROOM_BESIDE` at the near finger.
+    """
+    behind = 0.5 * (opening - width)
+    most = np.maximum(behind - ROOM_BESIDE, 0.0)
+    more = np.clip(ROOM_DEVIATIONS * deviation + ROOM_BESIDE - behind, 0.0, most)
+    return np.asarray(width + 2.0 * more)
 
 
 def load_grasp_network(preset: str = "default") -> GraspNetwork:

@@ -232,8 +232,9 @@ def perfect(n=4):
     heads = Heads(
         contact=torch.full((1, n), 9.0, dtype=torch.float64),
         closing=labels.closing,
-        width=labels.width,
-        spread=torch.full((1, n), 1e-3, dtype=torch.float64),
+        width=torch.stack((labels.width, labels.width + 0.03), -1),
+        spread=torch.full((1, n, 2), 1e-3, dtype=torch.float64),
+        weight=torch.tensor([[[9.0, -9.0]] * n], dtype=torch.float64),
         approach=torch.tensor(np.stack([bad, good], 1))[None],
         free=torch.tensor([[[-9.0, 9.0]] * n], dtype=torch.float64),
     )
@@ -244,7 +245,7 @@ def test_a_perfect_prediction_has_no_errors():
     heads, labels = perfect()
     _, parts = loss("default", heads, labels)
     assert parts["closing"] == 0.0
-    assert parts["width"] == pytest.approx(0.0, abs=1e-12)  # log of a spread of 1 mm
+    assert parts["width"] == pytest.approx(0.0, abs=1e-7)  # log of a spread of 1 mm
     assert parts["contact"] < 1e-3
     found = measures(heads, labels)
     assert found["width_mm"].max() == 0.0
@@ -260,12 +261,14 @@ def test_errors_are_measured():
         width=heads.width + 0.004, free=-heads.free, closing=-labels.across, contact=-heads.contact
     )
     found = measures(wrong, labels)
+    other = measures(heads._replace(weight=-heads.weight), labels)  # it believes the wrong width
+    np.testing.assert_allclose(other["width_mm"], 30.0)
     np.testing.assert_allclose(found["width_mm"], 4.0)
     np.testing.assert_allclose(found["closing_deg"], 90.0)
     assert not found["approach_valid"].any()
     assert not found["sure"].any()
     _, parts = loss("default", wrong, labels)
-    assert parts["width"] == pytest.approx(4.0)
+    assert parts["width"] == pytest.approx(4.0, abs=1e-6)
     assert parts["contact"] == pytest.approx(9.0, abs=1e-3)
     # The nearest valid approach to -u is turn 9, 90 degrees away.
     one = heads._replace(approach=heads.approach[:, :, :1], free=heads.free[:, :, :1])
