@@ -19,10 +19,13 @@ from feasigrasp.models.grasp_input import GraspInput
 from feasigrasp.models.grasp_network import (
     MODES,
     PRESETS,
+    ROOM_BESIDE,
+    ROOM_DEVIATIONS,
     GraspNetwork,
     GraspWeightsError,
     load_grasp_network,
     weights_file,
+    with_room,
 )
 from feasigrasp.models.gripper import ParallelGripper
 
@@ -152,6 +155,21 @@ def test_untrained_grasps_close_along_the_normal_over_the_chord():
     assert np.einsum("ni,ni->n", a.closing, -normals).min() > 0.99
     hit = scalars[:, 1] > 0.0
     assert np.abs(a.width - scalars[:, 1])[hit].max() < 0.01
+
+
+def test_a_hand_makes_room_for_a_far_contact_that_is_uncertain():
+    opening = 0.085
+    width = np.array([0.02, 0.05, 0.05, 0.05, 0.07, 0.08])
+    deviation = np.array([0.005, 0.0, 0.007, 0.03, 0.004, 0.002])
+    wider = with_room(width, deviation, opening)
+    near = 0.5 * (opening - wider)  # the hand is centred on the wider one
+    far = near + wider - width
+    needed = ROOM_DEVIATIONS * deviation + ROOM_BESIDE
+    np.testing.assert_array_equal(wider[[0, 1, 5]], width[[0, 1, 5]])  # room enough; too wide for more
+    np.testing.assert_allclose(far[2], needed[2])
+    np.testing.assert_allclose(near[3:5], ROOM_BESIDE)
+    assert (far[3:5] < needed[3:5]).all()
+    assert (far[3:5] > near[3:5]).all()
 
 
 def test_the_fused_network_is_the_torch_one():
