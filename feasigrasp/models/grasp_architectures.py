@@ -7,8 +7,8 @@ there and which. `ContactNetwork` is the default:
   cloud as context, give a correction of the closing direction, which starts out as the inward
   normal, and invariants;
 - a perceptron on the invariants, with mean and maximum over the cloud as context, gives contact
-  probability and two widths that it may be, as corrections of the chord, with spreads and weights: a
-  cup is held by its wall or round its outside, and nothing in between is a grasp of it;
+  probability and two possible widths, as corrections of the chord, with spreads and weights: a cup
+  is held by its wall or round its outside, and nothing in between is a grasp of it;
 - a ring of approach directions round each contact shares one small perceptron; it sees the room
   that the hand has that way and in the ways beside it, the vectors' components in the ring's frame,
   and the invariants, and tells how likely the hand is free.

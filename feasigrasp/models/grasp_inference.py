@@ -74,7 +74,8 @@ class FusedContactNetwork:
         Returns:
             In float64: the probability of the contact (n,); closing directions (n, 3); likeliest
             widths and the scales of their Laplace distributions (n,) [m]; approaches (n, M, 3),
-            best first, none beside a better one on the ring, and the probabilities that they are free (n, M).
+            best first, none beside a better one on the ring, and the probabilities that they are
+            free (n, M).
         """
         n, kind = len(x.chords), self.kind
         frames = np.empty((3, 3, n), dtype=kind)

@@ -52,7 +52,7 @@ class GraspProposals:
     Attributes:
         contact: Probability that a valid grasp starts at the point, shape (n,).
         closing: Closing direction b from there into the object, unit, shape (n, 3).
-        width: Likeliest distance to the contact opposite [m], shape (n,).
+        width: Likeliest distance to the contact opposite, or more, see `with_room` [m], shape (n,).
         width_deviation: Standard deviation of the width, if it is that one [m], shape (n,).
         approach: M approach directions, best first, unit and perpendicular to ``closing``, shape
             (n, M, 3).
@@ -172,14 +172,13 @@ class GraspNetwork:
         """As `propose`, from features in the precision of the network's weights."""
         if self._fused is not None:
             contact, closing, width, spread, approach, score = self._fused(features, MODES)
+            width = with_room(width, np.sqrt(2.0) * spread, self.gripper.max_opening)
         else:
             heads = Heads(*(head.double() for head in self.heads(features)))
             contact, score = (torch.sigmoid(logit).numpy() for logit in (heads.contact, heads.free))
             width, spread = (of_mode.numpy() for of_mode in heads.likeliest_width())
             closing, approach = heads.closing.numpy(), heads.approach.numpy()
-        deviation = np.sqrt(2.0) * spread
-        width = with_room(width, deviation, self.gripper.max_opening)
-        return GraspProposals(contact, closing, width, deviation, approach, score)
+        return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
 
     def heads(self, features: ContactFeatures) -> Heads:
         """What the torch network says of contacts, all approaches, without the batch axis."""
@@ -205,8 +204,8 @@ def with_room(width: Array, deviation: Array, opening: float) -> Array:
         opening: Of the hand [m].
 
     Returns:
-        Shape (n,) [m]; more than ``width`` only where `ROOM_DEVIATIONS` need more than the room behind
-        it, and no more than leaves `ROOM_BESIDE` at the near finger.
+        Shape (n,) [m]; more than ``width`` only where `ROOM_DEVIATIONS` need more than the room
+        behind it, and no more than leaves `ROOM_BESIDE` at the near finger.
     """
     behind = 0.5 * (opening - width)
     most = np.maximum(behind - ROOM_BESIDE, 0.0)
