@@ -25,18 +25,18 @@ PATCH_RADIUS = 0.004
 _CLEARANCE_ERROR, _DEVIATION_SHARE = 0.003, 0.67
 #: Log odds that contacts are good: constant, per radian of both normals off the closing line, per
 #: metre of both predicted deviations.
-CONTACT = (3.285, -4.136, -120.903)
+CONTACT = (3.284, -4.135, -120.608)
 #: The same by both witnesses: constant, per log odds of a network and of the field. Both have seen
 #: the same surface, so they count less than independent ones would.
-JOINT_CONTACT = (0.466, 0.432, 0.602)
+JOINT_CONTACT = (0.562, 0.386, 0.613)
 #: In thin walls: constant, per log odds of a network, per metre of both predicted deviations.
-THIN_CONTACT = (1.658, 0.567, -317.852)
+THIN_CONTACT = (1.688, 0.524, -272.043)
 #: Log odds that the hand is free: constant, per clearance in units of its error.
-CLEARANCE = (0.613, 0.865)
+CLEARANCE = (0.605, 0.9)
 #: The same by both witnesses, as `JOINT_CONTACT`.
-JOINT_CLEARANCE = (0.163, 0.35, 0.455)
+JOINT_CLEARANCE = (0.156, 0.317, 0.498)
 #: The same where the field knows nothing: constant, per log odds of a network.
-UNSEEN_CLEARANCE = (0.974, 0.073)
+UNSEEN_CLEARANCE = (1.138, 0.223)
 _CLOSE_TO_CERTAIN = 1e-4
 #: Further away than this a hand is certainly free [m].
 FAR = 0.012
