@@ -11,7 +11,7 @@ from feasigrasp.models.grasps import GraspSet
 #: Grasps closer than this to a better one are copies of it.
 SAME_POSITION, SAME_ANGLE = 0.010, np.deg2rad(20.0)
 #: Grasps that score less are left out, as long as `ENOUGH` are there.
-LEAST_SCORE, ENOUGH = 0.8, 10
+LEAST_SCORE, ENOUGH = 0.85, 10
 
 
 def thin_grasps(
