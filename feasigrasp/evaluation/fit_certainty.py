@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from tqdm import tqdm
 
-from feasigrasp.errors import PointCloudError
+from feasigrasp.errors import GraspError, PointCloudError
 from feasigrasp.evaluation.arguments import positive
 from feasigrasp.evaluation.provenance import git_revision, versions
 from feasigrasp.evaluation.result_files import write_json
@@ -151,10 +151,16 @@ def fit(evidence: Array, verdict: Mask) -> tuple[tuple[float, ...], float]:
 
 
 def stages(cases: Cases) -> Iterator[tuple[str, tuple[float, ...], float, int]]:
-    """Name, coefficients, loss and number of cases of every stage, each fitted on the last."""
+    """Name, coefficients, loss and number of cases of every stage, each fitted on the last.
+
+    Raises:
+        GraspError: A stage has no cases.
+    """
     found: dict[str, tuple[float, ...]] = {}
     for name in NAMES:
         evidence, verdict = cases[name]
+        if len(verdict) == 0:
+            raise GraspError(f"no grasp of these shapes is a case of {name}; give more --objects")
         if name.startswith("JOINT_"):  # of the network's odds, and of what the field's stage says
             of_field = certainty.probability(found[name.removeprefix("JOINT_")], *evidence[:, 1:].T)
             evidence = np.column_stack([evidence[:, 0], certainty.odds(of_field)])

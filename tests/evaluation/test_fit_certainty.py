@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from feasigrasp.cli import main
-from feasigrasp.evaluation.fit_certainty import FIRST_SEED, NAMES, fit, shape_names
+from feasigrasp.errors import GraspError
+from feasigrasp.evaluation.fit_certainty import FIRST_SEED, NAMES, fit, shape_names, stages
 from feasigrasp.evaluation.sampler_objects import unseen_objects
 from feasigrasp.models.grasp_certainty import probability
 
@@ -29,8 +30,14 @@ def test_no_evaluation_uses_its_shapes():
     assert min(number for _, number in shape_names(200, 0)) == FIRST_SEED
 
 
+def test_a_stage_without_cases_asks_for_more_objects():
+    cases = {name: (np.zeros((0, 1)), np.zeros(0, dtype=bool)) for name in NAMES}
+    with pytest.raises(GraspError, match="CONTACT; give more --objects"):
+        next(stages(cases))
+
+
 def test_the_command_fits_every_stage(tmp_path, capsys):
-    assert main(["fit", "certainty", "--objects", "6", "--jobs", "1", "--out", str(tmp_path)]) == 0
+    assert main(["fit", "certainty", "--objects", "10", "--jobs", "1", "--out", str(tmp_path)]) == 0
     written = json.loads((tmp_path / "certainty.json").read_text())
     printed = capsys.readouterr().out
     for name in NAMES:
