@@ -269,10 +269,10 @@ def grasps_kernel(  # type: ignore[no-untyped-def]
     ring, modes = len(free), score.shape[1]
     logits = np.empty(ring)
     for i in range(len(width)):
-        mode = int(np.argmax(said[1 + 2 * WIDTHS :, i]))
-        correction = LENGTH_SCALE * np.float64(said[1 + mode, i])
+        likely = int(np.argmax(said[1 + 2 * WIDTHS :, i]))
+        correction = LENGTH_SCALE * np.float64(said[1 + likely, i])
         width[i] = max(chords[i] + correction, NARROWEST)
-        spread[i] = said[1 + WIDTHS + mode, i]
+        spread[i] = said[1 + WIDTHS + likely, i]
         axis = frames[0, :, i].astype(np.float64)
         b = _unit(axis[0] + tilt[0, i], axis[1] + tilt[1, i], axis[2] + tilt[2, i])
         closing[i, 0], closing[i, 1], closing[i, 2] = b
