@@ -224,8 +224,8 @@ class PaperNetwork(nn.Module):
         a, b = a.transpose(-3, -2), b.transpose(-3, -2)  # (B, n, 3, 32)
         contact, width = self.numbers((a.transpose(-1, -2) @ b).flatten(-2)).unbind(-1)
         width, score = torch.exp(width).unsqueeze(-1), contact.unsqueeze(-1)
-        one = torch.zeros_like(width)
-        return Heads(contact, closing, width, 0.3 * width, one, approach.unsqueeze(-2), score)
+        weight, approach = torch.zeros_like(width), approach.unsqueeze(-2)
+        return Heads(contact, closing, width, 0.3 * width, weight, approach, score)
 
 
 class _PaperEncoder(nn.Sequential):

@@ -178,7 +178,7 @@ def _add_product(x, y, out):  # type: ignore[no-untyped-def]
 def contacts_kernel(  # type: ignore[no-untyped-def]
     encoded, shift, numbers, room, frames, turns, context, weights, tilts, zero, said, tilt, free
 ):
-    """Writes what is said of contacts (7, n), their tilts (3, n), and how free approaches are.
+    """Writes what is said of contacts, their tilts (3, n), and how free approaches are.
 
     Args:
         encoded: Vectors (3, C, n).
@@ -191,7 +191,7 @@ def contacts_kernel(  # type: ignore[no-untyped-def]
         weights: Of the layers, in the order of their use.
         tilts: Number of vectors that may tilt the closing direction.
         zero: In the precision of all of this.
-        said: Written.
+        said: Written: logit, then `WIDTHS` corrections of the width, spreads and weights.
         tilt: Written.
         free: Written.
     """

@@ -1,0 +1,105 @@
+"""Weights of the grasp networks: saved, loaded, and refused when they are wrong."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from feasigrasp.models import grasp_network
+from feasigrasp.models.grasp_input import GraspInput
+from feasigrasp.models.grasp_network import (
+    PRESETS,
+    GraspNetwork,
+    GraspWeightsError,
+    load_grasp_network,
+    weights_file,
+)
+
+
+def ellipsoid(seed, n=120):
+    """Input of a network on an ellipsoid of 4 x 6 x 10 cm."""
+    radii, rng = np.array([0.02, 0.03, 0.05]), np.random.default_rng(seed)
+    direction = rng.normal(size=(n, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    normals = direction / radii
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    scalars = np.tile([1e-3, 0.05, -0.9, 1e-3], (n, 1))
+    return GraspInput(*(x.astype(np.float32) for x in (direction * radii, normals, scalars)))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_loaded_is_what_was_saved(preset, tmp_path):
+    network = GraspNetwork.untrained(preset, seed=7)
+    network.save(tmp_path / "weights.npz")
+    assert [file.name for file in tmp_path.iterdir()] == ["weights.npz"]
+    loaded = GraspNetwork.load(tmp_path / "weights.npz")
+    assert loaded.preset == preset
+    surface = ellipsoid(17)
+    a, b = network.propose(surface), loaded.propose(surface)
+    np.testing.assert_array_equal(a.contact, b.contact)
+    np.testing.assert_array_equal(a.approach, b.approach)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_trained_networks_are_there(preset):
+    network = load_grasp_network(preset)
+    assert load_grasp_network(preset) is network
+    assert copy.deepcopy(network) is network
+    assert weights_file(preset).stat().st_size < 3e6
+    still = network.propose(ellipsoid(18))
+    assert still.contact.std() > 1e-3
+
+
+def test_there_are_two_presets():
+    with pytest.raises(GraspWeightsError, match="no grasp network 'best'; there are default"):
+        load_grasp_network("best")
+
+
+def test_missing_weights_are_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(grasp_network, "_FOLDER", tmp_path)
+    with pytest.raises(GraspWeightsError, match="no grasp network weights.*train sampler"):
+        GraspNetwork.load(weights_file("default"))
+
+
+def broken_files():
+    name = "second.weight"
+    header = {"format": "feasigrasp grasp_network 1", "preset": "default"}
+    sizes = {"vectors": 24, "hidden": 128, "ring": 32}
+
+    def made(**changes):
+        return {"header": np.array(json.dumps({**header, "sizes": sizes, **changes}))}
+
+    return [
+        ("no header", lambda arrays: arrays.pop("header"), "header"),
+        ("another format", made(format="grasps 7"), "format is 'grasps 7'"),
+        ("another preset", made(preset="paper", sizes={}), "missing"),
+        ("unknown preset", made(preset="best"), "no grasp network 'best'"),
+        ("other sizes", made(sizes={**sizes, "hidden": 8}), "not float32"),
+        ("unknown sizes", made(sizes={"depth": 3}), "depth"),
+        ("array missing", lambda arrays: arrays.pop(name), f"missing: .*{name}"),
+        ("array too many", {"extra": np.zeros(3)}, "unknown: .*extra"),
+        ("array too small", {name: np.zeros((2, 2), dtype=np.float32)}, "not float32"),
+        ("not finite", {name: np.full((128, 128), np.nan, dtype=np.float32)}, "not finite"),
+        ("a pickle", {name: np.array([{}], dtype=object)}, "not a readable weights file"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [pytest.param(change, message, id=name) for name, change, message in broken_files()],
+)
+def test_broken_weights_are_named(tmp_path, change, message):
+    GraspNetwork.untrained("default").save(tmp_path / "good.npz")
+    with np.load(tmp_path / "good.npz") as file:
+        arrays = dict(file)
+    if callable(change):
+        change(arrays)
+    else:
+        arrays.update(change)
+    np.savez(tmp_path / "bad.npz", **arrays)
+    with pytest.raises(GraspWeightsError, match=message):
+        GraspNetwork.load(tmp_path / "bad.npz")
+    (tmp_path / "text.npz").write_text("weights")
+    with pytest.raises(GraspWeightsError, match="not a readable weights file"):
+        GraspNetwork.load(tmp_path / "text.npz")
