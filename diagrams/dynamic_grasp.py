@@ -13,8 +13,8 @@ from pathlib import Path
 import pydot
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.run import run, write_result
-from feasigrasp.scenario import Scenario, load_scenario
+from feasigrasp.evaluation.runs.run import run, write_result
+from feasigrasp.scenario.schema import Scenario, load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
 SCENARIO_FILE = Path(__file__).with_name("dynamic.scenarios.yaml")

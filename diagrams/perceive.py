@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.perception import Perception, draw_perception, perceive
-from feasigrasp.evaluation.perception_html import write_perception_html
-from feasigrasp.models.cloud_files import prepare_cloud, read_cloud
+from feasigrasp.evaluation.pictures.perception import Perception, draw_perception, perceive
+from feasigrasp.evaluation.pictures.perception_html import write_perception_html
+from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
 REASONS = {

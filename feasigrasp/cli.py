@@ -25,118 +25,121 @@ GROUPS = {
 #: By group and name: the module, and what it does.
 COMMANDS = {
     ("evaluate", "shape"): (
-        "feasigrasp.evaluation.evaluate_shape",
+        "feasigrasp.evaluation.studies.shape",
         "compare completed shapes with the true ones",
     ),
     ("evaluate", "length-scale"): (
-        "feasigrasp.evaluation.study_length_scale",
+        "feasigrasp.evaluation.studies.length_scale",
         "repeat the paper's search for the best length scale",
     ),
     ("evaluate", "shape-figures"): (
-        "feasigrasp.evaluation.shape_figures",
+        "feasigrasp.evaluation.studies.shape_figures",
         "draw what the distance field does, for the documentation",
     ),
     ("evaluate", "kinematics"): (
-        "feasigrasp.evaluation.evaluate_kinematics",
+        "feasigrasp.evaluation.studies.kinematics",
         "compare the arm's kinematics with Drake and with itself",
     ),
     ("evaluate", "reachability"): (
-        "feasigrasp.evaluation.evaluate_reachability",
+        "feasigrasp.evaluation.studies.reachability",
         "compare the reachable space with exact inverse kinematics",
     ),
     ("evaluate", "capability"): (
-        "feasigrasp.evaluation.capability_picture",
+        "feasigrasp.evaluation.studies.capability",
         "draw what the arm can reach",
     ),
     ("evaluate", "grasp-labels"): (
-        "feasigrasp.evaluation.evaluate_grasp_labels",
+        "feasigrasp.evaluation.studies.grasp_labels",
         "try out in simulation what the labels of the grasp network call valid",
     ),
     ("evaluate", "sampler"): (
-        "feasigrasp.evaluation.evaluate_sampler",
+        "feasigrasp.evaluation.studies.sampler",
         "judge the grasps of objects that were never trained on",
     ),
     ("evaluate", "sampler-figures"): (
-        "feasigrasp.evaluation.sampler_figures",
+        "feasigrasp.evaluation.studies.sampler_figures",
         "draw grasps before and after the filter, for the documentation",
     ),
     ("evaluate", "grasp-targets"): (
-        "feasigrasp.evaluation.study_grasp_targets",
+        "feasigrasp.evaluation.studies.grasp_targets",
         "count how many means and medoids of grasp mixtures are grasps",
     ),
     ("evaluate", "dynamic"): (
-        "feasigrasp.evaluation.dynamic",
+        "feasigrasp.evaluation.studies.dynamic",
         "follow, grasp and lift moving objects",
     ),
     ("evaluate", "prediction"): (
-        "feasigrasp.evaluation.evaluate_prediction",
+        "feasigrasp.evaluation.studies.prediction",
         "compare the tracked and predicted motion of objects with the true one",
     ),
     ("evaluate", "rollout"): (
-        "feasigrasp.evaluation.evaluate_rollout",
+        "feasigrasp.evaluation.studies.rollout",
         "follow moving objects without physics, to tune controllers",
     ),
     ("evaluate", "gallery"): (
-        "feasigrasp.evaluation.gallery",
+        "feasigrasp.evaluation.studies.gallery",
         "record one replay per row of the dynamic table, and a page that links them",
     ),
     ("bench", "shape"): (
-        "feasigrasp.evaluation.bench_shape",
+        "feasigrasp.evaluation.bench.shape",
         "time the distance field beside its peers",
     ),
     ("bench", "kinematics"): (
-        "feasigrasp.evaluation.bench_kinematics",
+        "feasigrasp.evaluation.bench.kinematics",
         "time the arm's kinematics beside its peers",
     ),
     ("bench", "reachability"): (
-        "feasigrasp.evaluation.bench_reachability",
+        "feasigrasp.evaluation.bench.reachability",
         "time the reachability filter and its fit",
     ),
     ("bench", "safety"): (
-        "feasigrasp.evaluation.bench_safety",
+        "feasigrasp.evaluation.bench.safety",
         "compare ways to keep the arm inside its limits and clear of everything",
     ),
     ("bench", "control"): (
-        "feasigrasp.evaluation.bench_control",
+        "feasigrasp.evaluation.bench.control",
         "time the controllers beside the paper's figures and their peers",
     ),
     ("bench", "sampler"): (
-        "feasigrasp.evaluation.bench_sampler",
+        "feasigrasp.evaluation.bench.sampler",
         "time the way from a cloud to grasps",
     ),
     ("bench", "all"): (
-        "feasigrasp.evaluation.bench_all",
+        "feasigrasp.evaluation.bench.all",
         "run all benchmarks, one after the other",
     ),
     ("fit", "reachability"): (
-        "feasigrasp.evaluation.fit_reachability",
+        "feasigrasp.training.fit_reachability",
         "fit the reachable space of an arm",
     ),
     ("fit", "certainty"): (
-        "feasigrasp.evaluation.fit_certainty",
+        "feasigrasp.training.fit_certainty",
         "fit how far field and network are believed about grasps",
     ),
     ("train", "ik-flow"): (
-        "feasigrasp.evaluation.train_ik_flow",
+        "feasigrasp.training.train_ik_flow",
         "train the flow that proposes inverse kinematics",
     ),
     ("train", "hidden-side"): (
-        "feasigrasp.evaluation.train_hidden_side",
+        "feasigrasp.training.train_hidden_side",
         "train what is expected behind the seen side of an object",
     ),
     ("train", "sampler-data"): (
-        "feasigrasp.evaluation.sampler_data",
+        "feasigrasp.training.sampler_data",
         "make the training data of the grasp network",
     ),
     ("train", "sampler"): (
-        "feasigrasp.evaluation.train_sampler",
+        "feasigrasp.training.train_sampler",
         "train the network that proposes grasps",
     ),
 }
 
 #: Commands without a group, likewise.
 SINGLE_COMMANDS = {
-    "report": ("feasigrasp.evaluation.report", "write what a folder of results says as Markdown"),
+    "report": (
+        "feasigrasp.evaluation.report.markdown_report",
+        "write what a folder of results says as Markdown",
+    ),
 }
 
 

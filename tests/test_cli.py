@@ -91,7 +91,7 @@ def test_wrong_plans_end_before_the_first_run(arguments, message, tmp_path, caps
 
 
 def test_errors_of_the_project_become_a_message(monkeypatch, capsys):
-    module = importlib.import_module("feasigrasp.evaluation.dynamic")
+    module = importlib.import_module("feasigrasp.evaluation.studies.dynamic")
 
     def fail(args):
         raise ScenarioError("no such thing; take another")

@@ -17,7 +17,12 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 #: Folder of the package -> prefixes that nothing inside may import. diagrams -> evaluation ->
 #: systems -> models: each may use what stands after it, never before.
 FORBIDDEN = {
-    "models": ("pydrake", "feasigrasp.systems", "feasigrasp.evaluation", "feasigrasp.scenario"),
+    "models": (
+        "pydrake",
+        "feasigrasp.systems",
+        "feasigrasp.evaluation",
+        "feasigrasp.scenario.schema",
+    ),
     "systems": ("feasigrasp.evaluation",),
     "evaluation": ("feasigrasp.cli",),
 }

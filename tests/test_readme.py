@@ -5,7 +5,7 @@ import re
 import pytest
 import yaml
 
-from feasigrasp.scenario import load_scenario, make_motion
+from feasigrasp.scenario.schema import load_scenario, make_motion
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import joblib
 
-from feasigrasp.models.rigid_object import builtin_objects, find_objects
+from feasigrasp.models.objects.rigid_object import builtin_objects, find_objects
 
 
 def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: str | None) -> None:
@@ -56,7 +56,7 @@ def select_objects(selection: str) -> dict[str, str]:
             commas.
 
     Returns:
-        By name, what `feasigrasp.models.rigid_object.load_object` loads; not loaded yet.
+        By name, what `feasigrasp.models.objects.rigid_object.load_object` loads; not loaded yet.
 
     Raises:
         MeshError: A folder without meshes.

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import Row, write_json
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.rows import Row, write_json
 
 
 def finish_part(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from feasigrasp.evaluation.result_files import Row
+from feasigrasp.results.rows import Row
 
 
 def format_rows(rows: Sequence[Row]) -> str:

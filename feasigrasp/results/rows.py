@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.evaluation.provenance import machine, versions
-from feasigrasp.evaluation.statistics import Estimate
+from feasigrasp.results.provenance import machine, versions
+from feasigrasp.results.statistics import Estimate
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feasigrasp.errors import CameraError, ScenarioError
-from feasigrasp.models.depth_noise import DepthNoise
-from feasigrasp.models.grasp_samplers import METHODS as SAMPLERS
-from feasigrasp.models.pose_judge import METHODS
-from feasigrasp.models.shape_completion import PRESETS
-from feasigrasp.models.solution_sources import SOURCES
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.control.joint.sources import SOURCES
+from feasigrasp.models.grasps.samplers import METHODS as SAMPLERS
+from feasigrasp.models.reach.judge import METHODS
+from feasigrasp.models.shape.completion import PRESETS
 
 if TYPE_CHECKING:
-    from feasigrasp.scenario import Scenario
+    from feasigrasp.scenario.schema import Scenario
 
 _CHOICES = {
     "control.controller": ("task", "joint"),

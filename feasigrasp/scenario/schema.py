@@ -19,10 +19,10 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.depth_noise import DepthNoise
-from feasigrasp.models.grasp_sequence import GraspSequenceConfig
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.scenario_checks import check_scenario
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.systems.object_tracker import TrackerConfig
 
 

@@ -8,19 +8,19 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_choice import ChoiceOptions
-from feasigrasp.models.grasp_samplers import make_sampler
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.joint_space_control import JointControlOptions
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.rigid_object import RigidObject, load_object
-from feasigrasp.models.safe_velocity import SafetyOptions
-from feasigrasp.models.solution_search import SolutionOptions
-from feasigrasp.models.sphere import sphere_points
-from feasigrasp.models.task_space_control import TaskControlOptions
-from feasigrasp.scenario import Scenario, make_camera_noise, make_motion
+from feasigrasp.models.control.joint.law import JointControlOptions
+from feasigrasp.models.control.joint.search import SolutionOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.task.choice import ChoiceOptions
+from feasigrasp.models.control.task.safe_law import TaskControlOptions
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.samplers import make_sampler
+from feasigrasp.models.objects.rigid_object import RigidObject, load_object
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.scenario.schema import Scenario, make_camera_noise, make_motion
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.grasp_visualizer import GraspVisualizer
@@ -30,11 +30,11 @@ from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.obstacle_distance import ObstacleDistance
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
+from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene, SceneFilter
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
-from feasigrasp.systems.scene_field import PointCloudToScene, SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
-from feasigrasp.systems.station import Station, StationConfig
+from feasigrasp.systems.station.station import Station, StationConfig
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 #: Period of the metrics' log [s].

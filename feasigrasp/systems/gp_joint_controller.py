@@ -8,15 +8,15 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import NUM_JOINTS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.joint_space_control import JointControlOptions, JointSpaceControl
-from feasigrasp.models.obstacle_grid import object_grid, obstacle_grid
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.solutions import Solutions
-from feasigrasp.models.sphere import sphere_points
+from feasigrasp.models.control.joint.law import JointControlOptions, JointSpaceControl
+from feasigrasp.models.control.joint.solutions import Solutions
+from feasigrasp.models.control.safety.obstacle_grid import object_grid, obstacle_grid
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.optional_input import declare_derived, eval_optional
 
 

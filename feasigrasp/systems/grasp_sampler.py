@@ -7,9 +7,9 @@ from functools import partial
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from feasigrasp.models.grasp_matching import GraspHistory, recheck_grasps
-from feasigrasp.models.grasps import GraspSamplerFn, GraspSet
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.grasps.matching import GraspHistory, recheck_grasps
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 
 class GraspSampler(LeafSystem):

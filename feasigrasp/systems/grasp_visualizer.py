@@ -8,18 +8,18 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from feasigrasp.models.glyphs import (
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.grasps.glyphs import (
     disc,
     frames_along,
     gripper_glyph,
     place_copies,
     spread_order,
 )
-from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.grasp_sequence import Phase
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 
 #: Colours of grasps that the controller is given, and of those that were dropped before.

@@ -7,11 +7,11 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.grasp_sequence import GraspSequenceConfig, GraspState, Phase
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import NUM_JOINTS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.optional_input import eval_optional
 
 

@@ -10,7 +10,7 @@ from pydrake.geometry import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.systems.station import Station
+from feasigrasp.systems.station.station import Station
 
 #: Meshcat path of everything that the station shows.
 PREFIX = "/drake/illustration"

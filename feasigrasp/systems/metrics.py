@@ -1,4 +1,4 @@
-"""What is measured during a run, sample by sample; `feasigrasp.evaluation.metrics` sums it up."""
+"""What is measured during a run, sample by sample; `evaluation.runs.run_metrics` sums it up."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models import se3
-from feasigrasp.models.arm_condition import arm_condition_kernel
-from feasigrasp.models.grasp_funnel import grasp_errors
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import NUM_JOINTS
-from feasigrasp.models.iiwa_capsules import NON_ADJACENT_PAIRS, capsule_model
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.capsules import NON_ADJACENT_PAIRS, capsule_model
+from feasigrasp.models.robot.condition import arm_condition_kernel
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 #: Time between samples [s].
 SAMPLE_PERIOD = 0.02

@@ -8,8 +8,8 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from feasigrasp.models import se3
-from feasigrasp.models.pose_filter import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.pose_filter import (
     STATE_SIZE,
     Noise,
     empty_state,
@@ -17,7 +17,7 @@ from feasigrasp.models.pose_filter import (
     pose_kernel,
     twist_kernel,
 )
-from feasigrasp.models.twist_estimator import MotionEstimate, predict_kernel
+from feasigrasp.models.objects.prediction import MotionEstimate, predict_kernel
 
 _ROW = 13  # time, then the upper three rows of a pose
 
@@ -33,7 +33,7 @@ class TrackerConfig:
         rotation_noise: Standard deviation [rad].
         dropout: Probability that a measurement is lost.
         jerk: How quickly the object's acceleration is expected to change, see
-            `feasigrasp.models.twist_estimator.Noise`: lower is smoother, higher follows sooner.
+            `feasigrasp.models.objects.prediction.Noise`: lower is smoother, higher follows sooner.
         angular_jerk: The same for its angular acceleration.
         seed: Seed of noise and losses.
     """

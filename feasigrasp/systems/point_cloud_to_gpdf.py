@@ -11,12 +11,12 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.point_cloud_checks import MIN_POINTS, MIN_SPREAD, spread_across
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.sphere import sphere_points
-from feasigrasp.models.view_fusion import FusedCloud
-from feasigrasp.models.view_record import ViewRecord
+from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf import Gpdf
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,11 +13,11 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.point_cloud_checks import MIN_POINTS
-from feasigrasp.models.scene_field import SceneField, fit_scene, scene_clear
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.clouds.checks import MIN_POINTS
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.scene_field import SceneField, fit_scene, scene_clear
 
 #: Half a turn about the approach direction: the same grasp, another pose of the hand.
 _FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])

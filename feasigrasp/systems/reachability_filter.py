@@ -8,11 +8,11 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from feasigrasp.models.grasp_lookahead import JudgedGrasps, judge_grasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.pose_judge import PoseJudge
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.reachable_space import ReachableSpace
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.judge import PoseJudge
+from feasigrasp.models.reach.lookahead import JudgedGrasps, judge_grasps
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.systems.optional_input import eval_optional
 
 

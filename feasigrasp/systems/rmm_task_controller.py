@@ -8,21 +8,21 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import NUM_JOINTS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.obstacle_grid import object_grid, obstacle_grid
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.safe_velocity import Safety
-from feasigrasp.models.sphere import sphere_points
-from feasigrasp.models.task_memory import TaskMemory
-from feasigrasp.models.task_space_control import (
+from feasigrasp.models.control.safety.obstacle_grid import object_grid, obstacle_grid
+from feasigrasp.models.control.safety.safe_velocity import Safety
+from feasigrasp.models.control.task.memory import TaskMemory
+from feasigrasp.models.control.task.safe_law import (
     TaskControlOptions,
     paper_task_space_velocity,
     task_space_velocity,
 )
-from feasigrasp.models.twist_estimator import future_poses
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.prediction import future_poses
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.optional_input import declare_derived, eval_optional
 
 

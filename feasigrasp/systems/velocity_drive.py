@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.iiwa import (
+from feasigrasp.models.robot.iiwa import (
     ACCELERATION_LIMITS,
     NUM_JOINTS,
     POSITION_LIMITS,

@@ -3,7 +3,7 @@
 Household shapes that no training and no evaluation uses, half of them of the families that no
 training uses, are seen from one to three sides. What field and network say of grasp candidates is
 set against the verdicts of the true meshes; the logistic coefficients that explain these best are
-those of `feasigrasp.models.grasp_certainty`.
+those of `feasigrasp.models.grasps.certainty`.
 """
 
 from __future__ import annotations
@@ -19,18 +19,11 @@ from scipy.optimize import minimize
 from tqdm import tqdm
 
 from feasigrasp.errors import GraspError, PointCloudError
-from feasigrasp.evaluation.arguments import positive
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import write_json
-from feasigrasp.evaluation.sampler_examples import fuse_and_complete
-from feasigrasp.evaluation.shape_views import ViewedObject, turning_views
-from feasigrasp.models import grasp_certainty as certainty
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.grasp_filter import COSINE_STEPS, contact_cosine
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.hand_freedom import (
+from feasigrasp.models.grasps import certainty
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.filter import COSINE_STEPS, contact_cosine
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.hand_clearance import (
     HOPEFUL,
     INVENTED,
     MARGIN,
@@ -39,9 +32,16 @@ from feasigrasp.models.hand_freedom import (
     hand_clearance,
     seen_clearance,
 )
-from feasigrasp.models.household_shapes import HELD_OUT, TRAINED, make_shape
-from feasigrasp.models.network_sampler import NetworkSampler
-from feasigrasp.models.shape_completion import CompletedField
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.shape.completion import CompletedField
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.results.arguments import positive
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.rows import write_json
+from feasigrasp.training.data.grasp_examples import fuse_and_complete
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
+from feasigrasp.training.data.views import ViewedObject, turning_views
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

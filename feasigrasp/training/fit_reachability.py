@@ -16,24 +16,24 @@ import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.arguments import positive
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.reachability_plots import plot_bic
-from feasigrasp.evaluation.reachability_samples import SamplingPlan, draw_all, peak_memory_gb
-from feasigrasp.evaluation.result_files import Row, write_json, write_summary
-from feasigrasp.models import se3
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.reachability_sampling import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
+from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.results.arguments import positive
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture, rotations
+from feasigrasp.training.reachability.plots import plot_bic
+from feasigrasp.training.reachability.pose_blocks import PoseBlocks
+from feasigrasp.training.reachability.reachable_poses import (
     FLOOR,
     IiwaArm,
     ReachedPoses,
     SerialArm,
     manipulability_reference,
 )
-from feasigrasp.models.reachable_space import ReachableSpace
-from feasigrasp.models.riemannian_blocks import PoseBlocks
-from feasigrasp.models.riemannian_float32 import log_densities, pack
-from feasigrasp.models.riemannian_large import LargeFit, fit_large_mixture, rotations
+from feasigrasp.training.reachability.samples import SamplingPlan, draw_all, peak_memory_gb
 
 SWEEP = (8, 16, 32, 64, 96, 128)
 #: Share of reachable poses whose log density exceeds the threshold.
@@ -249,7 +249,7 @@ def _arm(args: argparse.Namespace) -> tuple[SerialArm, int]:
         return IiwaArm(), args.jobs
     if not (args.base_frame and args.end_frame):
         raise ReachabilityError("--plant needs --base_frame and --end_frame")
-    from feasigrasp.systems.serial_arm import PlantArm  # Drake takes a second to load
+    from feasigrasp.training.reachability.plant_arm import PlantArm  # Drake takes a second to load
 
     return PlantArm(args.plant, args.base_frame, args.end_frame), 1
 

@@ -1,4 +1,4 @@
-"""Training examples as tensors: the shards of `feasigrasp.evaluation.sampler_data`."""
+"""Training examples as tensors: the shards of `feasigrasp.training.sampler_data`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from torch import Tensor
 from tqdm import tqdm
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.sampler_losses import Labels, free_share
-from feasigrasp.models.contact_features import ContactFeatures, contact_features
-from feasigrasp.models.grasp_architectures import Contacts, ring_directions
+from feasigrasp.models.grasps.network.architectures import Contacts, ring_directions
+from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
+from feasigrasp.training.grasp_losses import Labels, free_share
 
 #: Entries of a shard that are read; the first axis is that of its examples.
 ENTRIES = (
@@ -83,7 +83,7 @@ def load_examples(
     if not files:
         raise TrainingDataError(
             f"there are no shards in {folder}; make them with `python -m "
-            "feasigrasp.evaluation.sampler_data`, or name their folder with --data"
+            "feasigrasp.training.sampler_data`, or name their folder with --data"
         )
     shards = [_read(file) for file in files]
     family = np.concatenate([shard["family"] for shard in shards])

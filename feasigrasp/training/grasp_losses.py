@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from feasigrasp.models.grasp_architectures import Heads
+from feasigrasp.models.grasps.network.architectures import Heads
 
 #: Closing directions off by less than this count by the square, beyond it linearly [rad].
 _SLIGHT = math.radians(3.0)

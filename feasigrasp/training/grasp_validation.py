@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from feasigrasp.evaluation.sampler_batches import Examples
-from feasigrasp.evaluation.sampler_losses import FREE, Labels, free_share, loss
-from feasigrasp.models.grasp_architectures import Heads
+from feasigrasp.models.grasps.network.architectures import Heads
+from feasigrasp.training.grasp_batches import Examples
+from feasigrasp.training.grasp_losses import FREE, Labels, free_share, loss
 
 Array = NDArray[np.float64]
 

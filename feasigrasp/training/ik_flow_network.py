@@ -1,4 +1,4 @@
-"""The IK flow in torch, to train it: see `feasigrasp.models.ik_flow` for what it computes."""
+"""The IK flow in torch, to train it: see `feasigrasp.models.ik.flow` for what it computes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.ik_flow_layers import (
+from feasigrasp.models.ik.flow_layers import (
     BACKGROUND,
     FEATURES,
     LENGTH_SCALE,
@@ -20,6 +19,7 @@ from feasigrasp.models.ik_flow_layers import (
     WIDEST,
     FlowShape,
 )
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 
 # Keeps the gradient of atan2 finite where both arguments vanish.
 _TINY = 1e-12
@@ -100,7 +100,7 @@ class IkFlowNetwork(nn.Module):
 
 
 def _features(rows: list[Tensor], joint: int) -> tuple[Tensor, Tensor]:
-    """As `feasigrasp.models.ik_flow_layers.features_kernel`; ``rows`` are those of the targets."""
+    """As `feasigrasp.models.ik.flow_layers.features_kernel`; ``rows`` are those of the targets."""
     a, b, c = (int(row) for row in PLANES[joint])
     step = rows[2].new_tensor([0.0, 0.0, 0.0, float(STEPS[joint])])
     rows[2] = rows[2] - step
@@ -114,7 +114,7 @@ def _features(rows: list[Tensor], joint: int) -> tuple[Tensor, Tensor]:
 
 
 def _turn(rows: list[Tensor], joint: int, q: Tensor) -> None:
-    """As `feasigrasp.models.ik_flow_layers.turn_kernel`; replaces entries of ``rows``."""
+    """As `feasigrasp.models.ik.flow_layers.turn_kernel`; replaces entries of ``rows``."""
     a, b, _ = (int(row) for row in PLANES[joint])
     cos, sin = torch.cos(q)[:, None], torch.sin(q)[:, None]
     rows[a], rows[b] = cos * rows[a] + sin * rows[b], cos * rows[b] - sin * rows[a]

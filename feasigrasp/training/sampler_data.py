@@ -19,13 +19,13 @@ import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.errors import MeshError
-from feasigrasp.evaluation.arguments import positive
-from feasigrasp.evaluation.object_streams import ObjectStream
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import write_json
-from feasigrasp.evaluation.sampler_examples import object_examples, stacked
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.household_shapes import HELD_OUT
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.results.arguments import positive
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.rows import write_json
+from feasigrasp.training.data.grasp_examples import object_examples, stacked
+from feasigrasp.training.data.household_shapes import HELD_OUT
+from feasigrasp.training.data.object_streams import ObjectStream
 
 #: Objects of a shard.
 SHARD = 8
@@ -104,7 +104,7 @@ def save_shard(filename: Path, arrays: dict[str, Any]) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     if args.sheet is not None:
-        from feasigrasp.evaluation.shape_sheet import draw_sheet
+        from feasigrasp.training.data.shape_sheet import draw_sheet
 
         draw_sheet(args.sheet, args.seed)
         print(f"wrote {args.sheet}")

@@ -1,10 +1,10 @@
 """``feasigrasp train hidden-side``: trains what perception expects behind what it sees.
 
-First it makes pictures of household shapes (`feasigrasp.evaluation.hidden_side_data`), in shards
-that are kept; then it trains the network of `feasigrasp.models.hidden_side` on them. Whole families
-are held out and judge. The batch of a step depends on the seed and the step alone: a run that was
-interrupted goes on as if it had not been; start the same command again to resume. The running means
-of the weights are what is judged and written.
+First it makes pictures of household shapes (`feasigrasp.training.data.hidden_side`), in shards
+that are kept; then it trains the network of `feasigrasp.models.shape.hidden_side` on them. Whole
+families are held out and judge. The batch of a step depends on the seed and the step alone: a run
+that was interrupted goes on as if it had not been; start the same command again to resume. The
+running means of the weights are what is judged and written.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import positive
-from feasigrasp.evaluation.hidden_side_data import object_pictures
-from feasigrasp.evaluation.object_streams import ObjectStream
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import write_json
-from feasigrasp.evaluation.training_files import (
+from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE, HiddenSide
+from feasigrasp.models.shape.hidden_side_network import BELIEVED, HiddenSideNetwork
+from feasigrasp.results.arguments import positive
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.rows import write_json
+from feasigrasp.training.data.hidden_side import object_pictures
+from feasigrasp.training.data.household_shapes import HELD_OUT
+from feasigrasp.training.data.object_streams import ObjectStream
+from feasigrasp.training.files import (
     append_curve,
     read_checkpoint,
     without_denormals,
     write_checkpoint,
 )
-from feasigrasp.models.hidden_side import TYPICAL_SIZE, HiddenSide
-from feasigrasp.models.hidden_side_network import BELIEVED, HiddenSideNetwork
-from feasigrasp.models.household_shapes import HELD_OUT
 
 Pictures = tuple[NDArray[np.float16], NDArray[np.float16]]
 

@@ -18,22 +18,22 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import positive
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import write_json
-from feasigrasp.evaluation.training_files import (
+from feasigrasp.models.ik.flow import DAMPING, IkFlow
+from feasigrasp.models.ik.flow_layers import FlowShape
+from feasigrasp.models.ik.least_squares import refine
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.results.arguments import positive
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.rows import write_json
+from feasigrasp.training.files import (
     TrainingError,
     append_curve,
     read_checkpoint,
     write_checkpoint,
 )
-from feasigrasp.models.damped_least_squares import refine
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.ik_flow import DAMPING, IkFlow
-from feasigrasp.models.ik_flow_layers import FlowShape
-from feasigrasp.models.ik_flow_network import IkFlowNetwork
-from feasigrasp.models.self_collision import in_collision
+from feasigrasp.training.ik_flow_network import IkFlowNetwork
 
 FloatArray = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """``feasigrasp train sampler``: trains a grasp network.
 
-It learns from the shards that `feasigrasp.evaluation.sampler_data` makes, whole clouds of points.
+It learns from the shards that `feasigrasp.training.sampler_data` makes, whole clouds of points.
 Families of shapes that are held out are never trained on: they judge. The batch of a step depends
 on the seed and the step alone, so that a run that was interrupted goes on as if it had not been;
 start the same command again to resume. What is judged, exported and shipped are the running means
@@ -20,21 +20,21 @@ import torch
 from torch import nn
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import positive
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import write_json
-from feasigrasp.evaluation.sampler_batches import Examples, load_examples
-from feasigrasp.evaluation.sampler_losses import loss
-from feasigrasp.evaluation.sampler_validation import METRICS, held_out_metrics
-from feasigrasp.evaluation.training_files import (
+from feasigrasp.models.grasps.network.network import PRESETS, GraspNetwork
+from feasigrasp.results.arguments import positive
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.rows import write_json
+from feasigrasp.training.data.household_shapes import HELD_OUT
+from feasigrasp.training.files import (
     TrainingError,
     append_curve,
     read_checkpoint,
     without_denormals,
     write_checkpoint,
 )
-from feasigrasp.models.grasp_network import PRESETS, GraspNetwork
-from feasigrasp.models.household_shapes import HELD_OUT
+from feasigrasp.training.grasp_batches import Examples, load_examples
+from feasigrasp.training.grasp_losses import loss
+from feasigrasp.training.grasp_validation import METRICS, held_out_metrics
 
 #: Steps over which the learning rate rises to its full value.
 WARM_UP = 100

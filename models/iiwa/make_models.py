@@ -1,7 +1,7 @@
 """Writes the URDFs, meshes and directives of the robot cell beside this file.
 
-Run ``python models/iiwa/make_models.py`` after a change in feasigrasp/models/iiwa.py, gripper.py or
-iiwa_capsules.py, or in the generator; the output is the same on every run.
+Run ``python models/iiwa/make_models.py`` after a change in feasigrasp/models/robot/iiwa.py,
+gripper.py or capsules.py, or in the generator; the output is the same on every run.
 """
 
 import argparse
@@ -16,8 +16,8 @@ from generator.hand_shapes import camera_parts, finger_parts, gripper_parts
 from generator.housings import link_parts
 from generator.table import table_parts, table_urdf
 
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
 
 
 def cell_files() -> dict[str, str]:

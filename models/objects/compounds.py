@@ -7,7 +7,7 @@ from math import hypot, sqrt
 import numpy as np
 from manifold3d import Manifold
 
-from feasigrasp.models.solids import (
+from feasigrasp.training.data.solids import (
     blend,
     clean,
     lathe,

@@ -20,8 +20,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from feasigrasp.models.rigid_object import RigidObject, load_objects
-from feasigrasp.systems.object_model import add_object
+from feasigrasp.models.objects.rigid_object import RigidObject, load_objects
+from feasigrasp.systems.station.object_model import add_object
 
 _EYE = np.array([0.30, -0.50, 0.28])  # camera position relative to the object [m]
 _PIXELS = 420

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from catalogue import OBJECTS
 
-from feasigrasp.models.triangle_mesh import read_solid, write_obj
+from feasigrasp.models.objects.mesh import read_solid, write_obj
 
 HERE = Path(__file__).resolve().parent
 

@@ -9,11 +9,11 @@ import trimesh
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_funnel import grasp_errors
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 CAMERA_DISTANCE = 0.5
 DEPTH_NOISE = 0.001

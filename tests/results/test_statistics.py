@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.statistics import mean, proportion
+from feasigrasp.results.statistics import mean, proportion
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.depth_noise import DepthNoise
+from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import (
+from feasigrasp.scenario.schema import (
     Scenario,
     dump_scenario,
     load_scenario,

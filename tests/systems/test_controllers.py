@@ -9,15 +9,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, LogVectorOutput
 
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.safe_velocity import SafetyOptions, velocity_bounds
-from feasigrasp.models.self_collision import min_distance
-from feasigrasp.models.sphere import sphere_points
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions, velocity_bounds
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.self_collision import min_distance
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.network_sampler import NetworkSampler
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import dump_scenario, load_scenario
+from feasigrasp.scenario.schema import dump_scenario, load_scenario
 from feasigrasp.systems import (
     dynamic_grasp,
     gp_joint_controller,
     grasp_sampler,
-    object_servo,
     point_cloud_to_gpdf,
     reachability_filter,
     rmm_task_controller,
@@ -22,6 +21,7 @@ from feasigrasp.systems.dynamic_grasp import make_controller, make_dynamic_grasp
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.station.station import object_servo
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 DURATION = 1.0

@@ -6,10 +6,10 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.joint_space_control import JointSpaceControl
-from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.control.joint.law import JointSpaceControl
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.gp_joint_controller import GPJointController
 
 REACH = Reachability()

@@ -8,10 +8,10 @@ from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 

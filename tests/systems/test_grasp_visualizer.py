@@ -10,13 +10,13 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.evaluation.replay import FRAMES_PER_SECOND, start_recording, write_replay
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_sequence import Phase
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.view_fusion import FusedCloud
-from feasigrasp.scenario import load_scenario
+from feasigrasp.evaluation.runs.replay import FRAMES_PER_SECOND, start_recording, write_replay
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.scenario.schema import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.grasp_visualizer import (
     INVENTED,

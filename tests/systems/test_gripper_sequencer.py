@@ -9,12 +9,12 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_sequence import GraspSequenceConfig, Phase
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.sphere import sphere_points
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 
 GRIPPER = ParallelGripper()

@@ -5,13 +5,13 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_capsules import BODY_NAMES, BODY_PAIRS
-from feasigrasp.models.self_collision import min_distance
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.capsules import BODY_NAMES, BODY_PAIRS
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario
+from feasigrasp.scenario.schema import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_station
 from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
 

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.systems.object_tracker import ObjectTracker, TrackerConfig
 
 STILL = HarmonicMotion(

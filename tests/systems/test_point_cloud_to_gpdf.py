@@ -7,7 +7,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.systems import point_cloud_to_gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 

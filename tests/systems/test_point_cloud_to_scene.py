@@ -7,13 +7,13 @@ from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import ImageLabel16I
 
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.scene_field import fit_scene
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario
+from feasigrasp.scenario.schema import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp.systems.scene_field import PointCloudToScene, SceneFilter
+from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene, SceneFilter
 
 ROBOT, OBJECT, TABLE = 3, 9, 12
 X_WC = RigidTransform([0.4, 0.0, 1.0])

@@ -8,14 +8,14 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
 from feasigrasp.errors import ReachabilityError, ScenarioError
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.reachable_space import ReachableSpace
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario
+from feasigrasp.scenario.schema import load_scenario
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 
 REACH = Reachability()

@@ -9,12 +9,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ZeroOrderHold
 
-from feasigrasp.models import se3, task_memory
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.task_space_control import TaskControlOptions
+from feasigrasp.models.control.task import memory as task_memory
+from feasigrasp.models.control.task.safe_law import TaskControlOptions
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.velocity_drive import VelocityDrive
 

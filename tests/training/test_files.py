@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 
-from feasigrasp.evaluation.training_files import (
+from feasigrasp.training.files import (
     TrainingError,
     append_curve,
     read_checkpoint,

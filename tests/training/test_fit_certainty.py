@@ -7,9 +7,9 @@ import pytest
 
 from feasigrasp.cli import main
 from feasigrasp.errors import GraspError
-from feasigrasp.evaluation.fit_certainty import FIRST_SEED, NAMES, fit, shape_names, stages
-from feasigrasp.evaluation.sampler_objects import unseen_objects
-from feasigrasp.models.grasp_certainty import probability
+from feasigrasp.evaluation.studies.sampler_objects import unseen_objects
+from feasigrasp.models.grasps.certainty import probability
+from feasigrasp.training.fit_certainty import FIRST_SEED, NAMES, fit, shape_names, stages
 
 
 def test_coefficients_that_made_the_verdicts_are_found():

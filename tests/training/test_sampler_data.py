@@ -8,20 +8,20 @@ import trimesh
 
 pytest.importorskip("manifold3d", reason="the generator needs manifold3d (train extra)")
 
-from feasigrasp.evaluation import sampler_data  # noqa: E402
-from feasigrasp.evaluation.object_streams import HELD_OUT_EVERY, ObjectStream  # noqa: E402
-from feasigrasp.evaluation.sampler_examples import (  # noqa: E402
+from feasigrasp.models.grasps.network.surface_input import SCALARS  # noqa: E402
+from feasigrasp.models.robot.gripper import ParallelGripper  # noqa: E402
+from feasigrasp.training import sampler_data  # noqa: E402
+from feasigrasp.training.data.grasp_examples import (  # noqa: E402
     POINTS,
     completed_input,
     object_examples,
     true_input,
 )
-from feasigrasp.evaluation.shape_views import ViewedObject  # noqa: E402
-from feasigrasp.models.grasp_input import SCALARS  # noqa: E402
-from feasigrasp.models.grasp_labels import N_APPROACHES, N_TURNS  # noqa: E402
-from feasigrasp.models.grasp_truth import TrueGrasps  # noqa: E402
-from feasigrasp.models.gripper import ParallelGripper  # noqa: E402
-from feasigrasp.models.household_shapes import HELD_OUT, TRAINED, make_shape  # noqa: E402
+from feasigrasp.training.data.grasp_labels import N_APPROACHES, N_TURNS  # noqa: E402
+from feasigrasp.training.data.grasp_truth import TrueGrasps  # noqa: E402
+from feasigrasp.training.data.household_shapes import HELD_OUT, TRAINED, make_shape  # noqa: E402
+from feasigrasp.training.data.object_streams import HELD_OUT_EVERY, ObjectStream  # noqa: E402
+from feasigrasp.training.data.views import ViewedObject  # noqa: E402
 
 SHAPES = {
     "points": (POINTS, 3),

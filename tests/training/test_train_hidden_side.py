@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from feasigrasp.cli import main
-from feasigrasp.evaluation.hidden_side_data import true_thickness
-from feasigrasp.evaluation.shape_views import ViewedObject
-from feasigrasp.models.hidden_side import HiddenSide
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.models.view_image import view_image
+from feasigrasp.models.clouds.view_image import view_image
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.shape.hidden_side import HiddenSide
+from feasigrasp.training.data.hidden_side import true_thickness
+from feasigrasp.training.data.views import ViewedObject
 
 
 def test_the_true_thickness_of_a_ball_is_where_lines_of_sight_leave_it():

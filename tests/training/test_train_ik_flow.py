@@ -8,13 +8,13 @@ import pytest
 import torch
 
 from feasigrasp import cli
-from feasigrasp.evaluation import train_ik_flow
-from feasigrasp.evaluation.train_ik_flow import Training, learning_rate, training_batch
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.ik_flow import IkFlow
-from feasigrasp.models.ik_flow_layers import FlowShape
-from feasigrasp.models.self_collision import in_collision
+from feasigrasp.models.ik.flow import IkFlow
+from feasigrasp.models.ik.flow_layers import FlowShape
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.training import train_ik_flow
+from feasigrasp.training.train_ik_flow import Training, learning_rate, training_batch
 
 SMALL = FlowShape(components=(4, 3, 2, 2, 2, 2, 2), hidden=((16,),) * 7, narrowest=0.01)
 

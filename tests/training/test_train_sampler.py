@@ -11,14 +11,14 @@ import pytest
 import torch
 
 from feasigrasp import cli
-from feasigrasp.evaluation import train_sampler
-from feasigrasp.evaluation.sampler_batches import TrainingDataError, load_examples
-from feasigrasp.evaluation.sampler_losses import Labels, free_share, loss
-from feasigrasp.evaluation.sampler_validation import average_precision, held_out_metrics, measures
-from feasigrasp.evaluation.train_sampler import Training, learning_rate
-from feasigrasp.models.grasp_architectures import Heads
-from feasigrasp.models.grasp_network import PRESETS, GraspNetwork
-from feasigrasp.models.household_shapes import HELD_OUT
+from feasigrasp.models.grasps.network.architectures import Heads
+from feasigrasp.models.grasps.network.network import PRESETS, GraspNetwork
+from feasigrasp.training import train_sampler
+from feasigrasp.training.data.household_shapes import HELD_OUT
+from feasigrasp.training.grasp_batches import TrainingDataError, load_examples
+from feasigrasp.training.grasp_losses import Labels, free_share, loss
+from feasigrasp.training.grasp_validation import average_precision, held_out_metrics, measures
+from feasigrasp.training.train_sampler import Training, learning_rate
 
 POINTS, TURNS = 40, 36
 

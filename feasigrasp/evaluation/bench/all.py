@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import argparse
 
-from feasigrasp.evaluation import (
-    bench_control,
-    bench_kinematics,
-    bench_reachability,
-    bench_safety,
-    bench_sampler,
-    bench_shape,
-)
-from feasigrasp.evaluation.arguments import add_common_arguments
+from feasigrasp.evaluation.bench import control as bench_control
+from feasigrasp.evaluation.bench import kinematics as bench_kinematics
+from feasigrasp.evaluation.bench import reachability as bench_reachability
+from feasigrasp.evaluation.bench import safety as bench_safety
+from feasigrasp.evaluation.bench import sampler as bench_sampler
+from feasigrasp.evaluation.bench import shape as bench_shape
+from feasigrasp.results.arguments import add_common_arguments
 
 BENCHMARKS = {
     "shape": bench_shape,

@@ -24,16 +24,16 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments
-from feasigrasp.evaluation.bench_files import report_bench
-from feasigrasp.evaluation.control_peers import ArrayJointStep, ArrayTaskStep
-from feasigrasp.evaluation.controller_probe import V_WO, ControllerProbe, grasps_in_reach
-from feasigrasp.evaluation.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp.evaluation.result_files import Row
-from feasigrasp.evaluation.timing import Timing, cpu_time
-from feasigrasp.models.joint_space_control import JointControlOptions
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.solution_search import SolutionOptions
+from feasigrasp.evaluation.bench.controller_probe import V_WO, ControllerProbe, grasps_in_reach
+from feasigrasp.evaluation.bench.report import report_bench
+from feasigrasp.evaluation.bench.timing import Timing, cpu_time
+from feasigrasp.evaluation.peers.control import ArrayJointStep, ArrayTaskStep
+from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp.models.control.joint.law import JointControlOptions
+from feasigrasp.models.control.joint.search import SolutionOptions
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.rows import Row
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 

@@ -11,10 +11,10 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 FloatArray = NDArray[np.float64]
 

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments
-from feasigrasp.evaluation.bench_files import report_bench, timing_row
-from feasigrasp.evaluation.drake_arm import DrakeArm
-from feasigrasp.evaluation.kinematics_peers import eaik_nearest, pinocchio_kinematics
-from feasigrasp.evaluation.timing import cpu_time
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.ik_flow import IkFlow, WeightsError
-from feasigrasp.models.inverse_kinematics import nearest_inside_limits
-from feasigrasp.models.self_collision import in_collision
+from feasigrasp.evaluation.bench.report import report_bench, timing_row
+from feasigrasp.evaluation.bench.timing import cpu_time
+from feasigrasp.evaluation.peers.drake_arm import DrakeArm
+from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
+from feasigrasp.models.ik.closed_form import nearest_inside_limits
+from feasigrasp.models.ik.flow import IkFlow, WeightsError
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.results.arguments import add_common_arguments
 
 FloatArray = NDArray[np.float64]
 

@@ -28,18 +28,18 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.arguments import add_common_arguments
-from feasigrasp.evaluation.bench_files import report_bench, timing_row
-from feasigrasp.evaluation.result_files import Row
-from feasigrasp.evaluation.timing import Timing, cpu_time
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_lookahead import judge_grasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.pose_judge import METHODS, PoseJudge
-from feasigrasp.models.reachability import REACHABLE, Reachability
-from feasigrasp.models.reachability_sampling import IiwaArm, sample_reachable_poses
-from feasigrasp.models.riemannian_blocks import PoseBlocks
-from feasigrasp.models.riemannian_large import LargeFit, em_pass, fit_large_mixture
+from feasigrasp.evaluation.bench.report import report_bench, timing_row
+from feasigrasp.evaluation.bench.timing import Timing, cpu_time
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.judge import METHODS, PoseJudge
+from feasigrasp.models.reach.lookahead import judge_grasps
+from feasigrasp.models.reach.reachability import REACHABLE, Reachability
+from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.rows import Row
+from feasigrasp.training.reachability.fit_mixture import LargeFit, em_pass, fit_large_mixture
+from feasigrasp.training.reachability.pose_blocks import PoseBlocks
+from feasigrasp.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
 
 FloatArray = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ import csv
 from collections.abc import Sequence
 from typing import Any
 
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.timing import Timing
+from feasigrasp.evaluation.bench.timing import Timing
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_summary
 
 
 def timing_row(name: str, preset: str, timing: Timing, unit: str, factor: float) -> Row:

@@ -1,11 +1,11 @@
 """``feasigrasp bench safety``: ways to keep the arm safe, side by side on the same control ticks.
 
-Two tables. Whole laws (`feasigrasp.evaluation.safety_laws`) get a state and a twist and return a
-joint velocity. Solvers (`feasigrasp.evaluation.safety_solvers`) get the matrices of the package's
-QP. The ticks come from runs of the arm under the package's own QP with twists that change every
-0.6 s, so that every tick has a solution that is safe. Half of the twists lead down at the table or
-back at the base, and at half of the ticks a clearance limits the motion. `DIR/timings.csv` has all
-figures, `DIR/ticks.csv` those of every tick.
+Two tables. Whole laws (`feasigrasp.evaluation.peers.safety_laws`) get a state and a twist and
+return a joint velocity. Solvers (`feasigrasp.evaluation.peers.safety_solvers`) get the matrices of
+the package's QP. The ticks come from runs of the arm under the package's own QP with twists that
+change every 0.6 s, so that every tick has a solution that is safe. Half of the twists lead down at
+the table or back at the base, and at half of the ticks a clearance limits the motion.
+`DIR/timings.csv` has all figures, `DIR/ticks.csv` those of every tick.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments
-from feasigrasp.evaluation.bench_files import report_bench, timing_row
-from feasigrasp.evaluation.result_files import Row
-from feasigrasp.evaluation.safety_laws import (
+from feasigrasp.evaluation.bench.report import report_bench, timing_row
+from feasigrasp.evaluation.bench.timing import cpu_time
+from feasigrasp.evaluation.peers.safety_laws import (
     Law,
     State,
     clamped_pseudo_inverse,
@@ -34,12 +33,13 @@ from feasigrasp.evaluation.safety_laws import (
     package,
     saturation_in_the_null_space,
 )
-from feasigrasp.evaluation.safety_solvers import Solver, solvers
-from feasigrasp.evaluation.timing import cpu_time
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
-from feasigrasp.models.safe_velocity import Safety, SafetyOptions, velocity_bounds
-from feasigrasp.models.self_collision import min_distance, table_distances_and_gradients
+from feasigrasp.evaluation.peers.safety_solvers import Solver, solvers
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions, velocity_bounds
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.models.robot.self_collision import min_distance, table_distances_and_gradients
+from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.rows import Row
 
 FloatArray = NDArray[np.float64]
 

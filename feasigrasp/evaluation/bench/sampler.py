@@ -16,21 +16,21 @@ import torch
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
-from feasigrasp.evaluation.bench_files import report_bench, timing_row
-from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning_views
-from feasigrasp.evaluation.timing import cpu_time
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.contact_features import contact_features
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.grasp_filter import filter_grasps
-from feasigrasp.models.grasp_input import grasp_input
-from feasigrasp.models.grasp_network import load_grasp_network
-from feasigrasp.models.grasps import GraspSamplerFn
-from feasigrasp.models.network_sampler import NetworkSampler
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.evaluation.bench.report import report_bench, timing_row
+from feasigrasp.evaluation.bench.timing import cpu_time
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.filter import filter_grasps
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
+from feasigrasp.models.grasps.network.contact_features import contact_features
+from feasigrasp.models.grasps.network.network import load_grasp_network
+from feasigrasp.models.grasps.network.surface_input import grasp_input
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.results.arguments import add_common_arguments, select_objects
+from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
 
 #: Points of the field and of the network's input; points of the forward pass alone.
 POINTS, NETWORK_POINTS = 512, 1024

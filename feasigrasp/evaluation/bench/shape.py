@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
-from feasigrasp.evaluation.bench_files import report_bench, timing_row
-from feasigrasp.evaluation.result_files import Row
-from feasigrasp.evaluation.shape_steps import (
+from feasigrasp.evaluation.bench.report import report_bench, timing_row
+from feasigrasp.evaluation.bench.timing import Timing, cpu_time
+from feasigrasp.evaluation.peers.shape import (
     PRESETS,
     ValidationStep,
     fit_from_points,
@@ -31,9 +30,10 @@ from feasigrasp.evaluation.shape_steps import (
     torch_query,
     whole_fit,
 )
-from feasigrasp.evaluation.timing import Timing, cpu_time
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf import PAPER, extend_field
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.shape.gpdf_fit import PAPER, extend_field
+from feasigrasp.results.arguments import add_common_arguments, select_objects
+from feasigrasp.results.rows import Row
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.evaluation.statistics import CONFIDENCE, Estimate
-from feasigrasp.models.contact_features import contact_features
-from feasigrasp.models.grasp_input import GraspInput
-from feasigrasp.models.grasp_labels import best_labels, find_pairs
-from feasigrasp.models.grasp_network import GraspNetwork
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.network.contact_features import contact_features
+from feasigrasp.models.grasps.network.network import GraspNetwork
+from feasigrasp.models.grasps.network.surface_input import GraspInput
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.results.statistics import CONFIDENCE, Estimate
+from feasigrasp.training.data.grasp_labels import best_labels, find_pairs
+from feasigrasp.training.data.grasp_truth import TrueGrasps
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]

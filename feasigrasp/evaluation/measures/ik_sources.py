@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.result_files import Row
-from feasigrasp.evaluation.statistics import Estimate, mean, proportion
-from feasigrasp.models import se3
-from feasigrasp.models.arm_circle import closed_form_kernel
-from feasigrasp.models.damped_least_squares import refine
-from feasigrasp.models.iiwa import NUM_JOINTS, POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.ik_flow import IkFlow
-from feasigrasp.models.inverse_kinematics import inside_limits_kernel
-from feasigrasp.models.self_collision import in_collision
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.arm_circle import closed_form_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.ik.flow import IkFlow
+from feasigrasp.models.ik.least_squares import refine
+from feasigrasp.models.robot.iiwa import NUM_JOINTS, POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.results.rows import Row
+from feasigrasp.results.statistics import Estimate, mean, proportion
 
 FloatArray = NDArray[np.float64]
 #: Draws one configuration (n, 7) of each pose (n, 4, 4); NaN where it finds none.

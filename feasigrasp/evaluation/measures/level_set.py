@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.shape_completion import CompletedField
+from feasigrasp.models.shape.completion import CompletedField
+from feasigrasp.models.shape.gpdf import Gpdf
 
 Array = NDArray[np.float64]
 

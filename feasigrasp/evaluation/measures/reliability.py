@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from feasigrasp.evaluation.result_files import Row
+from feasigrasp.results.rows import Row
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ def write_reliability(
     """Writes ``reliability.csv`` and ``reliability.png`` of one-view completions.
 
     Args:
-        records: Records of `feasigrasp.evaluation.evaluate_shape.evaluate_object`.
+        records: Records of `feasigrasp.evaluation.studies.shape.evaluate_object`.
         built_in: Names of the objects that the prediction was calibrated on.
         folder: Where the files go.
 

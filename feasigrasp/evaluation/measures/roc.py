@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
-from feasigrasp.evaluation.statistics import CONFIDENCE, Estimate
+from feasigrasp.results.statistics import CONFIDENCE, Estimate
 
 
 def roc_curve(

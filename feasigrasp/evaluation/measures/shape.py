@@ -1,4 +1,4 @@
-"""What is measured on one completed shape; see `feasigrasp.evaluation.evaluate_shape`."""
+"""What is measured on one completed shape; see `feasigrasp.evaluation.studies.shape`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from feasigrasp.evaluation.level_set import sample_level_set
-from feasigrasp.evaluation.shape_views import PartialView, ViewedObject
-from feasigrasp.models.gpdf_field import Gpdf
+from feasigrasp.evaluation.measures.level_set import sample_level_set
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.training.data.views import PartialView, ViewedObject
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_AXES, JOINT_HEIGHTS
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
-from feasigrasp.models.se3 import hat
-from feasigrasp.models.task_space_control import TaskControlOptions
+from feasigrasp.models.control.task.safe_law import TaskControlOptions
+from feasigrasp.models.geometry.se3 import hat
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_AXES, JOINT_HEIGHTS
 
 Array = Any  # an array of NumPy or a tensor of torch
 

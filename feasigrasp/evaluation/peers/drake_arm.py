@@ -10,7 +10,7 @@ from pydrake.multibody.plant import CoulombFriction
 from pydrake.multibody.tree import JacobianWrtVariable, SpatialInertia
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
-from feasigrasp.models.iiwa_capsules import hand_capsules
+from feasigrasp.models.robot.capsules import hand_capsules
 from feasigrasp.resources import model_path
 
 FloatArray = NDArray[np.float64]

@@ -8,7 +8,7 @@ from importlib import import_module
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.iiwa import (
+from feasigrasp.models.robot.iiwa import (
     FLANGE_HEIGHT,
     JOINT_AXES,
     JOINT_HEIGHTS,

@@ -25,9 +25,9 @@ from pydrake.planning import (
 )
 from pydrake.systems.framework import BusValue
 
-from feasigrasp.evaluation.drake_arm import DrakeArm
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.safe_velocity import Safety, SafetyOptions
+from feasigrasp.evaluation.peers.drake_arm import DrakeArm
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 
 FloatArray = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.spatial.distance import cdist
 
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf import PAPER, Gpdf, fit_field, fit_gpdf
-from feasigrasp.models.gpdf_covariance import gram_lower
-from feasigrasp.models.rigid_object import load_object
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.shape.covariance import gram_lower
+from feasigrasp.models.shape.gpdf_fit import PAPER, Gpdf, fit_field, fit_gpdf
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from matplotlib.path import Path as Outline  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
-from feasigrasp.models.capsule_kernels import link_poses_kernel  # noqa: E402
-from feasigrasp.models.iiwa_capsules import capsule_model  # noqa: E402
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel  # noqa: E402
+from feasigrasp.models.robot.capsules import capsule_model  # noqa: E402
 
 FloatArray = NDArray[np.float64]
 

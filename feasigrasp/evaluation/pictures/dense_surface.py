@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.surface_points import SurfacePoints
+from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.surface_points import SurfacePoints
 
 Array = NDArray[np.float64]
 

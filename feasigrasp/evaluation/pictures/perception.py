@@ -12,16 +12,16 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.evaluation.dense_surface import dense_surface
-from feasigrasp.evaluation.splats import Viewer, draw_lines, draw_points, frame, scale_bar
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.glyphs import spread_order
-from feasigrasp.models.gpdf import Gpdf, fit_gpdf
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.surface_points import SurfacePoints
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.evaluation.pictures.dense_surface import dense_surface
+from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.glyphs import spread_order
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
+from feasigrasp.models.shape.surface_points import SurfacePoints
 
 Array = NDArray[np.float64]
 

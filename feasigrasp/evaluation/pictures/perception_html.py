@@ -9,14 +9,14 @@ from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.perception import BaseField, Fields, PointCloud
 
-from feasigrasp.evaluation.dense_surface import dense_surface
-from feasigrasp.evaluation.perception import (
+from feasigrasp.evaluation.pictures.dense_surface import dense_surface
+from feasigrasp.evaluation.pictures.perception import (
     Perception,
     shown_grasps,
     uncertainty_colors,
 )
-from feasigrasp.evaluation.replay import quiet_meshcat
-from feasigrasp.models.glyphs import disc, frames_along, gripper_glyph, place_copies
+from feasigrasp.evaluation.runs.replay import quiet_meshcat
+from feasigrasp.models.grasps.glyphs import disc, frames_along, gripper_glyph, place_copies
 
 #: Everything is drawn below this Meshcat path; its children can be switched off by hand.
 _ROOT = "/perception"

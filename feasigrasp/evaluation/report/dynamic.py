@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from feasigrasp.evaluation.markdown import markdown_table
-from feasigrasp.evaluation.paper_tables import TABLE_2, TABLE_2_COLUMNS
-from feasigrasp.evaluation.result_files import Row
+from feasigrasp.evaluation.report.paper_tables import TABLE_2, TABLE_2_COLUMNS
+from feasigrasp.results.markdown import markdown_table
+from feasigrasp.results.rows import Row
 
 Rows = dict[tuple[str, str], Row]
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.markdown import markdown_table, replace_section
-from feasigrasp.evaluation.report_dynamic import FIGURE, dynamic_report
-from feasigrasp.evaluation.result_files import Row
+from feasigrasp.evaluation.report.dynamic import FIGURE, dynamic_report
+from feasigrasp.results.markdown import markdown_table, replace_section
+from feasigrasp.results.rows import Row
 
 
 class ReportError(FeasigraspError, FileNotFoundError):

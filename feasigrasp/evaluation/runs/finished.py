@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.evaluation.dynamic_plan import PlannedRun
-from feasigrasp.evaluation.provenance import versions
-from feasigrasp.scenario import dump_scenario
+from feasigrasp.evaluation.runs.plan import PlannedRun
+from feasigrasp.results.provenance import versions
+from feasigrasp.scenario.schema import dump_scenario
 
 Record = dict[str, Any]
 

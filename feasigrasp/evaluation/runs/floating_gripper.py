@@ -34,12 +34,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.evaluation.runs.hand_load import HandLoad, closing_time, end_time
+from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import model_path
-from feasigrasp.systems.hand_load import HandLoad, closing_time, end_time
-from feasigrasp.systems.object_model import add_object
-from feasigrasp.systems.station import FINGER_KD, FINGER_KP
+from feasigrasp.systems.station.object_model import add_object
+from feasigrasp.systems.station.station import FINGER_KD, FINGER_KP
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models import se3
+from feasigrasp.models.geometry import se3
 
 FloatArray = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from feasigrasp.models.carrying_wrench import carrying_wrench_kernel
+from feasigrasp.models.objects.carrying import carrying_wrench_kernel
 
 #: Rate at which the distance between the pads shrinks, as in grasping [m/s].
 CLOSING_SPEED = 0.15

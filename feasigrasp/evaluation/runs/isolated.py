@@ -19,9 +19,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.evaluation.result_files import write_json
-from feasigrasp.evaluation.run import crash_record, run, write_result
-from feasigrasp.scenario import Scenario, dump_scenario, parse_scenario
+from feasigrasp.evaluation.runs.run import crash_record, run, write_result
+from feasigrasp.results.rows import write_json
+from feasigrasp.scenario.schema import Scenario, dump_scenario, parse_scenario
 
 
 def run_isolated(
@@ -40,7 +40,7 @@ def run_isolated(
         replay: Where a self-contained HTML replay goes; None for none.
 
     Returns:
-        The record, as `feasigrasp.evaluation.run.run` makes it.
+        The record, as `feasigrasp.evaluation.runs.run.run` makes it.
     """
     filename = filename.resolve()  # the server may be in another folder
     replay = None if replay is None else replay.resolve()
@@ -66,9 +66,9 @@ def run_isolated(
 
 @cache
 def _server() -> multiprocessing.context.ForkServerContext:
-    """Starts processes from one that has loaded `feasigrasp.evaluation.isolated_server`."""
+    """Starts processes from one that has loaded `feasigrasp.evaluation.runs.isolated_server`."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["feasigrasp.evaluation.isolated_server"])
+    context.set_forkserver_preload(["feasigrasp.evaluation.runs.isolated_server"])
     return context
 
 

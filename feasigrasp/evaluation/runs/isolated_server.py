@@ -1,4 +1,4 @@
-"""What the processes of `feasigrasp.evaluation.isolated` have in common, done once.
+"""What the processes of `feasigrasp.evaluation.runs.isolated` have in common, done once.
 
 Importing this module loads all that a run needs and builds a diagram, so that compiled code is in
 memory. It is for the server process that they are forked from, and for nothing else.
@@ -16,10 +16,10 @@ _THREAD_VARIABLES = (
 )
 os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))  # before the libraries are loaded
 
-from feasigrasp.evaluation.provenance import git_revision  # noqa: E402
-from feasigrasp.evaluation.run import run  # noqa: E402
+from feasigrasp.evaluation.runs.run import run  # noqa: E402
 from feasigrasp.resources import diagram_path  # noqa: E402
-from feasigrasp.scenario import load_scenario  # noqa: E402
+from feasigrasp.results.provenance import git_revision  # noqa: E402
+from feasigrasp.scenario.schema import load_scenario  # noqa: E402
 
 git_revision()  # remembered: that of the code which has just been loaded
 file = diagram_path("dynamic.scenarios.yaml")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
 
 FloatArray = NDArray[np.float64]
 

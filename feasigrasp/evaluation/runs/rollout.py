@@ -28,16 +28,16 @@ from pydrake.systems.primitives import (
 )
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.rollout_metrics import rollout_metrics
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import NUM_JOINTS
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.scenario import Scenario, make_motion
+from feasigrasp.evaluation.runs.rollout_metrics import rollout_metrics
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.scenario.schema import Scenario, make_motion
 from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_controller
 from feasigrasp.systems.metrics import Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
@@ -56,8 +56,8 @@ class Rollout:
     """What happened.
 
     Attributes:
-        metrics: The metrics of `feasigrasp.evaluation.metrics.summarize` and those of
-            `feasigrasp.evaluation.rollout_metrics.rollout_metrics`.
+        metrics: The metrics of `feasigrasp.evaluation.runs.run_metrics.summarize` and those of
+            `feasigrasp.evaluation.runs.rollout_metrics.rollout_metrics`.
         times: Times of the samples [s], shape (n,).
         samples: Samples, one row per entry of `feasigrasp.systems.metrics.SAMPLE_NAMES`.
         tick_times: Control times [s], shape (m,).

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.evaluation.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
-from feasigrasp.evaluation.metrics import METRICS, Metric, summarize
-from feasigrasp.evaluation.motion_limits import JointTicks
-from feasigrasp.models.iiwa import NUM_JOINTS
+from feasigrasp.evaluation.runs.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
+from feasigrasp.evaluation.runs.motion_limits import JointTicks
+from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, summarize
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 
 FloatArray = NDArray[np.float64]

@@ -14,14 +14,14 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.metrics import METRICS, summarize
-from feasigrasp.evaluation.motion_limits import JointTicks
-from feasigrasp.evaluation.provenance import git_revision, machine, versions
-from feasigrasp.evaluation.replay import start_recording, write_replay
-from feasigrasp.evaluation.result_files import write_json
-from feasigrasp.models.grasp_sequence import Phase
-from feasigrasp.models.iiwa import NUM_JOINTS
-from feasigrasp.scenario import Scenario, dump_scenario
+from feasigrasp.evaluation.runs.motion_limits import JointTicks
+from feasigrasp.evaluation.runs.replay import start_recording, write_replay
+from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.results.provenance import git_revision, machine, versions
+from feasigrasp.results.rows import write_json
+from feasigrasp.scenario.schema import Scenario, dump_scenario
 from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_dynamic_grasp
 
 FloatArray = NDArray[np.float64]

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.evaluation.grasp_tracking import tracking_metrics
-from feasigrasp.evaluation.motion_limits import JointTicks, limit_metrics
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_sequence import Phase
+from feasigrasp.evaluation.runs.grasp_tracking import tracking_metrics
+from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
 
 FloatArray = NDArray[np.float64]

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.evaluation.metrics import METRICS, Metric
-from feasigrasp.evaluation.result_files import Row
-from feasigrasp.evaluation.statistics import mean, proportion
+from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric
+from feasigrasp.results.rows import Row
+from feasigrasp.results.statistics import mean, proportion
 
 Record = dict[str, Any]
 

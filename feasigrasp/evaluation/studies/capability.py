@@ -15,16 +15,16 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, positive
-from feasigrasp.evaluation.capability_plots import Slice, plot_slices
-from feasigrasp.evaluation.evaluate_reachability import exact
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.replay import quiet_meshcat
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.models import se3
-from feasigrasp.models.reachable_space import ReachableSpace
-from feasigrasp.systems.capability_scene import write_scene
+from feasigrasp.evaluation.pictures.capability import Slice, plot_slices
+from feasigrasp.evaluation.pictures.capability_scene import write_scene
+from feasigrasp.evaluation.runs.replay import quiet_meshcat
+from feasigrasp.evaluation.studies.reachability import exact
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.results.arguments import add_common_arguments, positive
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_summary
 
 #: The arm in the pictures, in the plane of the vertical slice [rad].
 POSTURE = np.deg2rad([0.0, 35.0, 0.0, -75.0, 0.0, 55.0, 0.0])

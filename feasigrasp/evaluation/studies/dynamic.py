@@ -17,13 +17,13 @@ from typing import Any
 import joblib
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments
-from feasigrasp.evaluation.dynamic_plan import PlannedRun, add_plan_arguments, plan
-from feasigrasp.evaluation.dynamic_summary import format_table, summary_rows
-from feasigrasp.evaluation.finished_runs import finished_records
-from feasigrasp.evaluation.isolated import run_isolated
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import write_summary
+from feasigrasp.evaluation.runs.finished import finished_records
+from feasigrasp.evaluation.runs.isolated import run_isolated
+from feasigrasp.evaluation.runs.plan import PlannedRun, add_plan_arguments, plan
+from feasigrasp.evaluation.runs.summary import format_table, summary_rows
+from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.rows import write_summary
 
 Record = dict[str, Any]
 

@@ -18,12 +18,12 @@ import joblib
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments
-from feasigrasp.evaluation.dynamic_plan import PlannedRun, add_plan_arguments, plan
-from feasigrasp.evaluation.finished_runs import finished_records
-from feasigrasp.evaluation.isolated import run_isolated
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.replay_picture import take_picture
+from feasigrasp.evaluation.runs.finished import finished_records
+from feasigrasp.evaluation.runs.isolated import run_isolated
+from feasigrasp.evaluation.runs.plan import PlannedRun, add_plan_arguments, plan
+from feasigrasp.evaluation.runs.replay_picture import take_picture
+from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.provenance import git_revision
 
 #: Columns of the page: metric, heading, digits.
 _COLUMNS = (
@@ -113,7 +113,7 @@ def index_page(
             f"<p>{control.controller} space, {control.mode} mode, "
             f"{html.escape(planned.object_name)}</p><dl>{''.join(figures)}</dl></a>"
         )
-    page = resources.files("feasigrasp.evaluation").joinpath("gallery.html").read_text()
+    page = resources.files("feasigrasp.evaluation.studies").joinpath("gallery.html").read_text()
     return Template(page).substitute(
         cards="\n".join(cards), revision=html.escape(str(git_revision()))
     )

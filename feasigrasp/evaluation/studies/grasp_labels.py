@@ -20,18 +20,18 @@ import trimesh
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, positive, select_objects
-from feasigrasp.evaluation.finished_parts import finished_records
-from feasigrasp.evaluation.floating_gripper import hold_trials
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import Row, write_json, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.statistics import proportion
-from feasigrasp.models.grasp_labels import find_pairs
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.household_shapes import FAMILIES, make_shape
-from feasigrasp.models.rigid_object import RigidObject, load_object
+from feasigrasp.evaluation.runs.floating_gripper import hold_trials
+from feasigrasp.models.objects.rigid_object import RigidObject, load_object
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
+from feasigrasp.results.finished import finished_records
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.results.statistics import proportion
+from feasigrasp.training.data.grasp_labels import find_pairs
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.household_shapes import FAMILIES, make_shape
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]

@@ -16,21 +16,21 @@ import trimesh
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
-from feasigrasp.evaluation.kinematic_rollout import object_grasps
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.statistics import mean
-from feasigrasp.models import se3
-from feasigrasp.models.gpdf import Gpdf, fit_gpdf
-from feasigrasp.models.grasp_filter import filter_grasps
-from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.mixture_ascent import ascent_direction
-from feasigrasp.models.riemannian_fit import fit_riemannian_mixture
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
-from feasigrasp.models.rigid_object import load_object
+from feasigrasp.evaluation.runs.rollout import object_grasps
+from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.filter import filter_grasps
+from feasigrasp.models.mixtures.ascent import ascent_direction
+from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
+from feasigrasp.results.arguments import add_common_arguments, select_objects
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.statistics import mean
 
 FloatArray = NDArray[np.float64]
 

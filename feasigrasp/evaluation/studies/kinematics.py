@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments
-from feasigrasp.evaluation.drake_arm import DrakeArm
-from feasigrasp.evaluation.finished_parts import finish_part
-from feasigrasp.evaluation.ik_sources import format_source_table, ik_source_rows
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.statistics import proportion
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.inverse_kinematics import arm_angle, closed_form
-from feasigrasp.models.self_collision import in_collision, min_distance
+from feasigrasp.evaluation.measures.ik_sources import format_source_table, ik_source_rows
+from feasigrasp.evaluation.peers.drake_arm import DrakeArm
+from feasigrasp.models.ik.closed_form import arm_angle, closed_form
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.robot.self_collision import in_collision, min_distance
+from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.finished import finish_part
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.statistics import proportion
 
 FloatArray = NDArray[np.float64]
 

@@ -21,16 +21,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from feasigrasp.evaluation import statistics
-from feasigrasp.evaluation.arguments import add_common_arguments, positive, select_objects
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import Row, write_json, write_summary
-from feasigrasp.evaluation.shape_measures import measure, true_samples
-from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning_views
-from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.evaluation.measures.shape import measure, true_samples
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.results import statistics
+from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
 
 #: Length scales of the study [m].
 LENGTH_SCALES = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6)

@@ -13,23 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, names, positive
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.statistics import mean
-from feasigrasp.models import se3
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.pose_filter import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.pose_filter import (
     Noise,
     empty_state,
     measure_kernel,
     pose_kernel,
     twist_kernel,
 )
-from feasigrasp.models.twist_estimator import MotionEstimate
+from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario, make_motion
+from feasigrasp.results.arguments import add_common_arguments, names, positive
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.statistics import mean
+from feasigrasp.scenario.schema import load_scenario, make_motion
 
 FloatArray = NDArray[np.float64]
 

@@ -14,26 +14,26 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.arguments import add_common_arguments, positive
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.reachability_peers import FlatMixture, VoxelMap
-from feasigrasp.evaluation.reachability_plots import plot_roc
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.roc import area_under_curve, roc_curve
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.statistics import proportion
-from feasigrasp.models import se3
-from feasigrasp.models.reachability import REACHABLE, Reachability
-from feasigrasp.models.reachability_sampling import (
+from feasigrasp.evaluation.measures.roc import area_under_curve, roc_curve
+from feasigrasp.evaluation.peers.reachability import FlatMixture, VoxelMap
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
+from feasigrasp.models.mixtures.kernels import pose_quaternions
+from feasigrasp.models.reach.reachability import REACHABLE, Reachability
+from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.results.arguments import add_common_arguments, positive
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.statistics import proportion
+from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture, rotations
+from feasigrasp.training.reachability.plots import plot_roc
+from feasigrasp.training.reachability.pose_blocks import PoseBlocks
+from feasigrasp.training.reachability.reachable_poses import (
     IiwaArm,
     manipulability_reference,
     sample_reachable_poses,
 )
-from feasigrasp.models.reachable_space import ReachableSpace
-from feasigrasp.models.riemannian_blocks import PoseBlocks
-from feasigrasp.models.riemannian_float32 import log_densities, pack
-from feasigrasp.models.riemannian_kernels import pose_quaternions
-from feasigrasp.models.riemannian_large import LargeFit, fit_large_mixture, rotations
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -14,15 +14,15 @@ from typing import Any
 import joblib
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.evaluation.kinematic_rollout import roll_out
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import Row, write_json, write_summary
-from feasigrasp.evaluation.rollout_metrics import ROLLOUT_METRICS
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.statistics import mean
+from feasigrasp.evaluation.runs.rollout import roll_out
+from feasigrasp.evaluation.runs.rollout_metrics import ROLLOUT_METRICS
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import Scenario, dump_scenario, load_scenario, parse_scenario
+from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.results.statistics import mean
+from feasigrasp.scenario.schema import Scenario, dump_scenario, load_scenario, parse_scenario
 
 Record = dict[str, Any]
 

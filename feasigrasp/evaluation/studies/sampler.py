@@ -22,32 +22,36 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, positive
-from feasigrasp.evaluation.finished_parts import finished_records
-from feasigrasp.evaluation.floating_gripper import hold_trials
-from feasigrasp.evaluation.grasp_measures import (
+from feasigrasp.evaluation.measures.grasps import (
     Record,
     equivariance_error,
     is_graspable,
     proposal_measures,
     set_measures,
 )
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.result_files import write_json, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.sampler_examples import fuse_and_complete, true_input
-from feasigrasp.evaluation.sampler_objects import DEFAULT_OBJECTS, make_object, unseen_objects
-from feasigrasp.evaluation.sampler_rows import summary_rows, write_csv
-from feasigrasp.evaluation.shape_views import ViewedObject, turning_views
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.grasp_input import grasp_input
-from feasigrasp.models.grasp_network import load_grasp_network
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.grasps import GraspSamplerFn, GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.network_sampler import NetworkSampler
-from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.evaluation.runs.floating_gripper import hold_trials
+from feasigrasp.evaluation.studies.sampler_objects import (
+    DEFAULT_OBJECTS,
+    make_object,
+    unseen_objects,
+)
+from feasigrasp.evaluation.studies.sampler_rows import summary_rows, write_csv
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.grasps.network.network import load_grasp_network
+from feasigrasp.models.grasps.network.surface_input import grasp_input
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.results.arguments import add_common_arguments, positive
+from feasigrasp.results.finished import finished_records
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import write_json, write_summary
+from feasigrasp.training.data.grasp_examples import fuse_and_complete, true_input
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.views import ViewedObject, turning_views
 
 #: Samplers that are compared; networks among them.
 PRESETS = ("default", "paper", "antipodal")

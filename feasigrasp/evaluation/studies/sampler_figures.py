@@ -21,21 +21,21 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
-from feasigrasp.evaluation.dense_surface import dense_surface
-from feasigrasp.evaluation.perception import DOT, gripper_outline
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.sampler_examples import fuse_and_complete
-from feasigrasp.evaluation.shape_views import ViewedObject, look_at
-from feasigrasp.evaluation.splats import Viewer, draw_points, frame
-from feasigrasp.models.glyphs import spread_order
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.network_sampler import NetworkSampler
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.models.surface_points import SurfacePoints
+from feasigrasp.evaluation.pictures.dense_surface import dense_surface
+from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline
+from feasigrasp.evaluation.pictures.splats import Viewer, draw_points, frame
+from feasigrasp.models.grasps.glyphs import spread_order
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.surface_points import SurfacePoints
+from feasigrasp.results.arguments import add_common_arguments, select_objects
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.training.data.grasp_examples import fuse_and_complete
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.views import ViewedObject, look_at
 
 Array = NDArray[np.float64]
 

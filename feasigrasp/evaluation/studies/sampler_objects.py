@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feasigrasp.evaluation.arguments import names, select_objects
-from feasigrasp.models.household_shapes import HELD_OUT, make_shape
-from feasigrasp.models.rigid_object import RigidObject, load_object
+from feasigrasp.models.objects.rigid_object import RigidObject, load_object
+from feasigrasp.results.arguments import names, select_objects
+from feasigrasp.training.data.household_shapes import HELD_OUT, make_shape
 
 #: Part of ``--objects``: generated shapes of the families that are held out.
 GENERATED = "held-out"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from feasigrasp.evaluation.grasp_measures import Record, average_precision, resampled
-from feasigrasp.evaluation.result_files import Row
-from feasigrasp.evaluation.statistics import Estimate, proportion
+from feasigrasp.evaluation.measures.grasps import Record, average_precision, resampled
+from feasigrasp.results.rows import Row
+from feasigrasp.results.statistics import Estimate, proportion
 
 #: Coverage asks for so many grasps.
 ENOUGH = 10

@@ -19,20 +19,20 @@ import joblib
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.evaluation.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.evaluation.finished_parts import finished_records
-from feasigrasp.evaluation.provenance import git_revision, versions
-from feasigrasp.evaluation.reliability import write_reliability
-from feasigrasp.evaluation.result_files import Row, write_json, write_summary
-from feasigrasp.evaluation.row_table import format_rows
-from feasigrasp.evaluation.shape_measures import measure, true_samples
-from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning_views
-from feasigrasp.evaluation.statistics import mean
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.rigid_object import builtin_objects, load_object
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.surface_error import surface_deviation
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.evaluation.measures.reliability import write_reliability
+from feasigrasp.evaluation.measures.shape import measure, true_samples
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.surface_error import surface_deviation
+from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.results.finished import finished_records
+from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.row_table import format_rows
+from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.results.statistics import mean
+from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
 
 Record = dict[str, Any]
 

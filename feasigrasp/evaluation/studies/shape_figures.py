@@ -20,22 +20,22 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from feasigrasp.evaluation.arguments import add_common_arguments, select_objects
-from feasigrasp.evaluation.dense_surface import dense_surface
-from feasigrasp.evaluation.perception import (
+from feasigrasp.evaluation.pictures.dense_surface import dense_surface
+from feasigrasp.evaluation.pictures.perception import (
     DOT,
     MOST_UNCERTAIN,
     UNCERTAINTY_COLORS,
     uncertainty_colors,
 )
-from feasigrasp.evaluation.provenance import git_revision
-from feasigrasp.evaluation.result_files import Row, write_summary
-from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, look_at
-from feasigrasp.evaluation.splats import Viewer, draw_points, frame
-from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.evaluation.pictures.splats import Viewer, draw_points, frame
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.results.arguments import add_common_arguments, select_objects
+from feasigrasp.results.provenance import git_revision
+from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.training.data.views import PartialView, ViewedObject, look_at
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import open3d as o3d
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.point_cloud_checks import MAX_EXTENT, MIN_POINTS
+from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_POINTS
 
 Array = NDArray[np.float64]
 

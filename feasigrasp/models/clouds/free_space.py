@@ -9,8 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.view_image import MARGIN, SIDE, ViewImage
+from feasigrasp.models.clouds.view_image import MARGIN, SIDE, ViewImage
+from feasigrasp.models.geometry.points import farthest_points
 
 Array = NDArray[np.float64]
 

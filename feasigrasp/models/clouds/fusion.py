@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models import se3
-from feasigrasp.models.free_space import free_distance
-from feasigrasp.models.view_image import ViewImage, view_image
-from feasigrasp.models.view_registration import register_view
-from feasigrasp.models.view_smoothing import smooth_view
+from feasigrasp.models.clouds.free_space import free_distance
+from feasigrasp.models.clouds.registration import register_view
+from feasigrasp.models.clouds.smoothing import smooth_view
+from feasigrasp.models.clouds.view_image import ViewImage, view_image
+from feasigrasp.models.geometry import se3
 
 FloatArray = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from feasigrasp.models import se3
+from feasigrasp.models.geometry import se3
 
 Array = NDArray[np.float64]
 

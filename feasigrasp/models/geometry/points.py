@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.vector_math import wide_vectors
+from feasigrasp.models.numerics.simd import wide_vectors
 
 Array = NDArray[np.float64]
 

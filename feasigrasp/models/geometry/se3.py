@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.se3_kernels import (
+from feasigrasp.models.geometry.se3_kernels import (
     adjoint_kernel,
     exp_kernel,
     hat_kernel,

@@ -1,8 +1,8 @@
 """Rigid motions SE(3), one element at a time, for use inside other numba code.
 
-The conventions are those of :mod:`feasigrasp.models.se3`, which maps these kernels over arrays.
-Closed forms are written in the Stumpff functions ``c_k(t) = sum_j (-t)^j / (2 j + k)!`` of the
-squared angle ``t = |w|^2`` (c_0 = cos, c_1 = sinc, ...), which have no singularity at zero.
+The conventions are those of :mod:`feasigrasp.models.geometry.se3`, which maps these kernels over
+arrays. Closed forms are written in the Stumpff functions ``c_k(t) = sum_j (-t)^j / (2 j + k)!`` of
+the squared angle ``t = |w|^2`` (c_0 = cos, c_1 = sinc, ...), which have no singularity at zero.
 
 References: Barfoot, State Estimation for Robotics, chapter 8 (there in the order [u; w]);
 Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2, chapter 10.

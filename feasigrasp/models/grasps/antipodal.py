@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.grasp_filter import filter_grasps
-from feasigrasp.models.grasp_thinning import LEAST_SCORE, thin_grasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.hand_freedom import MARGIN
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.grasps.filter import filter_grasps
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.hand_clearance import MARGIN
+from feasigrasp.models.grasps.thinning import LEAST_SCORE, thin_grasps
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import Gpdf
 
 Array = NDArray[np.float64]
 

@@ -2,9 +2,9 @@
 
 What the camera did not see was made up, so neither contacts nor clearances are certain. The
 probabilities here are logistic in what the distance field and a network tell, with coefficients
-fitted to the verdicts of true meshes (`feasigrasp.models.grasp_truth`) on objects that no training
-and no evaluation uses, by ``feasigrasp fit certainty``. Their product ranks grasps, and says how
-much is left to chance.
+fitted to the verdicts of true meshes (`feasigrasp.training.data.grasp_truth`) on objects that no
+training and no evaluation uses, by ``feasigrasp fit certainty``. Their product ranks grasps, and
+says how much is left to chance.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.surface_error import surface_deviation
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 

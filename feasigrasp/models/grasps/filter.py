@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.gpdf_field import unit_normals
-from feasigrasp.models.grasp_certainty import (
+from feasigrasp.models.grasps.certainty import (
     contact_certainty,
     contact_evidence,
     joint_certainty,
     thin_contact_certainty,
 )
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.hand_freedom import FLIP, MARGIN, THIN_WALL, hand_freedom
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.hand_clearance import FLIP, MARGIN, THIN_WALL, hand_freedom
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import unit_normals
+from feasigrasp.models.shape.gpdf_fit import Gpdf
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

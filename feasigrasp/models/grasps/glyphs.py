@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.grasp_funnel import grasp_errors
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from feasigrasp.errors import GraspError
 
 if TYPE_CHECKING:
-    from feasigrasp.models.gpdf import Gpdf
+    from feasigrasp.models.shape.gpdf_fit import Gpdf
 
 #: Any grasp sampler, model-free or learned: a distance field in, filtered grasps out.
 GraspSamplerFn = Callable[["Gpdf"], "GraspSet"]

@@ -7,18 +7,18 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.grasp_certainty import (
+from feasigrasp.models.geometry.nearest_distance import nearest_distance
+from feasigrasp.models.grasps.certainty import (
     FAR,
     clearance_certainty,
     joint_clearance_certainty,
     unseen_clearance_certainty,
 )
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.nearest_distance import nearest_distance
-from feasigrasp.models.shape_completion import CompletedField
-from feasigrasp.models.surface_error import surface_deviation
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.completion import CompletedField
+from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.grasp_filter import filter_grasps
-from feasigrasp.models.grasp_thinning import SAME_ANGLE, SAME_POSITION, distinct
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.filter import filter_grasps
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.thinning import SAME_ANGLE, SAME_POSITION, distinct
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import Gpdf
 
 Indices = NDArray[np.intp]
 

@@ -10,18 +10,22 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf_field import Gpdf, unit_normals
-from feasigrasp.models.grasp_certainty import mean_certainty
-from feasigrasp.models.grasp_filter import filter_grasps
-from feasigrasp.models.grasp_input import GraspInput, grasp_input
-from feasigrasp.models.grasp_network import GraspNetwork, GraspProposals, load_grasp_network
-from feasigrasp.models.grasp_thinning import ENOUGH, LEAST_SCORE, thin_grasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.hand_freedom import THIN_WALL
-from feasigrasp.models.surface_error import surface_deviation
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.certainty import mean_certainty
+from feasigrasp.models.grasps.filter import filter_grasps
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.hand_clearance import THIN_WALL
+from feasigrasp.models.grasps.network.network import (
+    GraspNetwork,
+    GraspProposals,
+    load_grasp_network,
+)
+from feasigrasp.models.grasps.network.surface_input import GraspInput, grasp_input
+from feasigrasp.models.grasps.thinning import ENOUGH, LEAST_SCORE, thin_grasps
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
+from feasigrasp.models.shape.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 

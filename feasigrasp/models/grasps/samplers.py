@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.grasp_thinning import LEAST_SCORE
-from feasigrasp.models.grasps import GraspSamplerFn
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
+from feasigrasp.models.grasps.thinning import LEAST_SCORE
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 #: ``network`` (learned, see `NetworkSampler`) or ``antipodal`` (model-free, `AntipodalSampler`).
 METHODS = ("network", "antipodal")
@@ -41,7 +41,9 @@ def make_sampler(
         )
     if method != "network":
         raise GraspError(f"sampler {method!r} is unknown; choose one of {', '.join(METHODS)}")
-    from feasigrasp.models.network_sampler import NetworkSampler  # torch takes a second to import
+    from feasigrasp.models.grasps.network_sampler import (
+        NetworkSampler,  # torch takes a second to import
+    )
 
     default = NetworkSampler(gripper)
     contacts = max(1, n_candidates // default.n_approaches)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_funnel import grasp_errors
-from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
 
 FloatArray = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet
 
 #: Grasps closer than this to a better one are copies of it.
 SAME_POSITION, SAME_ANGLE = 0.010, np.deg2rad(20.0)

@@ -11,8 +11,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.fast_atan2 import fast_atan2
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.numerics.fast_atan2 import fast_atan2
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 
 FloatArray = NDArray[np.float64]
 

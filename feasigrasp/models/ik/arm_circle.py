@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from feasigrasp.models.iiwa import (
+from feasigrasp.models.robot.iiwa import (
     D_BASE_SHOULDER,
     D_ELBOW_WRIST,
     D_SHOULDER_ELBOW,

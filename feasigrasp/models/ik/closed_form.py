@@ -1,23 +1,24 @@
 """Inverse kinematics of the iiwa 7 in closed form: all solutions, the nearest one, diverse ones.
 
 For a flange pose and an arm angle there are eight configurations: the signs of the shoulder, elbow
-and wrist joints 2, 4 and 6 (see `feasigrasp.models.arm_circle` for the formulas and the conventions
-at singularities). Joint limits are looked at here, collisions in `feasigrasp.models.reachability`.
-The iterative counterpart is `feasigrasp.models.damped_least_squares`.
+and wrist joints 2, 4 and 6 (see `feasigrasp.models.ik.arm_circle` for the formulas and the
+conventions at singularities). Joint limits are looked at here, collisions in
+`feasigrasp.models.reach.reachability`. The iterative counterpart is
+`feasigrasp.models.ik.least_squares`.
 """
 
 import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.arm_angle_lanes import lanes_kernel, travel_times_kernel
-from feasigrasp.models.arm_circle import (
+from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
+from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
     arm_circle_kernel,
     closed_form_kernel,
     configuration_kernel,
 )
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 
 FloatArray = NDArray[np.float64]
 

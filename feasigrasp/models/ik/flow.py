@@ -30,9 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import ThreadpoolController
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.models.damped_least_squares import refine
-from feasigrasp.models.iiwa import NUM_JOINTS, POSITION_LIMITS
-from feasigrasp.models.ik_flow_layers import (
+from feasigrasp.models.ik.flow_layers import (
     FEATURES,
     FlowShape,
     features_kernel,
@@ -40,12 +38,14 @@ from feasigrasp.models.ik_flow_layers import (
     quantile_kernel,
     turn_kernel,
 )
+from feasigrasp.models.ik.least_squares import refine
+from feasigrasp.models.robot.iiwa import NUM_JOINTS, POSITION_LIMITS
 
 FloatArray = NDArray[np.float64]
 WeightArray = NDArray[np.float32]
 
 #: Where the trained weights are.
-DEFAULT_WEIGHTS = Path(__file__).resolve().parent / "weights" / "ik_flow.npz"
+DEFAULT_WEIGHTS = Path(__file__).resolve().parents[1] / "weights" / "ik_flow.npz"
 #: Of the weights file; another layout gets another number.
 FORMAT = "feasigrasp ik_flow 1"
 #: Damping of the refinement steps.
@@ -151,7 +151,7 @@ class IkFlow:
 
         Returns:
             Shape (n, 7) [rad], inside the joint limits. A few do not reach their pose: compare
-            forward kinematics, and see `feasigrasp.models.self_collision`.
+            forward kinematics, and see `feasigrasp.models.robot.self_collision`.
 
         Raises:
             ValueError: See `sample`.

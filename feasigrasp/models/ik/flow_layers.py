@@ -1,6 +1,6 @@
 """What the IK flow is made of: its sizes, the joints' frames, and its kernels without torch.
 
-See `feasigrasp.models.ik_flow` for the model as a whole. The kernels work on *targets*: the first
+See `feasigrasp.models.ik.flow` for the model as a whole. The kernels work on *targets*: the first
 three rows (3, 4) of the flange pose that is left to reach, in the frame of the link reached so far.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.iiwa import (
+from feasigrasp.models.robot.iiwa import (
     JOINT_AXES,
     JOINT_HEIGHTS,
     NUM_JOINTS,

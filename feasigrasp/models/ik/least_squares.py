@@ -4,7 +4,7 @@ A step is ``dq = J^T (J J^T + lambda^2 I)^-1 e`` with the pose error e = [angula
 world (Nakamura and Hanafusa, "Inverse kinematic solutions with singularity robustness for robot
 manipulator control", 1986). The damping lambda trades speed for boundedness next to singularities.
 It ends in the solution that is close to where it starts: to continue a solution of a pose that
-moves, or to refine a rough one. The closed form is in `feasigrasp.models.inverse_kinematics`.
+moves, or to refine a rough one. The closed form is in `feasigrasp.models.ik.closed_form`.
 """
 
 import math
@@ -13,8 +13,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 FloatArray = NDArray[np.float64]
 

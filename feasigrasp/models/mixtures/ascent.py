@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.riemannian_kernels import Parameters, evaluate_kernel, posterior_kernel
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
-from feasigrasp.models.se3_kernels import compose_kernel, exp_kernel
+from feasigrasp.models.geometry.se3_kernels import compose_kernel, exp_kernel
+from feasigrasp.models.mixtures.kernels import Parameters, evaluate_kernel, posterior_kernel
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
 Array = NDArray[np.float64]
 

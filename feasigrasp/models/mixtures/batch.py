@@ -6,10 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.fast_exp import fast_exp
-from feasigrasp.models.riemannian_em import BLOCK, block_log_density, block_tangents
-from feasigrasp.models.riemannian_kernels import Parameters
-from feasigrasp.models.se3_kernels import quaternion_kernel
+from feasigrasp.models.geometry.se3_kernels import quaternion_kernel
+from feasigrasp.models.mixtures.em import BLOCK, block_log_density, block_tangents
+from feasigrasp.models.mixtures.kernels import Parameters
+from feasigrasp.models.numerics.fast_math import fast_exp
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.fast_exp import fast_exp
-from feasigrasp.models.se3_kernels import exp_kernel, quaternion_kernel, quaternion_log_kernel
+from feasigrasp.models.geometry.se3_kernels import (
+    exp_kernel,
+    quaternion_kernel,
+    quaternion_log_kernel,
+)
+from feasigrasp.models.numerics.fast_math import fast_exp
 
 Array = NDArray[np.float64]
 

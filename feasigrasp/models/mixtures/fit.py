@@ -11,9 +11,9 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.riemannian_em import expectation_maximization
-from feasigrasp.models.riemannian_mixture import RiemannianMixture, checked_poses, unit_quaternions
-from feasigrasp.models.riemannian_seeding import seed_means
+from feasigrasp.models.mixtures.em import expectation_maximization
+from feasigrasp.models.mixtures.mixture import RiemannianMixture, checked_poses, unit_quaternions
+from feasigrasp.models.mixtures.seeding import seed_means
 
 Array = NDArray[np.float64]
 

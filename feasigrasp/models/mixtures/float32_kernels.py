@@ -24,9 +24,9 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
-from feasigrasp.models.se3_kernels import quaternion_kernel
-from feasigrasp.models.vector_math import wide_vectors
+from feasigrasp.models.geometry.se3_kernels import quaternion_kernel
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.models.numerics.simd import wide_vectors
 
 Float32Array = NDArray[np.float32]
 

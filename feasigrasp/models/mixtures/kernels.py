@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.se3_kernels import (
+from feasigrasp.models.geometry.se3_kernels import (
     quaternion_kernel,
     quaternion_log_kernel,
     right_jacobian_inverse_kernel,

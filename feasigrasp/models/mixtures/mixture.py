@@ -1,6 +1,6 @@
 """Gaussian mixtures on SE(3), the paper's Riemannian mixture models: density and gradient.
 
-They are fitted by :mod:`feasigrasp.models.riemannian_fit`.
+They are fitted by :mod:`feasigrasp.models.mixtures.fit`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.riemannian_batch import log_densities
-from feasigrasp.models.riemannian_kernels import (
+from feasigrasp.models.mixtures.batch import log_densities
+from feasigrasp.models.mixtures.kernels import (
     Parameters,
     directions,
     evaluate_poses,
@@ -39,7 +39,7 @@ class RiemannianMixture:
 
     Methods take poses ``X`` of shape (..., 4, 4) and keep the leading axes: one pose (4, 4) at
     the control rate (a few microseconds), (n, 4, 4) for a set. Numba code calls the kernels of
-    :mod:`feasigrasp.models.riemannian_kernels` with ``parameters``.
+    :mod:`feasigrasp.models.mixtures.kernels` with ``parameters``.
 
     Attributes:
         weights: Component weights, non-negative, normalised to sum 1, shape (K,). A weight of

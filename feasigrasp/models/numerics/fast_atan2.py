@@ -1,9 +1,9 @@
 """An arctangent of two arguments that compilers can vectorise.
 
 ``math.atan2`` inside ``@njit`` is a scalar call and keeps the whole loop around it scalar, see
-`feasigrasp.models.fast_exp`. The one below has no branches: the ratio of the smaller to the larger
-argument is turned by 45 degrees where it exceeds tan(22.5 deg), so that ``|t| <= tan(22.5 deg)``;
-there ``atan(t) / t`` is a polynomial in ``t^2``.
+`feasigrasp.models.numerics.fast_math`. The one below has no branches: the ratio of the smaller to
+the larger argument is turned by 45 degrees where it exceeds tan(22.5 deg), so that ``|t| <=
+tan(22.5 deg)``; there ``atan(t) / t`` is a polynomial in ``t^2``.
 """
 
 import numpy as np

@@ -3,8 +3,8 @@
 import numba as nb
 import numpy as np
 
-from feasigrasp.models.object_motion import motion_kernel
-from feasigrasp.models.se3 import so3_log_kernel
+from feasigrasp.models.geometry.se3 import so3_log_kernel
+from feasigrasp.models.objects.motion import motion_kernel
 
 
 @nb.njit(cache=True)

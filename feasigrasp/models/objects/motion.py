@@ -12,7 +12,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.se3 import so3_exp_kernel
+from feasigrasp.models.geometry.se3 import so3_exp_kernel
 
 FloatArray = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.se3_kernels import so3_exp_kernel, so3_log_kernel
+from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel, so3_log_kernel
 
 FloatArray = NDArray[np.float64]
 

@@ -1,8 +1,9 @@
 """What is known of an object's motion, and where it will be.
 
-For the future, the filtered path of the last seconds (`feasigrasp.models.pose_filter`) is fitted,
-axis by axis, by the oscillator ``a = -omega^2 (p - c)``: straight and circular motion, ellipses,
-swings. Its two parameters follow by least squares from differences over a lag h, for which
+For the future, the filtered path of the last seconds (`feasigrasp.models.objects.pose_filter`) is
+fitted, axis by axis, by the oscillator ``a = -omega^2 (p - c)``: straight and circular motion,
+ellipses, swings. Its two parameters follow by least squares from differences over a lag h, for
+which
 
     p(t + h) - 2 p(t) + p(t - h) = -kappa (p(t) - c),    kappa = 2 - 2 cos(omega h)
 
@@ -20,9 +21,16 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models import se3
-from feasigrasp.models.pose_filter import COUNT, PATH, PATH_STEP, ROW, pose_kernel, twist_kernel
-from feasigrasp.models.se3_kernels import so3_exp_kernel, so3_log_kernel
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel, so3_log_kernel
+from feasigrasp.models.objects.pose_filter import (
+    COUNT,
+    PATH,
+    PATH_STEP,
+    ROW,
+    pose_kernel,
+    twist_kernel,
+)
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.triangle_mesh import MAX_FACES, decimate, read_solid, write_obj
+from feasigrasp.models.objects.mesh import MAX_FACES, decimate, read_solid, write_obj
 from feasigrasp.resources import model_path
 
 #: Used when neither a mass nor a density is known: a hollow household object [kg/m^3].

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.models.reachability import VERDICTS, Reachability
-from feasigrasp.models.reachability_kernels import REACHABLE
-from feasigrasp.models.reachable_space import ReachableSpace
+from feasigrasp.models.reach.kernels import REACHABLE
+from feasigrasp.models.reach.reachability import VERDICTS, Reachability
+from feasigrasp.models.reach.reachable_space import ReachableSpace
 
 #: ``ik``: exact. ``rmm``: the paper's. ``both``: the paper's, and exact on what passes.
 METHODS = ("ik", "rmm", "both")

@@ -10,24 +10,28 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.arm_angle_intervals import Segments, make_segments, segments_kernel
-from feasigrasp.models.arm_angle_lanes import Lanes, lanes_kernel, travel_times_kernel
-from feasigrasp.models.arm_circle import arm_angle_kernel, arm_circle_kernel, configuration_kernel
-from feasigrasp.models.capsule_kernels import closest_parameters, end_point
-from feasigrasp.models.collision_kernels import is_clear_kernel
-from feasigrasp.models.fast_trig import fast_sincos
-from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
-from feasigrasp.models.iiwa_capsules import CapsuleModel
-from feasigrasp.models.inverse_kinematics import (
+from feasigrasp.models.ik.arm_angle_intervals import Segments, make_segments, segments_kernel
+from feasigrasp.models.ik.arm_angle_table import Lanes, lanes_kernel, travel_times_kernel
+from feasigrasp.models.ik.arm_circle import (
+    arm_angle_kernel,
+    arm_circle_kernel,
+    configuration_kernel,
+)
+from feasigrasp.models.ik.closed_form import (
     inside_limits_kernel,
     next_nearest_kernel,
     travel_time_kernel,
 )
-from feasigrasp.models.vector_kernels import dot, minus, step
+from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.vectors import dot, minus, step
+from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_point
+from feasigrasp.models.robot.capsules import CapsuleModel
+from feasigrasp.models.robot.collision_kernels import is_clear_kernel
+from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
 
 FloatArray = NDArray[np.float64]
 
-#: What `verdict_kernel` returns; the names are in `feasigrasp.models.reachability.VERDICTS`.
+#: What `verdict_kernel` returns; the names are in `feasigrasp.models.reach.reachability.VERDICTS`.
 REACHABLE, WRIST, LIMITS, SELF_COLLISION, TABLE = 0, 1, 2, 3, 4
 
 _LINK_7_TO_FLANGE = float(FLANGE_HEIGHT - JOINT_HEIGHTS[6])

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.pose_judge import REASONS, PoseJudge
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.reachability_kernels import REACHABLE
-from feasigrasp.models.twist_estimator import MotionEstimate, future_poses
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
+from feasigrasp.models.reach.judge import REASONS, PoseJudge
+from feasigrasp.models.reach.kernels import REACHABLE
+from feasigrasp.models.reach.reachability import Reachability
 
 FloatArray = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class JudgedGrasps:
     Attributes:
         grasps: Those that are kept, in the object frame, best score first.
         verdicts: For every grasp given, then for the 180-degree flip of every grasp: "kept", or
-            why it is not: one of `feasigrasp.models.pose_judge.REASONS` if it is out of reach now,
+            why it is not: one of `feasigrasp.models.reach.judge.REASONS` if it is out of reach now,
             "out of reach soon", or "better grasps in reach".
     """
 

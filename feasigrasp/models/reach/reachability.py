@@ -11,12 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models import se3
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import JOINT_HEIGHTS
-from feasigrasp.models.iiwa_capsules import capsule_model
-from feasigrasp.models.inverse_kinematics import flange_poses
-from feasigrasp.models.reachability_kernels import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.closed_form import flange_poses
+from feasigrasp.models.reach.kernels import (
     LIMITS,
     SELF_COLLISION,
     TABLE,
@@ -27,7 +24,10 @@ from feasigrasp.models.reachability_kernels import (
     nearest_batch_kernel,
     verdict_batch_kernel,
 )
-from feasigrasp.models.reachability_kernels import REACHABLE as REACHABLE
+from feasigrasp.models.reach.kernels import REACHABLE as REACHABLE
+from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import JOINT_HEIGHTS
 
 FloatArray = NDArray[np.float64]
 

@@ -2,8 +2,8 @@
 
 A Riemannian mixture is fitted to the poses of uniformly drawn admissible configurations (the
 paper's section IV-B). A pose counts as reachable if its log density exceeds the value that 99 % of
-reachable poses exceed. That is a soft score, not a proof: `feasigrasp.models.reachability` has the
-exact answer.
+reachable poses exceed. That is a soft score, not a proof: `feasigrasp.models.reach.reachability`
+has the exact answer.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import FeasigraspError, ReachabilityError
-from feasigrasp.models.riemannian_float32 import Float32Array, log_densities, pack
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.mixtures.float32_kernels import Float32Array, log_densities, pack
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.resources import model_path
 
 FloatArray = NDArray[np.float64]

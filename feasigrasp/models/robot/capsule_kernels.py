@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.fast_trig import fast_sincos
-from feasigrasp.models.iiwa import JOINT_AXES, JOINT_HEIGHTS
-from feasigrasp.models.vector_kernels import cross, dot, minus, step, turn
+from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn
+from feasigrasp.models.robot.iiwa import JOINT_AXES, JOINT_HEIGHTS
 
 _H0, _H1 = JOINT_HEIGHTS[:2]
 _L2, _L3, _L4, _L5, _L6 = np.diff(JOINT_HEIGHTS[1:])

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
 
 HAND_NAMES = ("palm", "left_finger", "right_finger", "camera")
 #: Rigid bodies that carry capsules; ``BODY_LINK`` names the link that each of them moves with.

@@ -14,15 +14,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.capsule_kernels import (
+from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.vectors import dot, minus, step, turn
+from feasigrasp.models.robot.capsule_kernels import (
     closest_parameters,
     end_point,
     link_poses_kernel,
     place,
 )
-from feasigrasp.models.fast_trig import fast_sincos
-from feasigrasp.models.iiwa import JOINT_HEIGHTS
-from feasigrasp.models.vector_kernels import dot, minus, step, turn
+from feasigrasp.models.robot.iiwa import JOINT_HEIGHTS
 
 #: Configurations in a block: its rows stay in the first-level cache.
 LANES = 64

@@ -3,10 +3,10 @@
 import numba as nb
 import numpy as np
 
-from feasigrasp.models.capsule_kernels import distances_kernel
-from feasigrasp.models.collision_kernels import in_collision_kernel
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import manipulability_kernel
+from feasigrasp.models.robot.capsule_kernels import distances_kernel
+from feasigrasp.models.robot.collision_kernels import in_collision_kernel
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import manipulability_kernel
 
 
 @nb.njit(cache=True)

@@ -4,7 +4,7 @@ A hand is six lengths and two boxes; the sampler, the filter and the network's v
 a hand take them from there, so nothing is trained anew.
 """
 
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 #: A hand like the Schunk WSG 50 with 110 mm stroke. Lengths as in Drake's description of it, made
 #: after the maker's drawing: body 146 x 72.5 x 50 mm, fingers 12 x 82 x 20 mm that start at its

@@ -12,14 +12,14 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.fast_trig import fast_sincos, sincos_kernel
-from feasigrasp.models.iiwa import (
+from feasigrasp.models.numerics.fast_trig import fast_sincos, sincos_kernel
+from feasigrasp.models.numerics.vectors import cross, dot, step, turn
+from feasigrasp.models.robot.iiwa import (
     D_BASE_SHOULDER,
     D_ELBOW_WRIST,
     D_SHOULDER_ELBOW,
     D_WRIST_FLANGE,
 )
-from feasigrasp.models.vector_kernels import cross, dot, step, turn
 
 FloatArray = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 The distance of two capsules is that of their segments minus both radii. The functions use the iiwa
 with its hand unless they are given another model. The kernels that other compiled code calls are
-in `feasigrasp.models.capsule_kernels` and `feasigrasp.models.collision_kernels`.
+in `feasigrasp.models.robot.capsule_kernels` and `feasigrasp.models.robot.collision_kernels`.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.capsule_kernels import distances_kernel, gradients_kernel, table_kernel
-from feasigrasp.models.collision_kernels import in_collision_batch_kernel
-from feasigrasp.models.iiwa import NUM_JOINTS
-from feasigrasp.models.iiwa_capsules import CapsuleModel, capsule_model
+from feasigrasp.models.robot.capsule_kernels import distances_kernel, gradients_kernel, table_kernel
+from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
+from feasigrasp.models.robot.collision_kernels import in_collision_batch_kernel
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
 
 FloatArray = NDArray[np.float64]
 

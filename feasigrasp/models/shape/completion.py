@@ -18,17 +18,17 @@ from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.free_space import free_distance, rim_points
-from feasigrasp.models.gpdf import PAPER, FitSettings, fit_field, fit_gpdf
-from feasigrasp.models.gpdf_covariance import cross_covariance
-from feasigrasp.models.gpdf_field import Gpdf, checked_queries
-from feasigrasp.models.hidden_nodes import HiddenNodes, hidden_nodes
-from feasigrasp.models.hidden_side import load_hidden_side
-from feasigrasp.models.point_cloud_checks import check_fit, checked_cloud
-from feasigrasp.models.surface_points import SurfacePoints
-from feasigrasp.models.view_fusion import FusedCloud
-from feasigrasp.models.view_image import ViewImage
+from feasigrasp.models.clouds.checks import check_fit, checked_cloud
+from feasigrasp.models.clouds.free_space import free_distance, rim_points
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.view_image import ViewImage
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.shape.covariance import cross_covariance
+from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
+from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_gpdf
+from feasigrasp.models.shape.hidden_nodes import HiddenNodes, hidden_nodes
+from feasigrasp.models.shape.hidden_side import load_hidden_side
+from feasigrasp.models.shape.surface_points import SurfacePoints
 
 Array = NDArray[np.float64]
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models import gpdf_kernels as kernels
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf_covariance import cross_covariance
-from feasigrasp.models.gpdf_pairs import make_tiles
-from feasigrasp.models.surface_points import SurfacePoints
-from feasigrasp.models.unlocked_lapack import solve_lower
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.numerics.lapack import solve_lower
+from feasigrasp.models.shape import gpdf_kernels as kernels
+from feasigrasp.models.shape.covariance import cross_covariance
+from feasigrasp.models.shape.node_sums import make_tiles
+from feasigrasp.models.shape.surface_points import SurfacePoints
 
 Array = NDArray[np.float64]
 

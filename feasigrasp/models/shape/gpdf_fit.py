@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf_covariance import cross_covariance, gram_lower
-from feasigrasp.models.gpdf_field import Gpdf as Gpdf
-from feasigrasp.models.gpdf_pairs import LOG2_E, MAX_NODE_RADIUS
-from feasigrasp.models.point_cloud_checks import MIN_POINTS as MIN_POINTS
-from feasigrasp.models.point_cloud_checks import check_fit, checked_cloud, directions_to_camera
-from feasigrasp.models.point_normals import outward_normals
-from feasigrasp.models.unlocked_lapack import factorize, solve_factorized, solve_lower
+from feasigrasp.models.clouds.checks import MIN_POINTS as MIN_POINTS
+from feasigrasp.models.clouds.checks import check_fit, checked_cloud, directions_to_camera
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.numerics.lapack import factorize, solve_factorized, solve_lower
+from feasigrasp.models.shape.covariance import cross_covariance, gram_lower
+from feasigrasp.models.shape.gpdf import Gpdf as Gpdf
+from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS
+from feasigrasp.models.shape.normals import outward_normals
 
 Array = NDArray[np.float64]
 

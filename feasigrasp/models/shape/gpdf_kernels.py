@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.gpdf_pairs import make_workspace, value_and_gradient_at, value_at
+from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at, value_at
 
 Array = NDArray[np.float64]
 

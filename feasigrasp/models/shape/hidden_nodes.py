@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.free_space import free_distance
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.hidden_side import BackSurface, HiddenSide
-from feasigrasp.models.view_image import SIDE, ViewImage
+from feasigrasp.models.clouds.free_space import free_distance
+from feasigrasp.models.clouds.view_image import SIDE, ViewImage
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.hidden_side import BackSurface, HiddenSide
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 Nothing of an object lies outside its silhouette: where its surface ends along the line of sight of
 every pixel, beside where it begins, tells the whole of its outer shape. A small network has learnt
 how thick household shapes are behind each pixel; the distance field takes that for observations
-that are as uncertain as the network says (`feasigrasp.models.shape_completion`).
+that are as uncertain as the network says (`feasigrasp.models.shape.completion`).
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.hidden_side_network import CHANNELS, HiddenSideNetwork
-from feasigrasp.models.nearest_distance import nearest_distance
-from feasigrasp.models.view_image import SIDE, ViewImage
+from feasigrasp.models.clouds.view_image import SIDE, ViewImage
+from feasigrasp.models.geometry.nearest_distance import nearest_distance
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.hidden_side_network import CHANNELS, HiddenSideNetwork
 
 Array = NDArray[np.float64]
 
 #: Where the trained weights are.
-DEFAULT_WEIGHTS = Path(__file__).resolve().parent / "weights" / "hidden_side.npz"
+DEFAULT_WEIGHTS = Path(__file__).resolve().parents[1] / "weights" / "hidden_side.npz"
 #: Of the weights file; another layout gets another number.
 FORMAT = "feasigrasp hidden_side 1"
 #: Half widths of pictures are given relative to this [m].

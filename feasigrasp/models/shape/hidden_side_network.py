@@ -1,4 +1,4 @@
-"""The network behind `feasigrasp.models.hidden_side`: a small U-Net from pictures to thickness."""
+"""The network behind `hidden_side`: a small U-Net from pictures to thickness."""
 
 from __future__ import annotations
 

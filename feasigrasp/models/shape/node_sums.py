@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.vector_math import exp2_of_minus, rough_inverse_sqrt, wide_vectors
+from feasigrasp.models.numerics.simd import exp2_of_minus, rough_inverse_sqrt, wide_vectors
 
 Array = NDArray[np.float64]
 

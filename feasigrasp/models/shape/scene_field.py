@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.gpdf import Gpdf, fit_gpdf
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.point_cloud_checks import MIN_POINTS
+from feasigrasp.models.clouds.checks import MIN_POINTS
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 
 Array = NDArray[np.float64]
 

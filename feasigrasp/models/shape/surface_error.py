@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.nearest_distance import nearest_distance
+from feasigrasp.models.geometry.nearest_distance import nearest_distance
+from feasigrasp.models.shape.gpdf import Gpdf
 
 Array = NDArray[np.float64]
 

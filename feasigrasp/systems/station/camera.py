@@ -9,8 +9,8 @@ from pydrake.perception import DepthImageToPointCloud
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
 
-from feasigrasp.models.depth_noise import DepthNoise
-from feasigrasp.systems.depth_noise import NoisyDepth
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.systems.station.depth_noise import NoisyDepth
 
 
 def export_camera(

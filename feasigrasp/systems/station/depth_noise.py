@@ -7,7 +7,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import CameraInfo, ImageDepth32F
 
-from feasigrasp.models.depth_noise import DepthNoise
+from feasigrasp.models.clouds.depth_noise import DepthNoise
 
 
 class NoisyDepth(LeafSystem):

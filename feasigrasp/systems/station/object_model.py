@@ -10,8 +10,8 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from feasigrasp.models.rigid_object import RigidObject, write_mesh
-from feasigrasp.models.triangle_mesh import decimate_within
+from feasigrasp.models.objects.mesh import decimate_within
+from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 
 _URDF = """<?xml version="1.0"?>
 <robot name="{model_name}" xmlns:drake="http://drake.mit.edu">

@@ -7,8 +7,8 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.carrying_wrench import motion_wrench_kernel
-from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.objects.carrying import motion_wrench_kernel
+from feasigrasp.models.objects.motion import HarmonicMotion
 
 
 class ObjectServo(LeafSystem):

@@ -26,14 +26,14 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.carrying_wrench import body_pose_kernel
-from feasigrasp.models.depth_noise import DepthNoise
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.objects.carrying import body_pose_kernel
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.resources import model_path
-from feasigrasp.systems.camera import export_camera
-from feasigrasp.systems.object_model import add_object
-from feasigrasp.systems.object_servo import ObjectServo
+from feasigrasp.systems.station.camera import export_camera
+from feasigrasp.systems.station.object_model import add_object
+from feasigrasp.systems.station.object_servo import ObjectServo
 
 #: Gains of the joints' PD controllers, from the base to the flange; damping is 1.8 sqrt(kp).
 ARM_KP = np.array([2000.0, 2000.0, 1500.0, 1500.0, 800.0, 500.0, 300.0])

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.grasp_labels import (
+from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.training.data.grasp_labels import (
     ALIGNED_DEG,
     N_TURNS,
     NEAR,
@@ -30,8 +31,7 @@ from feasigrasp.models.grasp_labels import (
     PointLabels,
     best_labels,
 )
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.training.data.grasp_truth import TrueGrasps
 
 Array = NDArray[np.float64]
 

@@ -15,23 +15,23 @@ import trimesh
 from numpy.typing import NDArray
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.evaluation.shape_views import PartialView, ViewedObject, turning_views
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf_field import Gpdf
-from feasigrasp.models.grasp_input import (
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.grasps.network.surface_input import (
     BEYOND_GRASPS,
     MAX_CHORD,
     SCALARS,
     GraspInput,
     grasp_input,
 )
-from feasigrasp.models.grasp_labels import PointLabels, label_points
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.rigid_object import RigidObject
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.surface_error import predicted_deviation
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.surface_error import predicted_deviation
+from feasigrasp.training.data.grasp_labels import PointLabels, label_points
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
 
 Example = dict[str, Any]
 Array = NDArray[np.float64]

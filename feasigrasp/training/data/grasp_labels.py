@@ -15,9 +15,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.grasp_label_kernels import blocked_turns, turn_table
-from feasigrasp.models.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.training.data.grasp_label_kernels import blocked_turns, turn_table
+from feasigrasp.training.data.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -15,8 +15,8 @@ import open3d as o3d
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.grasp_label_kernels import collides
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.training.data.grasp_label_kernels import collides
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import MeshError
-from feasigrasp.evaluation.object_streams import ObjectStream
-from feasigrasp.evaluation.sampler_examples import VOXEL_SIZE
-from feasigrasp.evaluation.shape_views import ViewedObject, turning_views
-from feasigrasp.models.hidden_side import features, picture_scale
-from feasigrasp.models.hidden_side_network import FEATURES
-from feasigrasp.models.shape_completion import ROUGH_POINTS, complete_shape
-from feasigrasp.models.view_fusion import FusedCloud
-from feasigrasp.models.view_image import SIDE, ViewImage
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.view_image import SIDE, ViewImage
+from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
+from feasigrasp.models.shape.hidden_side import features, picture_scale
+from feasigrasp.models.shape.hidden_side_network import FEATURES
+from feasigrasp.training.data.grasp_examples import VOXEL_SIZE
+from feasigrasp.training.data.object_streams import ObjectStream
+from feasigrasp.training.data.views import ViewedObject, turning_views
 
 Array = NDArray[np.float64]
 

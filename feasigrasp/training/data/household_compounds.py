@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from manifold3d import Manifold
 
-from feasigrasp.models import household_solids as parts
-from feasigrasp.models.household_solids import Rng, log_uniform
-from feasigrasp.models.solids import clean, lathe, loft, profile, rounded_box, tube
+from feasigrasp.training.data import household_solids as parts
+from feasigrasp.training.data.household_solids import Rng, log_uniform
+from feasigrasp.training.data.solids import clean, lathe, loft, profile, rounded_box, tube
 
 _PARTS = (parts.box, parts.cylinder, parts.capsule, parts.bottle, parts.ball, parts.bent)
 _Y, _Z = np.eye(3)[1], np.eye(3)[2]

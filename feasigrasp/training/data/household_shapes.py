@@ -15,13 +15,13 @@ import trimesh
 from numpy.typing import NDArray
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.models.objects.rigid_object import RigidObject
 
 try:
     from manifold3d import Manifold
 
-    from feasigrasp.models import household_compounds as compounds
-    from feasigrasp.models import household_solids as solids
+    from feasigrasp.training.data import household_compounds as compounds
+    from feasigrasp.training.data import household_solids as solids
 except ImportError as error:
     raise MeshError(
         "household shapes need manifold3d; install feasigrasp[train] (or manifold3d>=3.5)"

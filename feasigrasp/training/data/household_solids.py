@@ -7,7 +7,7 @@ import trimesh
 from manifold3d import CrossSection, Manifold
 from numpy.typing import NDArray
 
-from feasigrasp.models.solids import (
+from feasigrasp.training.data.solids import (
     clean,
     ellipsoid,
     lathe,

@@ -10,16 +10,21 @@ import numpy as np
 import trimesh
 
 from feasigrasp.errors import MeshError
-from feasigrasp.evaluation.acronym import acronym_labels, read_acronym
-from feasigrasp.evaluation.sampler_examples import Labeller
-from feasigrasp.models.household_shapes import (
+from feasigrasp.models.objects.rigid_object import (
+    DEFAULT_DENSITY,
+    RigidObject,
+    find_objects,
+    load_object,
+)
+from feasigrasp.training.data.acronym import acronym_labels, read_acronym
+from feasigrasp.training.data.grasp_examples import Labeller
+from feasigrasp.training.data.household_shapes import (
     HELD_OUT,
     TRAINED,
     make_shape,
     rigid_object,
     shape_of,
 )
-from feasigrasp.models.rigid_object import DEFAULT_DENSITY, RigidObject, find_objects, load_object
 
 #: One object of our own stream in so many is of a family that is held out.
 HELD_OUT_EVERY = 8

@@ -7,10 +7,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from feasigrasp.evaluation.shape_views import look_at
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.household_shapes import FAMILIES, HELD_OUT, make_shape
-from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.household_shapes import FAMILIES, HELD_OUT, make_shape
+from feasigrasp.training.data.views import look_at
 
 _PIXELS = 150
 #: Side of a tile [m]; every shape is drawn to this scale.

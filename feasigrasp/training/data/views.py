@@ -9,9 +9,9 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from feasigrasp.models import se3
-from feasigrasp.models.depth_noise import DepthNoise
-from feasigrasp.models.rigid_object import RigidObject
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.systems.segment_point_cloud import edge_pixels
 
 Array = NDArray[np.float64]

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models import se3
-from feasigrasp.models.riemannian_blocks import PoseBlocks, moments_of_blocks
-from feasigrasp.models.riemannian_float32 import pack
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
-from feasigrasp.models.riemannian_seeding import seed_means
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.float32_kernels import pack
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.models.mixtures.seeding import seed_means
+from feasigrasp.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
 
 FloatArray = NDArray[np.float64]
 

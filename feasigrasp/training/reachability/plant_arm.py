@@ -17,12 +17,12 @@ from pydrake.multibody.tree import Frame, Joint, PrismaticJoint, RevoluteJoint
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.models.serial_chain import SerialChain
 from feasigrasp.resources import model_path
+from feasigrasp.training.reachability.serial_chain import SerialChain
 
 
 class PlantArm:
-    """An arm of a model file, ready for `feasigrasp.models.reachability_sampling`.
+    """An arm of a model file, ready for `feasigrasp.training.reachability.reachable_poses`.
 
     Joints that are not between the two frames (fingers, say) stay at their default positions, and
     whatever geometry the file has counts in collisions, minus what Drake filters (neighbours, and

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.riemannian_float32 import (
+from feasigrasp.models.mixtures.float32_kernels import (
     BLOCK,
     FASTMATH,
     Float32Array,
@@ -18,7 +18,7 @@ from feasigrasp.models.riemannian_float32 import (
     log2_density_kernel,
     tangents_kernel,
 )
-from feasigrasp.models.vector_math import wide_vectors
+from feasigrasp.models.numerics.simd import wide_vectors
 
 FloatArray = NDArray[np.float64]
 

@@ -19,12 +19,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_capsules import CapsuleModel, capsule_model
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, manipulability
-from feasigrasp.models.riemannian_kernels import pose_quaternions
-from feasigrasp.models.self_collision import in_collision
+from feasigrasp.models.mixtures.kernels import pose_quaternions
+from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
+from feasigrasp.models.robot.self_collision import in_collision
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

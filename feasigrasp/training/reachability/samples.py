@@ -13,7 +13,7 @@ import numpy as np
 from joblib.externals.loky import get_reusable_executor
 from tqdm import tqdm
 
-from feasigrasp.models.reachability_sampling import (
+from feasigrasp.training.reachability.reachable_poses import (
     ReachedPoses,
     SerialArm,
     join,

@@ -4,8 +4,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from feasigrasp.models import iiwa
-from feasigrasp.models.iiwa_capsules import BODY_PAIRS, arm_capsules
+from feasigrasp.models.robot import iiwa
+from feasigrasp.models.robot.capsules import BODY_PAIRS, arm_capsules
 from generator import xml
 
 # Masses and inertias: CAD values scaled to KUKA's total mass of 23.9 kg, as published in the

@@ -5,7 +5,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
 from generator import xml
 
 #: Width, height and depth of an Intel RealSense D435, along the camera's X, Y and Z [m].

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
 from generator.camera import camera_pose
 from generator.xml import number
 

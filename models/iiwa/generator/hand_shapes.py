@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
 from generator.camera import CAMERA_SIZE, camera_pose
 from generator.housings import DARK, GREY, ORANGE, SILVER, Parts
 from generator.palette import Material

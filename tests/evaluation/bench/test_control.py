@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 import torch
 
-from feasigrasp.evaluation import bench_control
-from feasigrasp.evaluation.bench_control import (
+from feasigrasp.evaluation.bench import control as bench_control
+from feasigrasp.evaluation.bench.control import (
     format_table_3,
     frequency_row,
     joint_probe,
     task_probe,
 )
-from feasigrasp.evaluation.control_peers import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
-from feasigrasp.evaluation.controller_probe import V_WO
-from feasigrasp.evaluation.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp.evaluation.result_files import Row
-from feasigrasp.evaluation.timing import Timing
-from feasigrasp.models import se3
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.reachability import Reachability
+from feasigrasp.evaluation.bench.controller_probe import V_WO
+from feasigrasp.evaluation.bench.timing import Timing
+from feasigrasp.evaluation.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
+from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.results.rows import Row
 
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG

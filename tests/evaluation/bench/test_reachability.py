@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 
-from feasigrasp.evaluation import bench_reachability
-from feasigrasp.models.reachability import Reachability
+from feasigrasp.evaluation.bench import reachability as bench_reachability
+from feasigrasp.models.reach.reachability import Reachability
 
 
 def test_about_half_of_the_grasps_can_be_reached():

@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation import bench_safety as bench
-from feasigrasp.evaluation import safety_laws as laws
-from feasigrasp.evaluation.safety_solvers import solve_daqp, solvers
-from feasigrasp.evaluation.timing import cpu_time
-from feasigrasp.models.safe_velocity import Safety, SafetyOptions, velocity_bounds
+from feasigrasp.evaluation.bench import safety as bench
+from feasigrasp.evaluation.bench.timing import cpu_time
+from feasigrasp.evaluation.peers import safety_laws as laws
+from feasigrasp.evaluation.peers.safety_solvers import solve_daqp, solvers
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions, velocity_bounds
 
 OPTIONS = SafetyOptions()
 

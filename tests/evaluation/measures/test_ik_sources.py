@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation import ik_sources
-from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.evaluation.measures import ik_sources
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 
 
 @pytest.fixture(scope="module")

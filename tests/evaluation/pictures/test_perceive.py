@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from feasigrasp.evaluation.dense_surface import dense_surface
-from feasigrasp.evaluation.perception import (
+from feasigrasp.evaluation.pictures.dense_surface import dense_surface
+from feasigrasp.evaluation.pictures.perception import (
     distance_from_seen,
     draw_perception,
     gripper_outline,
     perceive,
 )
-from feasigrasp.evaluation.splats import Viewer
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.evaluation.pictures.splats import Viewer
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 RADIUS = 0.03
 

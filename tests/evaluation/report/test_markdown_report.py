@@ -7,9 +7,9 @@ import pytest
 from matplotlib.image import imread
 
 from feasigrasp import cli
-from feasigrasp.evaluation.markdown import BEGIN, END, markdown_table
-from feasigrasp.evaluation.paper_tables import TABLE_2, TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp.evaluation.report_dynamic import FIGURE
+from feasigrasp.evaluation.report.dynamic import FIGURE
+from feasigrasp.evaluation.report.paper_tables import TABLE_2, TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp.results.markdown import BEGIN, END, markdown_table
 
 
 def row(name, preset, value, low=None, high=None, unit="", n=5):

@@ -5,12 +5,19 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import GraspError
-from feasigrasp.evaluation.evaluate_grasp_labels import sample_grasps, summary_rows
-from feasigrasp.evaluation.floating_gripper import FloatingGripper, hold_trials
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.household_shapes import rigid_object
-from feasigrasp.systems.hand_load import GRAVITY, LIFT_TIME, RAMP_TIME, SHAKE, SHAKE_PERIOD, load
+from feasigrasp.evaluation.runs.floating_gripper import FloatingGripper, hold_trials
+from feasigrasp.evaluation.runs.hand_load import (
+    GRAVITY,
+    LIFT_TIME,
+    RAMP_TIME,
+    SHAKE,
+    SHAKE_PERIOD,
+    load,
+)
+from feasigrasp.evaluation.studies.grasp_labels import sample_grasps, summary_rows
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.household_shapes import rigid_object
 
 
 def turned(angle_deg):

@@ -5,10 +5,10 @@ import os
 import signal
 from pathlib import Path
 
-from feasigrasp.evaluation import isolated
-from feasigrasp.evaluation import run as run_module
+from feasigrasp.evaluation.runs import isolated
+from feasigrasp.evaluation.runs import run as run_module
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import Scenario, load_scenario
+from feasigrasp.scenario.schema import Scenario, load_scenario
 
 
 def test_an_exception_in_the_process_becomes_its_record(tmp_path):

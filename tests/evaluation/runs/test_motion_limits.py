@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.motion_limits import JointTicks, limit_metrics
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
 
 PERIOD = 0.005
 STEP = ACCELERATION_LIMITS * PERIOD

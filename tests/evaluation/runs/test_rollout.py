@@ -9,13 +9,13 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import LeafSystem
 
-from feasigrasp.evaluation.evaluate_prediction import MEASUREMENTS, motion_errors
-from feasigrasp.evaluation.kinematic_rollout import object_grasps, roll_out
-from feasigrasp.evaluation.rollout_metrics import ROLLOUT_METRICS
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, NUM_JOINTS
+from feasigrasp.evaluation.runs.rollout import object_grasps, roll_out
+from feasigrasp.evaluation.runs.rollout_metrics import ROLLOUT_METRICS
+from feasigrasp.evaluation.studies.prediction import MEASUREMENTS, motion_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, NUM_JOINTS
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario, make_motion
+from feasigrasp.scenario.schema import load_scenario, make_motion
 
 SPEED = np.array([0.3, -0.2, 0.1, 0.25, -0.1, 0.2, 0.4])
 

@@ -7,10 +7,10 @@ import jsonschema
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.metrics import METRICS, summarize
-from feasigrasp.evaluation.run import crash_record, run, write_result
+from feasigrasp.evaluation.runs.run import crash_record, run, write_result
+from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario, parse_scenario, scenario_names
+from feasigrasp.scenario.schema import load_scenario, parse_scenario, scenario_names
 from feasigrasp.systems import dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 
@@ -20,7 +20,7 @@ FILE = diagram_path("dynamic.scenarios.yaml")
 @pytest.fixture(scope="module")
 def validator():
     schema = json.loads(
-        resources.files("feasigrasp.evaluation").joinpath("run.schema.json").read_text()
+        resources.files("feasigrasp.evaluation.runs").joinpath("run.schema.json").read_text()
     )
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from feasigrasp.evaluation.metrics import METRICS, summarize
-from feasigrasp.evaluation.motion_limits import JointTicks
-from feasigrasp.models.grasp_sequence import Phase
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.evaluation.runs.motion_limits import JointTicks
+from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
 
 A, C, L, H, D = (int(phase) for phase in Phase)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.evaluation import dynamic
-from feasigrasp.evaluation import run as run_module
-from feasigrasp.evaluation.arguments import select_objects
-from feasigrasp.evaluation.dynamic_plan import STUDIES, plan
-from feasigrasp.evaluation.run import crash_record
-from feasigrasp.models.rigid_object import builtin_objects, load_object
+from feasigrasp.evaluation.runs import run as run_module
+from feasigrasp.evaluation.runs.plan import STUDIES, plan
+from feasigrasp.evaluation.runs.run import crash_record
+from feasigrasp.evaluation.studies import dynamic
+from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.resources import model_path
+from feasigrasp.results.arguments import select_objects
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.evaluation import gallery
-from feasigrasp.evaluation import run as run_module
-from feasigrasp.evaluation.run import crash_record
+from feasigrasp.evaluation.runs import run as run_module
+from feasigrasp.evaluation.runs.run import crash_record
+from feasigrasp.evaluation.studies import gallery
 
 
 def planned(*arguments):

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from feasigrasp.cli import main
-from feasigrasp.evaluation import study_grasp_targets
-from feasigrasp.models import se3
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.sphere import sphere_points
+from feasigrasp.evaluation.studies import grasp_targets as study_grasp_targets
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 TARGETS = ["mean, K = 2", "mean, K by BIC", "ascent to means", "medoid", "ascent to medoids"]
 

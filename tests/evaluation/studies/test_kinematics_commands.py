@@ -6,13 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation import bench_kinematics as bench
-from feasigrasp.evaluation import evaluate_kinematics as evaluate
-from feasigrasp.evaluation import timing
-from feasigrasp.evaluation.drake_arm import DrakeArm
-from feasigrasp.evaluation.finished_parts import finish_part, finished_records
-from feasigrasp.evaluation.result_files import Row, write_json
-from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.evaluation.bench import kinematics as bench
+from feasigrasp.evaluation.bench import timing
+from feasigrasp.evaluation.peers.drake_arm import DrakeArm
+from feasigrasp.evaluation.studies import kinematics as evaluate
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.results.finished import finish_part, finished_records
+from feasigrasp.results.rows import Row, write_json
 
 
 def value(rows, name, preset="default"):

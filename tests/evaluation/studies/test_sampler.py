@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.evaluation.grasp_measures import average_precision, resampled, set_measures
-from feasigrasp.evaluation.sampler_objects import FIRST_SEED, make_object, unseen_objects
-from feasigrasp.evaluation.sampler_rows import summary_rows, write_csv
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.household_shapes import HELD_OUT
+from feasigrasp.evaluation.measures.grasps import average_precision, resampled, set_measures
+from feasigrasp.evaluation.studies.sampler_objects import FIRST_SEED, make_object, unseen_objects
+from feasigrasp.evaluation.studies.sampler_rows import summary_rows, write_csv
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.household_shapes import HELD_OUT
 
 
 def test_average_precision_by_hand():

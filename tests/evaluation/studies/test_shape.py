@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from feasigrasp.cli import main
-from feasigrasp.evaluation.level_set import sample_level_set
-from feasigrasp.evaluation.reliability import _binned
-from feasigrasp.evaluation.shape_measures import auc, measure, true_samples
-from feasigrasp.evaluation.shape_views import ViewedObject, look_at, turning_views
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.models.sphere import sphere_points
-from feasigrasp.models.surface_error import predicted_deviation, surface_deviation
+from feasigrasp.evaluation.measures.level_set import sample_level_set
+from feasigrasp.evaluation.measures.reliability import _binned
+from feasigrasp.evaluation.measures.shape import auc, measure, true_samples
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.surface_error import predicted_deviation, surface_deviation
+from feasigrasp.training.data.views import ViewedObject, look_at, turning_views
 
 RADIUS = 0.033
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from feasigrasp.cli import main
-from feasigrasp.evaluation import shape_figures, study_length_scale
-from feasigrasp.evaluation.shape_views import ViewedObject
-from feasigrasp.evaluation.study_length_scale import curves, summary_rows
-from feasigrasp.models.rigid_object import load_object
+from feasigrasp.evaluation.studies import length_scale as study_length_scale
+from feasigrasp.evaluation.studies import shape_figures
+from feasigrasp.evaluation.studies.length_scale import curves, summary_rows
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.training.data.views import ViewedObject
 
 
 def record(name, view, preset, length_scale, value):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import CameraError
-from feasigrasp.models.depth_noise import DepthNoise, incidence
+from feasigrasp.models.clouds.depth_noise import DepthNoise, incidence
 
 FX = FY = 384.2
 SHAPE = (240, 320)

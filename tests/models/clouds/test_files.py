@@ -5,7 +5,7 @@ import open3d as o3d
 import pytest
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.cloud_files import prepare_cloud, read_cloud
+from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 
 
 @pytest.fixture

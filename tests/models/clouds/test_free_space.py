@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.free_space import free_distance, rim_points
-from feasigrasp.models.view_image import SIDE, view_image
+from feasigrasp.models.clouds.free_space import free_distance, rim_points
+from feasigrasp.models.clouds.view_image import SIDE, view_image
+from feasigrasp.models.geometry import se3
 
 RADIUS = 0.04
 CAMERA = np.array([0.0, 0.0, 0.5])

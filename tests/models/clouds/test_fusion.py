@@ -5,9 +5,9 @@ import copy
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.view_fusion import FusedCloud
-from feasigrasp.models.view_registration import register_view
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.registration import register_view
+from feasigrasp.models.geometry import se3
 
 VOXEL = 0.01
 

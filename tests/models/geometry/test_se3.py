@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.models import se3
+from feasigrasp.models.geometry import se3
 
 ANGLES = [0.0, 1e-12, 1e-8, 1e-4, 0.1, 0.785, 0.9999, 1.0001, 2.0, 3.0, np.pi - 1e-6, np.pi]
 BEYOND_PI = [3.5, 5.0, 6.0]

@@ -5,10 +5,10 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_filter import COSINE_STEPS, contacts
-from feasigrasp.models.hand_freedom import MARGIN
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.filter import COSINE_STEPS, contacts
+from feasigrasp.models.grasps.hand_clearance import MARGIN
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 SAMPLER = AntipodalSampler()
 

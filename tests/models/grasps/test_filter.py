@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_certainty import (
+from feasigrasp.models.grasps.certainty import (
     FAR,
     clearance_certainty,
     contact_certainty,
     contact_evidence,
 )
-from feasigrasp.models.grasp_filter import (
+from feasigrasp.models.grasps.filter import (
     contact_cosine,
     contacts,
     filter_grasps,
 )
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.hand_freedom import hand_clearance
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.hand_clearance import hand_clearance
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 GRIPPER = ParallelGripper()
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_funnel import Funnel, funnel_targets, grasp_errors
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import Funnel, funnel_targets, grasp_errors
 
 FUNNEL = Funnel()
 

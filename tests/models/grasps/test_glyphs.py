@@ -5,8 +5,14 @@ import pytest
 import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from feasigrasp.models.glyphs import disc, frames_along, gripper_glyph, place_copies, spread_order
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.glyphs import (
+    disc,
+    frames_along,
+    gripper_glyph,
+    place_copies,
+    spread_order,
+)
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models import se3
-from feasigrasp.models.grasps import UNKNOWN, GraspSet
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 
 
 @pytest.fixture

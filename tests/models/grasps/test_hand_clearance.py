@@ -3,13 +3,19 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.grasp_certainty import unseen_clearance_certainty
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.hand_freedom import FAR, HOPEFUL, MARGIN, hand_freedom, seen_clearance
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.sphere import sphere_points
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.grasps.certainty import unseen_clearance_certainty
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.hand_clearance import (
+    FAR,
+    HOPEFUL,
+    MARGIN,
+    hand_freedom,
+    seen_clearance,
+)
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.completion import complete_shape
 
 RADIUS = 0.025
 CAMERA = np.array([0.0, 0.0, 0.5])

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_matching import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.matching import (
     HYSTERESIS,
     GraspHistory,
     grasp_distance,
     match_grasps,
     recheck_grasps,
 )
-from feasigrasp.models.grasp_thinning import SAME_ANGLE, SAME_POSITION
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.thinning import SAME_ANGLE, SAME_POSITION
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 GRIPPER = ParallelGripper()

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_filter import contact_cosine, filter_grasps
-from feasigrasp.models.grasp_network import GraspNetwork
-from feasigrasp.models.grasp_samplers import make_sampler
-from feasigrasp.models.grasp_thinning import ENOUGH
-from feasigrasp.models.network_sampler import NetworkSampler
+from feasigrasp.models.grasps.filter import contact_cosine, filter_grasps
+from feasigrasp.models.grasps.network.network import GraspNetwork
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.grasps.samplers import make_sampler
+from feasigrasp.models.grasps.thinning import ENOUGH
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 SAMPLER = NetworkSampler(network=GraspNetwork.untrained(seed=1))
 

@@ -5,9 +5,9 @@ import copy
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_sequence import GraspSequenceConfig, GraspState, Phase
-from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 
 CONFIG = GraspSequenceConfig()
 WIDTH = 0.05

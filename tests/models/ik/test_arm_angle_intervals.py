@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.arm_angle_intervals import arm_angle_intervals
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.inverse_kinematics import arm_angle, closed_form
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.arm_angle_intervals import arm_angle_intervals
+from feasigrasp.models.ik.closed_form import arm_angle, closed_form
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 def random_configurations(n, seed=0, share=1.0):

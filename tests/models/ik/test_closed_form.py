@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.fast_atan2 import fast_atan2
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.inverse_kinematics import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.closed_form import (
     arm_angle,
     closed_form,
     inside_limits_kernel,
     nearest_inside_limits,
     travel_time_kernel,
 )
+from feasigrasp.models.numerics.fast_atan2 import fast_atan2
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 def random_configurations(n, seed=0):

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.damped_least_squares import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.least_squares import (
     damped_least_squares_kernel,
     damped_velocity_kernel,
     refine,
 )
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import (
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import (
     forward_kinematics,
     manipulability,
     pose_and_jacobian,

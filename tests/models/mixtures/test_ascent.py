@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.mixture_ascent import LENGTH_PER_RADIAN, ascent_direction
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.ascent import LENGTH_PER_RADIAN, ascent_direction
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
 TIGHT = np.diag([0.05**2] * 3 + [0.005**2] * 3)
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models import riemannian_em, riemannian_fit, se3
-from feasigrasp.models.riemannian_fit import fit_best_mixture, fit_riemannian_mixture
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures import em as riemannian_em
+from feasigrasp.models.mixtures import fit as riemannian_fit
+from feasigrasp.models.mixtures.fit import fit_best_mixture, fit_riemannian_mixture
 
 
 @pytest.fixture

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models import se3
-from feasigrasp.models.riemannian_fit import fit_riemannian_mixture
-from feasigrasp.models.riemannian_kernels import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
+from feasigrasp.models.mixtures.kernels import (
     direction_kernel,
     evaluate_kernel,
     gradient_kernel,
     posterior_kernel,
 )
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
 
 @pytest.fixture

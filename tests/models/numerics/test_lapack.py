@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from feasigrasp.models.unlocked_lapack import factorize, solve_factorized, solve_lower
+from feasigrasp.models.numerics.lapack import factorize, solve_factorized, solve_lower
 
 
 @pytest.fixture

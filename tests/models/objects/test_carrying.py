@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from feasigrasp.models import se3
-from feasigrasp.models.carrying_wrench import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.carrying import (
     carrying_wrench_kernel,
     motion_wrench_kernel,
     rotation_kernel,
 )
-from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.objects.motion import HarmonicMotion
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 MASS = 0.4

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from feasigrasp.models.rigid_object import builtin_objects, load_object
+from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.resources import model_path
 
 pytest.importorskip("manifold3d", reason="the generator needs manifold3d (dev extra)")

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.rigid_object import builtin_objects, load_object, load_objects
+from feasigrasp.models.objects.rigid_object import builtin_objects, load_object, load_objects
 
 
 def box(center=(0, 0, 0), size=0.05):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.object_motion import HarmonicMotion
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.motion import HarmonicMotion
 
 TIMES = np.linspace(0.0, 21.0, 40)
 

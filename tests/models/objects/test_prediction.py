@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.pose_filter import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.pose_filter import (
     Noise,
     empty_state,
     measure_kernel,
     pose_kernel,
     twist_kernel,
 )
-from feasigrasp.models.twist_estimator import MotionEstimate, future_poses
+from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 
 PERIOD = 0.005
 AHEAD = np.array([0.5, 1.0, 2.0, 4.0])

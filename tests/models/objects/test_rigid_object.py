@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.models.rigid_object import (
+from feasigrasp.models.objects.rigid_object import (
     DEFAULT_DENSITY,
     builtin_objects,
     load_object,

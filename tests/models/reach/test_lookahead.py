@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_lookahead import judge_grasps, reachable_grasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.pose_judge import PoseJudge
-from feasigrasp.models.reachability import VERDICTS, Reachability
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.judge import PoseJudge
+from feasigrasp.models.reach.lookahead import judge_grasps, reachable_grasps
+from feasigrasp.models.reach.reachability import VERDICTS, Reachability
 
 REACHABILITY = Reachability()
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])

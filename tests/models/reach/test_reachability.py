@@ -6,12 +6,12 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.models import se3
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.inverse_kinematics import arm_angle, closed_form
-from feasigrasp.models.reachability import VERDICTS, Reachability
-from feasigrasp.models.self_collision import min_distance, table_distances_and_gradients
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.closed_form import arm_angle, closed_form
+from feasigrasp.models.reach.reachability import VERDICTS, Reachability
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.self_collision import min_distance, table_distances_and_gradients
 from feasigrasp.resources import model_path
 
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])

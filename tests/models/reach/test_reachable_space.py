@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.models import se3
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.reachability_sampling import IiwaArm, sample_reachable_poses
-from feasigrasp.models.reachable_space import ReachableSpace
-from feasigrasp.models.riemannian_large import rotations
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.training.reachability.fit_mixture import rotations
+from feasigrasp.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.antipodal_sampler import AntipodalSampler
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.grasp_network import GraspNetwork
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.grippers import WSG_50
-from feasigrasp.models.network_sampler import NetworkSampler
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.network.network import GraspNetwork
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.grippers import WSG_50
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.models.iiwa_capsules import arm_capsules
+from feasigrasp.models.robot.capsules import arm_capsules
 from feasigrasp.resources import model_path
 
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])

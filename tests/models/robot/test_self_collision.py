@@ -10,11 +10,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import minimize
 
-from feasigrasp.models import self_collision as sc
-from feasigrasp.models.collision_kernels import LANES, in_collision_kernel, is_clear_kernel
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_capsules import (
+from feasigrasp.models.robot import self_collision as sc
+from feasigrasp.models.robot.capsules import (
     BODY_LINK,
     BODY_NAMES,
     BODY_PAIRS,
@@ -23,6 +20,9 @@ from feasigrasp.models.iiwa_capsules import (
     capsule_model,
     hand_capsules,
 )
+from feasigrasp.models.robot.collision_kernels import LANES, in_collision_kernel, is_clear_kernel
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.resources import model_path
 
 CAPSULES = arm_capsules() + hand_capsules()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.gpdf import PAPER, fit_gpdf
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.sphere import sphere_points
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf_fit import PAPER, fit_gpdf
 
 RADIUS = 0.04
 CAMERA = np.array([0.0, 0.0, 0.5])

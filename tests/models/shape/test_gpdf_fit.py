@@ -8,8 +8,8 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.fast_exp import fast_exp
-from feasigrasp.models.gpdf import MIN_POINTS, fit_gpdf
+from feasigrasp.models.numerics.fast_math import fast_exp
+from feasigrasp.models.shape.gpdf_fit import MIN_POINTS, fit_gpdf
 
 RADIUS = 0.05
 

@@ -7,12 +7,12 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf import PAPER, extend_field, fit_field, fit_gpdf
-from feasigrasp.models.gpdf_field import checked_queries
-from feasigrasp.models.gpdf_pairs import MIN_OCCUPANCY, TILE
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.vector_math import MAX_EXPONENT, exp2_of_minus, rough_inverse_sqrt
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.numerics.simd import MAX_EXPONENT, exp2_of_minus, rough_inverse_sqrt
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import checked_queries
+from feasigrasp.models.shape.gpdf_fit import PAPER, extend_field, fit_field, fit_gpdf
+from feasigrasp.models.shape.node_sums import MIN_OCCUPANCY, TILE
 
 LENGTH_SCALE = 0.15
 

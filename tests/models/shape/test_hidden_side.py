@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from feasigrasp.models import se3
-from feasigrasp.models.hidden_nodes import CLEARANCE, CLEARANCE_OF_SEVERAL, hidden_nodes
-from feasigrasp.models.hidden_side import (
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.view_image import SIDE, view_image
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.hidden_nodes import CLEARANCE, CLEARANCE_OF_SEVERAL, hidden_nodes
+from feasigrasp.models.shape.hidden_side import (
     FORMAT,
     BackSurface,
     HiddenSide,
@@ -15,11 +19,7 @@ from feasigrasp.models.hidden_side import (
     features,
     picture_scale,
 )
-from feasigrasp.models.hidden_side_network import CHANNELS, HiddenSideNetwork
-from feasigrasp.models.shape_completion import complete_shape
-from feasigrasp.models.sphere import sphere_points
-from feasigrasp.models.view_fusion import FusedCloud
-from feasigrasp.models.view_image import SIDE, view_image
+from feasigrasp.models.shape.hidden_side_network import CHANNELS, HiddenSideNetwork
 
 VOXEL_SIZE = 0.005
 RADIUS = 0.04

@@ -7,11 +7,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.arm_obstacles import arm_balls, obstacle_distances_and_gradients
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa_capsules import capsule_model
-from feasigrasp.models.scene_field import fit_scene, scene_clear
-from feasigrasp.models.self_collision import IIWA_CAPSULES
+from feasigrasp.models.control.safety.arm_balls import arm_balls, obstacle_distances_and_gradients
+from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
+from feasigrasp.models.shape.scene_field import fit_scene, scene_clear
 from feasigrasp.resources import model_path
 
 CAMERA = np.array([0.2, -0.8, 1.2])
@@ -80,7 +80,7 @@ def test_distances_are_those_of_plane_and_box(scene):
 
 def test_marching_down_the_gradient_of_one_field_would_not_do(scene):
     """What the module says of the plain refinement: why the nearest point comes first."""
-    from feasigrasp.models.gpdf import fit_gpdf
+    from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
     cloud = desk(0.001)
     x = queries(300)

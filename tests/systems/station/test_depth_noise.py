@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from pydrake.systems.sensors import CameraInfo, ImageDepth32F
 
-from feasigrasp.models.depth_noise import DepthNoise
+from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario
-from feasigrasp.systems.depth_noise import NoisyDepth
+from feasigrasp.scenario.schema import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_station
+from feasigrasp.systems.station.depth_noise import NoisyDepth
 
 INFO = CameraInfo(64, 48, 60.0, 60.0, 31.5, 23.5)
 

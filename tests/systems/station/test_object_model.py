@@ -20,8 +20,8 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.systems.object_model import add_object
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.systems.station.object_model import add_object
 
 CONFIG = MultibodyPlantConfig(
     time_step=0.002,

@@ -8,10 +8,10 @@ from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.rigid_object import load_object
-from feasigrasp.systems.object_model import add_object
-from feasigrasp.systems.object_servo import ObjectServo
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.systems.station.object_model import add_object
+from feasigrasp.systems.station.object_servo import ObjectServo
 
 DT = 0.002
 FREQUENCY = 60.0

@@ -9,12 +9,12 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import MeshError, ScenarioError
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario import load_scenario, make_motion
+from feasigrasp.scenario.schema import load_scenario, make_motion
 from feasigrasp.systems.dynamic_grasp import load_scenario_object, make_station
-from feasigrasp.systems.station import Station, StationConfig
+from feasigrasp.systems.station.station import Station, StationConfig
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 OPEN = ParallelGripper().max_opening

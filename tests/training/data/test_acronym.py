@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import MeshError
-from feasigrasp.evaluation.acronym import acronym_labels, read_acronym
-from feasigrasp.evaluation.sampler_examples import object_examples
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.training.data.acronym import acronym_labels, read_acronym
+from feasigrasp.training.data.grasp_examples import object_examples
 
 h5py = pytest.importorskip("h5py", reason="the format is h5 (train extra)")
 

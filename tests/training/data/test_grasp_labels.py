@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.models.grasp_labels import N_TURNS, SLACK, best_labels, find_pairs, label_points
-from feasigrasp.models.grasp_truth import TrueGrasps
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.training.data.grasp_labels import (
+    N_TURNS,
+    SLACK,
+    best_labels,
+    find_pairs,
+    label_points,
+)
+from feasigrasp.training.data.grasp_truth import TrueGrasps
 
 GRIPPER = ParallelGripper()
 TWIN = np.diag([-1.0, -1.0, 1.0, 1.0])

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.models.grasp_truth import TrueGrasps, hand_boxes, surface_samples
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.training.data.grasp_truth import TrueGrasps, hand_boxes, surface_samples
 
 GRIPPER = ParallelGripper()
 OPEN = GRIPPER.max_opening

@@ -7,7 +7,7 @@ from feasigrasp.errors import MeshError
 
 pytest.importorskip("manifold3d", reason="the generator needs manifold3d (train extra)")
 
-from feasigrasp.models.household_shapes import (  # noqa: E402
+from feasigrasp.training.data.household_shapes import (  # noqa: E402
     FAMILIES,
     HELD_OUT,
     TRAINED,

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models import se3
-from feasigrasp.models.riemannian_blocks import PoseBlocks
-from feasigrasp.models.riemannian_float32 import BLOCK, LOG2_TOLERANCE, log_densities, pack
-from feasigrasp.models.riemannian_kernels import pose_quaternions
-from feasigrasp.models.riemannian_large import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.float32_kernels import BLOCK, LOG2_TOLERANCE, log_densities, pack
+from feasigrasp.models.mixtures.kernels import pose_quaternions
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.training.reachability.fit_mixture import (
     LargeFit,
     em_pass,
     fit_large_mixture,
     maximization_step,
     rotations,
 )
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 
 
 @pytest.fixture

@@ -11,9 +11,9 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import model_path
-from feasigrasp.systems.serial_arm import PlantArm
+from feasigrasp.training.reachability.plant_arm import PlantArm
 
 URDF = Path(__file__).with_name("six_axis_arm.urdf")
 

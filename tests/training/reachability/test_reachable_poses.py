@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.models import se3
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.reachability import REACHABLE, WRIST, Reachability
-from feasigrasp.models.reachability_sampling import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.reach.reachability import REACHABLE, WRIST, Reachability
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.training.reachability.fit_mixture import rotations
+from feasigrasp.training.reachability.reachable_poses import (
     IiwaArm,
     join,
     manipulability_reference,
     sample_reachable_poses,
 )
-from feasigrasp.models.riemannian_large import rotations
-from feasigrasp.models.serial_chain import SerialChain
+from feasigrasp.training.reachability.serial_chain import SerialChain
 
 
 def sample(n, seed=0, **options):

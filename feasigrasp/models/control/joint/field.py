@@ -19,7 +19,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.fast_exp import fast_exp
+from feasigrasp.models.numerics.fast_math import fast_exp
 
 FloatArray = NDArray[np.float64]
 

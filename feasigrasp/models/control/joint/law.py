@@ -15,23 +15,23 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.grasp_funnel import Funnel
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
-from feasigrasp.models.joint_field import (
+from feasigrasp.models.control.joint.field import (
     NOISE_VARIANCE,
     distances_kernel,
     evaluate_kernel,
     fit_kernel,
 )
-from feasigrasp.models.obstacle_grid import MovingObject, ObstacleGrid
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.se3_kernels import inverse_kernel
-from feasigrasp.models.solution_outlook import Outlook
-from feasigrasp.models.solution_search import SolutionOptions, SolutionSearch
-from feasigrasp.models.solutions import Solutions, feed_forward_kernel, place_kernel
-from feasigrasp.models.twist_estimator import MotionEstimate, future_poses
+from feasigrasp.models.control.joint.outlook import Outlook
+from feasigrasp.models.control.joint.search import SolutionOptions, SolutionSearch
+from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
+from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
+from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 FloatArray = NDArray[np.float64]
 

@@ -18,11 +18,11 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.collision_kernels import is_clear_kernel
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import manipulability_kernel, pose_jacobian_kernel
-from feasigrasp.models.inverse_kinematics import inside_limits_kernel, travel_time_kernel
-from feasigrasp.models.solutions import flange_pose_kernel, solve_kernel
+from feasigrasp.models.control.joint.solutions import flange_pose_kernel, solve_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
+from feasigrasp.models.robot.collision_kernels import is_clear_kernel
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import manipulability_kernel, pose_jacobian_kernel
 
 FloatArray = NDArray[np.float64]
 

@@ -1,8 +1,9 @@
 """Keeps a set of inverse-kinematics solutions up to date while grasps and object change.
 
-Between two updates solutions move by themselves (`feasigrasp.models.solutions`). An update matches
-them with the grasps that are offered now, lets arm angles glide to where the outlook is better,
-looks for new ones, and drops those that do not count. Nothing that counts appears or vanishes at
+Between two updates solutions move by themselves (`feasigrasp.models.control.joint.solutions`). An
+update matches them with the grasps that are offered now, lets arm angles glide to where the outlook
+is better, looks for new ones, and drops those that do not count. Nothing that counts appears or
+vanishes at
 once: a new solution starts at a cost at which it has no influence, and costs change at a bounded
 rate; one whose grasp is gone rises in cost until it has none.
 """
@@ -17,16 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models import se3
-from feasigrasp.models.arm_circle import arm_angle_kernel
-from feasigrasp.models.grasp_funnel import Funnel, standoff_kernel
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.inverse_kinematics import inside_limits_kernel
-from feasigrasp.models.joint_field import spacing_length_scale
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.solution_outlook import Outlook, outlook_kernel, way_cost_kernel
-from feasigrasp.models.solution_sources import SOURCES, new_configurations
-from feasigrasp.models.solutions import Solutions, branches_of, flange_pose_kernel, solve_kernel
+from feasigrasp.models.control.joint.field import spacing_length_scale
+from feasigrasp.models.control.joint.outlook import Outlook, outlook_kernel, way_cost_kernel
+from feasigrasp.models.control.joint.solutions import (
+    Solutions,
+    branches_of,
+    flange_pose_kernel,
+    solve_kernel,
+)
+from feasigrasp.models.control.joint.sources import SOURCES, new_configurations
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
+from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -16,11 +16,11 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.arm_circle import arm_circle_kernel, configuration_kernel
-from feasigrasp.models.fast_trig import fast_sincos
-from feasigrasp.models.grasp_funnel import standoff_kernel
-from feasigrasp.models.iiwa import VELOCITY_LIMITS
-from feasigrasp.models.inverse_kinematics import inside_limits_kernel
+from feasigrasp.models.grasps.funnel import standoff_kernel
+from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
 
 FloatArray = NDArray[np.float64]
 

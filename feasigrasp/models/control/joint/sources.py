@@ -13,15 +13,19 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.arm_circle import arm_angle_kernel, arm_circle_kernel, configuration_kernel
-from feasigrasp.models.collision_kernels import is_clear_kernel
-from feasigrasp.models.damped_least_squares import refine
-from feasigrasp.models.fast_trig import fast_sincos
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.ik_flow import IkFlow
-from feasigrasp.models.inverse_kinematics import inside_limits_kernel
-from feasigrasp.models.reachability_kernels import Search
-from feasigrasp.models.solution_outlook import posture_cost_kernel
+from feasigrasp.models.control.joint.outlook import posture_cost_kernel
+from feasigrasp.models.ik.arm_circle import (
+    arm_angle_kernel,
+    arm_circle_kernel,
+    configuration_kernel,
+)
+from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.ik.flow import IkFlow
+from feasigrasp.models.ik.least_squares import refine
+from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.reach.kernels import Search
+from feasigrasp.models.robot.collision_kernels import is_clear_kernel
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 
 FloatArray = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.models.iiwa import JOINT_AXES, JOINT_HEIGHTS, NUM_JOINTS
-from feasigrasp.models.iiwa_capsules import CapsuleModel
-from feasigrasp.models.scene_field import SceneField
-from feasigrasp.models.self_collision import IIWA_CAPSULES
+from feasigrasp.models.robot.capsules import CapsuleModel
+from feasigrasp.models.robot.iiwa import JOINT_AXES, JOINT_HEIGHTS, NUM_JOINTS
+from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
+from feasigrasp.models.shape.scene_field import SceneField
 
 FloatArray = NDArray[np.float64]
 

@@ -10,15 +10,15 @@ import math
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.capsule_kernels import (
+from feasigrasp.models.control.safety.obstacle_grid import grid_kernel
+from feasigrasp.models.numerics.vectors import cross, dot, minus, step
+from feasigrasp.models.robot.capsule_kernels import (
     add_lever,
     closest_parameters,
     end_point,
     link_poses_kernel,
     place,
 )
-from feasigrasp.models.obstacle_grid import grid_kernel
-from feasigrasp.models.vector_kernels import cross, dot, minus, step
 
 #: No point of the arm is farther from a joint's axis [m]; a bound on how a joint moves it.
 _LEVER = 1.5
@@ -59,8 +59,10 @@ def rows_kernel(  # type: ignore[no-untyped-def]
 ):
     """Writes rows (m, 7) and their lower bounds (m,); returns m.
 
-    Args as in `feasigrasp.models.iiwa_capsules.CapsuleModel`, `feasigrasp.models.arm_obstacles` and
-    `feasigrasp.models.obstacle_grid`; ``lower`` and ``upper`` are the joints' velocity bounds (7,).
+    Args as in `feasigrasp.models.robot.capsules.CapsuleModel`,
+    `feasigrasp.models.control.safety.arm_balls` and
+    `feasigrasp.models.control.safety.obstacle_grid`; ``lower`` and ``upper`` are the joints'
+    velocity bounds (7,).
     """
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)

@@ -1,9 +1,10 @@
 """A scene's distance on a voxel grid: a look-up costs a fraction of a microsecond, the field 30.
 
 A node has the distance to the observed point that is nearest, by a distance transform. Near a
-surface it has that of the scene's field (`feasigrasp.models.scene_field`), if that is less: the
-field knows what lies between the points and which side is inside, the points know the edges, which
-the field rounds. Between the nodes the distance is trilinear, and its gradient is that of this.
+surface it has that of the scene's field (`feasigrasp.models.shape.scene_field`), if that is less:
+the field knows what lies between the points and which side is inside, the points know the edges,
+which the field rounds. Between the nodes the distance is trilinear, and its gradient is that of
+this.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.gpdf import Gpdf
-from feasigrasp.models.iiwa import D_BASE_SHOULDER
-from feasigrasp.models.scene_field import SceneField
+from feasigrasp.models.robot.iiwa import D_BASE_SHOULDER
+from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.models.shape.scene_field import SceneField
 
 FloatArray = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 import numba as nb
 import numpy as np
 
-from feasigrasp.models.clearance_rows import object_rows_kernel, rows_kernel
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS
-from feasigrasp.models.joint_speed_bounds import bounds_kernel
+from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel, rows_kernel
+from feasigrasp.models.control.safety.speed_bounds import bounds_kernel
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
 
 _UNBOUNDED = 1e30
 #: Requests are cut to this, far beyond what the arm can do, so that no square overflows.

@@ -14,7 +14,7 @@ Why there is always an admissible velocity: slowing down all joints in the same 
 joint stops from full speed, keeps the acceleration limits; if ``g <= 1/S`` it also keeps every row
 that held before, since then ``g d`` falls no faster than the speed of approach. It is exact where a
 distance is linear in the joints; where it bends, the clearance takes up the difference. The bounds
-of single joints are in `feasigrasp.models.joint_speed_bounds`.
+of single joints are in `feasigrasp.models.control.safety.speed_bounds`.
 
 If the rows cannot be kept, because the arm was pushed or begins too close, it stops: the velocity
 between the joints' bounds that breaks them least, and otherwise is nearest to zero. So commands are
@@ -34,18 +34,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.arm_obstacles import arm_balls
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_capsules import capsule_model, hand_points
-from feasigrasp.models.joint_speed_bounds import bounds_kernel
-from feasigrasp.models.obstacle_grid import MovingObject, ObstacleGrid
-from feasigrasp.models.safety_problem import (
+from feasigrasp.models.control.safety.arm_balls import arm_balls
+from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.control.safety.problem import (
     brake_kernel,
     clip_kernel,
     problem_kernel,
     stop_kernel,
 )
+from feasigrasp.models.control.safety.speed_bounds import bounds_kernel
+from feasigrasp.models.robot.capsules import capsule_model, hand_points
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
 
 FloatArray = NDArray[np.float64]
 

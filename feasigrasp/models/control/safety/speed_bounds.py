@@ -21,7 +21,7 @@ limits come first.
 import numba as nb
 import numpy as np
 
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 
 
 @nb.njit(cache=True, forceinline=True)

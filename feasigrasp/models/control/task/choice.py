@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.grasp_funnel import Funnel, grasp_errors
-from feasigrasp.models.grasp_strands import Costs, strands_kernel
-from feasigrasp.models.grasp_transfers import stay_kernel, transfer_kernel
-from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.control.task.strands import Costs, strands_kernel
+from feasigrasp.models.control.task.transfers import stay_kernel, transfer_kernel
+from feasigrasp.models.grasps.funnel import Funnel, grasp_errors
+from feasigrasp.models.reach.reachability import Reachability
 
 FloatArray = NDArray[np.float64]
 
@@ -118,7 +118,8 @@ class GraspChoice:
 
     Attributes:
         X_OG: The grasp in the object frame, shape (4, 4) [m].
-        branch: Its inverse-kinematics branch, see `feasigrasp.models.arm_circle`; -1 for no choice.
+        branch: Its inverse-kinematics branch, see `feasigrasp.models.ik.arm_circle`; -1 for no
+            choice.
         psi: Arm angle to be at by the time ``due`` [rad].
         due: When that is [s].
         since: When this strand was chosen [s].

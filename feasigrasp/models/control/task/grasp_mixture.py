@@ -17,10 +17,10 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.grasp_funnel import grasp_errors_kernel
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.riemannian_fit import fit_best_mixture
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
+from feasigrasp.models.grasps.funnel import grasp_errors_kernel
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.mixtures.fit import fit_best_mixture
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice, choose_grasp
-from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.reachability import Reachability
+from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice, choose_grasp
+from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.reachability import Reachability
 
 FloatArray = NDArray[np.float64]
 

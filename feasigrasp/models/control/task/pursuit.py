@@ -20,9 +20,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.iiwa import VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
-from feasigrasp.models.strand_reference import StrandReference
+from feasigrasp.models.control.task.reference import StrandReference
+from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 FloatArray = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Where a chosen strand wants the arm to be, tick by tick.
 
-A strand is a grasp and an inverse-kinematics branch, see `feasigrasp.models.grasp_choice`; between
-two plans it is continued in closed form, at the arm angle that the plan asks for.
+A strand is a grasp and an inverse-kinematics branch, see `feasigrasp.models.control.task.choice`;
+between two plans it is continued in closed form, at the arm angle that the plan asks for.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.arm_circle import (
+from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_exp_kernel
+from feasigrasp.models.grasps.funnel import standoff_kernel
+from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
     arm_circle_kernel,
     configuration_kernel,
 )
-from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice
-from feasigrasp.models.grasp_funnel import standoff_kernel
-from feasigrasp.models.iiwa import VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
-from feasigrasp.models.inverse_kinematics import inside_limits_kernel
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.se3_kernels import inverse_kernel, so3_exp_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 FloatArray = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ feed-forward it lags behind by speed over gain. `paper_task_space_velocity` does
 `task_space_velocity` adds what keeps the arm away from its limits:
 
 - one grasp is followed at a time, together with the configuration that holds it; they are chosen
-  with the object's future in view (`feasigrasp.models.grasp_choice`);
+  with the object's future in view (`feasigrasp.models.control.task.choice`);
 - near that configuration the hand follows the geodesic into the grasp, back along the approach
   direction until it has lined up, and the redundant motion leads to the configuration;
 - far from it the geodesic may lead against a limit, where the arm would stay: there the joints go
   to the configuration, and what is free meanwhile keeps the hand close to the object
-  (`feasigrasp.models.strand_pursuit`);
+  (`feasigrasp.models.control.task.pursuit`);
 - a QP keeps limits and clearances.
 """
 
@@ -24,18 +24,18 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice
-from feasigrasp.models.grasp_mixture import GraspMixture
-from feasigrasp.models.iiwa import VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
-from feasigrasp.models.least_norm import least_norm_kernel
-from feasigrasp.models.mixture_ascent import ascent_kernel
-from feasigrasp.models.obstacle_grid import MovingObject, ObstacleGrid
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.se3_kernels import compose_kernel, inverse_kernel, log_kernel
-from feasigrasp.models.strand_pursuit import PursuitOptions, pursuit_velocity
-from feasigrasp.models.strand_reference import strand_reference
+from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
+from feasigrasp.models.control.task.grasp_mixture import GraspMixture
+from feasigrasp.models.control.task.least_norm import least_norm_kernel
+from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
+from feasigrasp.models.control.task.reference import strand_reference
+from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
+from feasigrasp.models.mixtures.ascent import ascent_kernel
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -192,7 +192,7 @@ def paper_task_space_velocity(
 
     The twist V is the preconditioned direction of the log density, whose maxima are the medoids of
     the components, plus the object's own twist. Where the pulls of components cancel, surrounding
-    points decide (`feasigrasp.models.mixture_ascent`).
+    points decide (`feasigrasp.models.mixtures.ascent`).
 
     Args:
         q: Joint positions [rad], shape (7,).

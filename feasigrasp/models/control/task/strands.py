@@ -1,4 +1,4 @@
-"""Following grasps into the future: the strands that `feasigrasp.models.grasp_choice` chooses from.
+"""Following grasps into the future: the strands that a choice is made from (see `choice`).
 
 A *strand* is a grasp and an inverse-kinematics branch; a *node* of it is an arm angle at one of the
 instants at which the object's pose is predicted. Costs are in metre-seconds: the distance of hand
@@ -12,13 +12,13 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.arm_angle_lanes import lanes_kernel, travel_times_kernel
-from feasigrasp.models.arm_circle import arm_circle_kernel, configuration_kernel
-from feasigrasp.models.collision_kernels import is_clear_kernel
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import manipulability_kernel
-from feasigrasp.models.inverse_kinematics import inside_limits_kernel, travel_time_kernel
-from feasigrasp.models.reachability_kernels import REACHABLE, hand_verdict_kernel
+from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
+from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
+from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel
+from feasigrasp.models.robot.collision_kernels import is_clear_kernel
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import manipulability_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ _LOST = 0.1
 
 
 class Costs(NamedTuple):
-    """The prices of a plan: attributes of `feasigrasp.models.grasp_choice.ChoiceOptions`.
+    """The prices of a plan: attributes of `feasigrasp.models.control.task.choice.ChoiceOptions`.
 
     ``standoff`` is the funnel's largest.
     """

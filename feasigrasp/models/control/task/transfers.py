@@ -1,6 +1,6 @@
 """Ways from one strand of grasps to another, and when to take them.
 
-Strands, nodes and costs are those of `feasigrasp.models.grasp_strands`.
+Strands, nodes and costs are those of `feasigrasp.models.control.task.strands`.
 """
 
 from typing import NamedTuple
@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from feasigrasp.models.collision_kernels import is_clear_kernel
-from feasigrasp.models.grasp_funnel import standoff_kernel
-from feasigrasp.models.iiwa_kinematics import pose_jacobian_kernel
-from feasigrasp.models.inverse_kinematics import travel_time_kernel
-from feasigrasp.models.se3_kernels import inverse_kernel
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
+from feasigrasp.models.grasps.funnel import standoff_kernel
+from feasigrasp.models.ik.closed_form import travel_time_kernel
+from feasigrasp.models.robot.collision_kernels import is_clear_kernel
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: Points at which a transfer is looked at on its way.
 _ON_THE_WAY = 3

@@ -27,15 +27,15 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from feasigrasp.models.contact_features import (
+from feasigrasp.models.grasps.network.contact_features import (
     DIRECTIONS,
     LENGTH_SCALE,
     NUMBERS,
     VECTORS,
     ContactFeatures,
 )
-from feasigrasp.models.contact_surroundings import ROOM
-from feasigrasp.models.vector_neurons import (
+from feasigrasp.models.grasps.network.surroundings import ROOM
+from feasigrasp.models.grasps.network.vector_neurons import (
     VectorLinear,
     VectorLinearReLU,
     across,
@@ -55,7 +55,7 @@ NARROWEST = 1e-3
 
 
 class Contacts(NamedTuple):
-    """A batch of `feasigrasp.models.contact_features.ContactFeatures`, channels last."""
+    """A batch of contact features (see `contact_features`), channels last."""
 
     axes: Tensor
     across: Tensor

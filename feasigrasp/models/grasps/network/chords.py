@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from feasigrasp.models.gpdf_kernels import newton_step
-from feasigrasp.models.gpdf_pairs import make_workspace, value_and_gradient_at
-from feasigrasp.models.vector_math import wide_vectors
+from feasigrasp.models.numerics.simd import wide_vectors
+from feasigrasp.models.shape.gpdf_kernels import newton_step
+from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at
 
 Array = NDArray[np.float64]
 

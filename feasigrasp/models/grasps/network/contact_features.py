@@ -13,9 +13,9 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.contact_surroundings import hand_room, neighbourhoods
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.grasps.network.surroundings import hand_room, neighbourhoods
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 Array = NDArray[np.floating]
 

@@ -1,10 +1,10 @@
 """The default grasp network without torch, several times quicker: what runs at perception's rate.
 
-The same function as `feasigrasp.models.grasp_architectures.ContactNetwork`, whose weights it takes.
-Eager torch writes every intermediate result of the whole cloud to memory and reads it back; here
-contacts go through the network in tiles that stay in the cache. Arrays have channels first and
-contacts last, so that every loop runs over contiguous contacts. Computes in the precision of its
-weights, on one thread.
+The same function as `feasigrasp.models.grasps.network.architectures.ContactNetwork`, whose weights
+it takes. Eager torch writes every intermediate result of the whole cloud to memory and reads it
+back; here contacts go through the network in tiles that stay in the cache. Arrays have channels
+first and contacts last, so that every loop runs over contiguous contacts. Computes in the precision
+of its weights, on one thread.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from feasigrasp.models.contact_features import ContactFeatures
-from feasigrasp.models.grasp_architectures import LEAST_SPREAD, SPREAD, WIDTHS
-from feasigrasp.models.grasp_inference_kernels import (
+from feasigrasp.models.grasps.network.architectures import LEAST_SPREAD, SPREAD, WIDTHS
+from feasigrasp.models.grasps.network.contact_features import ContactFeatures
+from feasigrasp.models.grasps.network.inference_kernels import (
     cloud_kernel,
     contacts_kernel,
     grasps_kernel,

@@ -1,4 +1,4 @@
-"""Compiled loops of `feasigrasp.models.grasp_inference`; arrays have channels first, contacts last.
+"""Compiled loops of `inference`; arrays have channels first, contacts last.
 
 Matrix products go to BLAS, on tiles of contacts; everything between them is fused here.
 """
@@ -6,15 +6,15 @@ Matrix products go to BLAS, on tiles of contacts; everything between them is fus
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.contact_features import LENGTH_SCALE
-from feasigrasp.models.contact_surroundings import ROOM
-from feasigrasp.models.grasp_architectures import NARROWEST, WIDTHS
-from feasigrasp.models.vector_math import wide_vectors
+from feasigrasp.models.grasps.network.architectures import NARROWEST, WIDTHS
+from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE
+from feasigrasp.models.grasps.network.surroundings import ROOM
+from feasigrasp.models.numerics.simd import wide_vectors
 
 #: Contacts that go through the network together; with a power of two, rows of the matrices would
 #: crowd into the same sets of the cache, and products take twice as long.
 _TILE = 52
-#: Squared lengths up to this are zero, as in `feasigrasp.models.vector_neurons`.
+#: Squared lengths up to this are zero, as in `feasigrasp.models.grasps.network.vector_neurons`.
 _NOTHING = 1.2e-38
 
 

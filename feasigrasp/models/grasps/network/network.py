@@ -1,8 +1,8 @@
 """The trained grasp networks: from the surface of an object to a grasp at every point.
 
 Two presets: ``default``, and ``paper``, the paper's own architecture with weights trained on the
-same data for the same time; see `feasigrasp.models.grasp_architectures` for what they compute. Both
-are exactly equivariant: grasps move with the object.
+same data for the same time; see `feasigrasp.models.grasps.network.architectures` for what they
+compute. Both are exactly equivariant: grasps move with the object.
 """
 
 from __future__ import annotations
@@ -20,11 +20,16 @@ from numpy.typing import NDArray
 from torch import nn
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.models.contact_features import ContactFeatures, contact_features
-from feasigrasp.models.grasp_architectures import ContactNetwork, Contacts, Heads, PaperNetwork
-from feasigrasp.models.grasp_inference import FusedContactNetwork
-from feasigrasp.models.grasp_input import GraspInput
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.network.architectures import (
+    ContactNetwork,
+    Contacts,
+    Heads,
+    PaperNetwork,
+)
+from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
+from feasigrasp.models.grasps.network.inference import FusedContactNetwork
+from feasigrasp.models.grasps.network.surface_input import GraspInput
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 Array = NDArray[np.float64]
 
@@ -38,7 +43,7 @@ MODES = 6
 ROOM_DEVIATIONS, ROOM_BESIDE = 2.0, 6e-3
 #: Of the weights files; another layout gets another number.
 FORMAT = "feasigrasp grasp_network 1"
-_FOLDER = Path(__file__).resolve().parent / "weights"
+_FOLDER = Path(__file__).resolve().parents[2] / "weights"
 
 
 class GraspWeightsError(FeasigraspError, ValueError):
@@ -156,8 +161,8 @@ class GraspNetwork:
     def propose(self, surface: GraspInput) -> GraspProposals:
         """Proposes a grasp at every point of a surface.
 
-        The default network runs on one thread (see `feasigrasp.models.grasp_inference`), the
-        paper's on those of torch; ``torch.set_num_threads(1)`` is best at control rate.
+        The default network runs on one thread (see `feasigrasp.models.grasps.network.inference`),
+        the paper's on those of torch; ``torch.set_num_threads(1)`` is best at control rate.
 
         Args:
             surface: Points, normals and invariants; n > 0.

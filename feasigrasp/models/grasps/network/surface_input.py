@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.farthest_points import farthest_points
-from feasigrasp.models.gpdf_field import Gpdf, unit_normals
-from feasigrasp.models.grasp_input_kernels import chords
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.shape_completion import CompletedField
-from feasigrasp.models.surface_error import surface_deviation
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.grasps.network.chords import chords
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.completion import CompletedField
+from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
+from feasigrasp.models.shape.surface_error import surface_deviation
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]

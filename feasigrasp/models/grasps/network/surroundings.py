@@ -25,8 +25,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.models.contact_surroundings_kernels import neighbourhood_kernel, room_kernel
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.network.surroundings_kernels import neighbourhood_kernel, room_kernel
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 Array = NDArray[np.floating]
 

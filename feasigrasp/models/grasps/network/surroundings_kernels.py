@@ -1,9 +1,9 @@
-"""Compiled loops of `feasigrasp.models.contact_surroundings`, over pairs of contact and point."""
+"""Compiled loops of `surroundings`, over pairs of contact and point."""
 
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.vector_math import wide_vectors
+from feasigrasp.models.numerics.simd import wide_vectors
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.joint_field import (
+from feasigrasp.models.control.joint.field import (
     SHARPNESS,
     JointField,
     fit_joint_field,
     spacing_length_scale,
 )
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 
 
 def random_solutions(n, seed=0, spread=1.0):

@@ -5,22 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_funnel import Funnel
-from feasigrasp.models.grasp_lookahead import reachable_grasps
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.joint_space_control import (
+from feasigrasp.models.control.joint.law import (
     JointControlOptions,
     JointSpaceControl,
 )
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.safe_velocity import velocity_bounds
-from feasigrasp.models.self_collision import min_distance
-from feasigrasp.models.solution_outlook import Outlook
-from feasigrasp.models.solution_search import SolutionOptions
-from feasigrasp.models.solutions import Solutions
+from feasigrasp.models.control.joint.outlook import Outlook
+from feasigrasp.models.control.joint.search import SolutionOptions
+from feasigrasp.models.control.joint.solutions import Solutions
+from feasigrasp.models.control.safety.safe_velocity import velocity_bounds
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.reach.lookahead import reachable_grasps
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.self_collision import min_distance
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 REACHABILITY = Reachability()

@@ -6,15 +6,25 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_funnel import Funnel
-from feasigrasp.models.iiwa import POSITION_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.solution_outlook import Outlook
-from feasigrasp.models.solution_search import IRRELEVANT, SolutionOptions, SolutionSearch, matches
-from feasigrasp.models.solution_sources import APART, SOURCES
-from feasigrasp.models.solutions import Solutions, branches_of, flange_pose_kernel, solve_kernel
+from feasigrasp.models.control.joint.outlook import Outlook
+from feasigrasp.models.control.joint.search import (
+    IRRELEVANT,
+    SolutionOptions,
+    SolutionSearch,
+    matches,
+)
+from feasigrasp.models.control.joint.solutions import (
+    Solutions,
+    branches_of,
+    flange_pose_kernel,
+    solve_kernel,
+)
+from feasigrasp.models.control.joint.sources import APART, SOURCES
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG

@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feasigrasp.models import se3
-from feasigrasp.models.arm_circle import arm_angle_kernel
-from feasigrasp.models.grasp_funnel import Funnel, funnel_targets
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.solutions import (
+from feasigrasp.models.control.joint.solutions import (
     Solutions,
     branches_of,
     feed_forward_kernel,
     place_kernel,
     solution_velocity_kernel,
 )
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import Funnel, funnel_targets
+from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 
 X_FG = ParallelGripper().X_FG
 X_GF = se3.inverse(X_FG)

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.clearance_rows import object_rows_kernel
-from feasigrasp.models.gpdf import fit_gpdf
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS
-from feasigrasp.models.iiwa_capsules import hand_points
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.obstacle_grid import MovingObject, object_grid
-from feasigrasp.models.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.self_collision import min_distance, table_distances_and_gradients
-from feasigrasp.models.sphere import sphere_points
+from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel
+from feasigrasp.models.control.safety.obstacle_grid import MovingObject, object_grid
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.robot.capsules import hand_points
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.robot.self_collision import min_distance, table_distances_and_gradients
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 RADIUS = 0.04
 GRIPPER = ParallelGripper()

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.arm_obstacles import arm_balls, obstacle_distances_and_gradients
-from feasigrasp.models.capsule_kernels import capsule_ends_kernel
-from feasigrasp.models.clearance_rows import rows_kernel
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS
-from feasigrasp.models.iiwa_capsules import capsule_model
-from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
-from feasigrasp.models.obstacle_grid import obstacle_grid
-from feasigrasp.models.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.scene_field import fit_scene
+from feasigrasp.models.control.safety.arm_balls import arm_balls, obstacle_distances_and_gradients
+from feasigrasp.models.control.safety.clearance_rows import rows_kernel
+from feasigrasp.models.control.safety.obstacle_grid import obstacle_grid
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel
+from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.models.shape.scene_field import fit_scene
 
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
 CENTRE, HALF = np.array([0.45, 0.0, 0.25]), np.array([0.06, 0.15, 0.12])

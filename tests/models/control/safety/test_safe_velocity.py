@@ -7,12 +7,17 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_capsules import capsule_model
-from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
-from feasigrasp.models.safe_velocity import Safety, SafetyOptions, safe_velocity, velocity_bounds
-from feasigrasp.models.self_collision import (
+from feasigrasp.models.control.safety.safe_velocity import (
+    Safety,
+    SafetyOptions,
+    safe_velocity,
+    velocity_bounds,
+)
+from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.models.robot.self_collision import (
     distances_and_gradients,
     min_distance,
     table_distances_and_gradients,

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.joint_speed_bounds import braking_speed
-from feasigrasp.models.safe_velocity import SafetyOptions, velocity_bounds
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions, velocity_bounds
+from feasigrasp.models.control.safety.speed_bounds import braking_speed
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 
 OPTIONS = SafetyOptions()
 CAPACITY = OPTIONS.velocity_scale * VELOCITY_LIMITS
@@ -56,7 +56,7 @@ def requests(kind, rng, n):
 @pytest.mark.parametrize("kind", ["random", "constant", "held"])
 @pytest.mark.parametrize("period", [0.002, 0.005, 0.02])
 def test_the_interval_is_never_empty_and_no_limit_is_ever_passed(kind, period):
-    """What the proof in `feasigrasp.models.joint_speed_bounds` says, over 3000 steps."""
+    """What the proof in `feasigrasp.models.control.safety.speed_bounds` says, over 3000 steps."""
     options = SafetyOptions(period=period)
     rng = np.random.default_rng(1)
     limit = POSITION_LIMITS - options.position_margin

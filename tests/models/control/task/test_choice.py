@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice, choose_grasp
-from feasigrasp.models.grasp_strands import strands_kernel
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.inverse_kinematics import arm_angle, closed_form
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.strand_pursuit import PursuitOptions, pursuit_velocity
-from feasigrasp.models.strand_reference import strand_reference
+from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice, choose_grasp
+from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
+from feasigrasp.models.control.task.reference import strand_reference
+from feasigrasp.models.control.task.strands import strands_kernel
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.ik.closed_form import arm_angle, closed_form
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACHABILITY = Reachability()
 OPTIONS = ChoiceOptions()

@@ -5,13 +5,13 @@ import copy
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_mixture import (
+from feasigrasp.models.control.task.grasp_mixture import (
     LENGTH_PER_RADIAN,
     MAX_ROTATION,
     fit_grasp_mixture,
 )
-from feasigrasp.models.grasps import GraspSet
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
 
 
 def clustered_grasps(n=60, k=3, seed=0):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.iiwa_kinematics import pose_and_jacobian
-from feasigrasp.models.least_norm import least_norm_velocity
+from feasigrasp.models.control.task.least_norm import least_norm_velocity
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
 
 
 @pytest.mark.parametrize("seed", range(20))

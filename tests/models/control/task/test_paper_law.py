@@ -5,17 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.grasp_lookahead import reachable_grasps
-from feasigrasp.models.grasp_mixture import GraspMixture, fit_grasp_mixture
-from feasigrasp.models.iiwa_kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.riemannian_mixture import RiemannianMixture
-from feasigrasp.models.task_space_control import (
+from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp.models.control.task.safe_law import (
     TaskControlOptions,
     hand_twist_kernel,
     paper_task_space_velocity,
 )
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.models.reach.lookahead import reachable_grasps
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 X_FG = Reachability().gripper.X_FG

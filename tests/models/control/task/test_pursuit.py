@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models import se3
-from feasigrasp.models.gripper import ParallelGripper
-from feasigrasp.models.iiwa import VELOCITY_LIMITS
-from feasigrasp.models.iiwa_kinematics import forward_kinematics
-from feasigrasp.models.strand_pursuit import PursuitOptions, pursuit_velocity
-from feasigrasp.models.strand_reference import StrandReference
+from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
+from feasigrasp.models.control.task.reference import StrandReference
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 X_FG = ParallelGripper().X_FG
 OPTIONS = PursuitOptions()

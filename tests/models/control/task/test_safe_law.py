@@ -5,24 +5,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feasigrasp.models import se3
-from feasigrasp.models.arm_circle import arm_angle_kernel
-from feasigrasp.models.grasp_choice import ChoiceOptions, GraspChoice
-from feasigrasp.models.grasp_funnel import Funnel
-from feasigrasp.models.grasp_lookahead import reachable_grasps
-from feasigrasp.models.grasp_mixture import fit_grasp_mixture
-from feasigrasp.models.grasps import GraspSet
-from feasigrasp.models.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-from feasigrasp.models.object_motion import HarmonicMotion
-from feasigrasp.models.reachability import Reachability
-from feasigrasp.models.safe_velocity import Safety
-from feasigrasp.models.self_collision import min_distance
-from feasigrasp.models.task_memory import TaskMemory
-from feasigrasp.models.task_space_control import (
+from feasigrasp.models.control.safety.safe_velocity import Safety
+from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
+from feasigrasp.models.control.task.grasp_mixture import fit_grasp_mixture
+from feasigrasp.models.control.task.memory import TaskMemory
+from feasigrasp.models.control.task.safe_law import (
     TaskControlOptions,
     paper_task_space_velocity,
     task_space_velocity,
 )
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.reach.lookahead import reachable_grasps
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.self_collision import min_distance
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 REACHABILITY = Reachability()

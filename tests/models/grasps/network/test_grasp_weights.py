@@ -5,16 +5,16 @@ import json
 
 import numpy as np
 import pytest
+from feasigrasp.models.grasps.grasp_set.network import network as grasp_network
 
-from feasigrasp.models import grasp_network
-from feasigrasp.models.grasp_input import GraspInput
-from feasigrasp.models.grasp_network import (
+from feasigrasp.models.grasps.network.network import (
     PRESETS,
     GraspNetwork,
     GraspWeightsError,
     load_grasp_network,
     weights_file,
 )
+from feasigrasp.models.grasps.network.surface_input import GraspInput
 
 
 def ellipsoid(seed, n=120):

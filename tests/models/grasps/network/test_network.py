@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.contact_features import DIRECTIONS, contact_features
-from feasigrasp.models.contact_surroundings import hand_room, neighbourhoods
-from feasigrasp.models.grasp_architectures import Contacts
-from feasigrasp.models.grasp_input import GraspInput
-from feasigrasp.models.grasp_network import (
+from feasigrasp.models.grasps.network.architectures import Contacts
+from feasigrasp.models.grasps.network.contact_features import DIRECTIONS, contact_features
+from feasigrasp.models.grasps.network.network import (
     MODES,
     PRESETS,
     ROOM_BESIDE,
@@ -22,7 +20,9 @@ from feasigrasp.models.grasp_network import (
     GraspNetwork,
     with_room,
 )
-from feasigrasp.models.gripper import ParallelGripper
+from feasigrasp.models.grasps.network.surface_input import GraspInput
+from feasigrasp.models.grasps.network.surroundings import hand_room, neighbourhoods
+from feasigrasp.models.robot.gripper import ParallelGripper
 
 HAND = ParallelGripper()
 

@@ -6,11 +6,16 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.gpdf import fit_field, fit_gpdf
-from feasigrasp.models.grasp_input import MAX_CHORD, SCALARS, GraspInput, grasp_input
-from feasigrasp.models.shape_completion import CompletedField, complete_shape
-from feasigrasp.models.sphere import sphere_points
-from feasigrasp.models.view_fusion import FusedCloud
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.grasps.network.surface_input import (
+    MAX_CHORD,
+    SCALARS,
+    GraspInput,
+    grasp_input,
+)
+from feasigrasp.models.shape.completion import CompletedField, complete_shape
+from feasigrasp.models.shape.gpdf_fit import fit_field, fit_gpdf
 
 DEVIATION, CHORD, COSINE, FAR = range(len(SCALARS))
 RADIUS = 0.03

@@ -1,0 +1,1 @@
+"""Benchmarks: how quick it is."""

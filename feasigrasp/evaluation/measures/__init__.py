@@ -1,0 +1,1 @@
+"""Measures: how good a shape, a grasp, a score is."""

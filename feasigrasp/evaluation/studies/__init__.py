@@ -1,0 +1,1 @@
+"""Evaluations: how well it works."""

@@ -1,0 +1,1 @@
+"""Point clouds: reading, checking, merging, what sensors do to them."""

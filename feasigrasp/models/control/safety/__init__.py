@@ -1,0 +1,1 @@
+"""Limits and clearances as a quadratic program."""

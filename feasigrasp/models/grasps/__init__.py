@@ -1,0 +1,1 @@
+"""Grasps: proposing, filtering, scoring, following through."""

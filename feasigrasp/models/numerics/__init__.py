@@ -1,0 +1,1 @@
+"""Elementary functions, small vectors and matrices for compiled loops."""

@@ -1,0 +1,1 @@
+"""Objects: their meshes, motions, and where they will be."""

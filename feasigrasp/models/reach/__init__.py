@@ -1,0 +1,1 @@
+"""What the arm can reach, now and soon."""

@@ -1,0 +1,1 @@
+"""What arm and hand are: facts, kinematics, collisions."""

@@ -1,0 +1,1 @@
+"""The shape of what is seen: Gaussian process distance fields."""

@@ -1,0 +1,1 @@
+"""Result files: rows, statistics, where figures come from."""

@@ -1,0 +1,1 @@
+"""Scenarios: the YAML format of what is run."""

@@ -1,0 +1,1 @@
+"""The robot cell as a diagram."""

@@ -1,0 +1,1 @@
+"""Fitting the reachable space of an arm."""
