@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
+from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.glyphs import (
     disc,
@@ -116,7 +116,7 @@ class GraspVisualizer(LeafSystem):
 
     def _forget(self) -> None:
         self._drawn_perceived: Perceived | None = None
-        self._ordered: tuple[GraspSet | None, NDArray[np.int64]] = (None, np.zeros(0, np.int64))
+        self._ordered: tuple[GraspSet | None, Indices] = (None, np.zeros(0, np.int64))
         self._drawn_grasps: bytes | None = None
 
     def _clear(self, context: Context) -> EventStatus:
@@ -157,15 +157,13 @@ class GraspVisualizer(LeafSystem):
         colors = np.repeat(surface_colors(perceived.gpdf), len(self._disc[0]), axis=0)
         self._meshcat.SetTriangleColorMesh(self._cloud.turn(time), vertices.T, faces.T, colors.T)
 
-    def _order(self, grasps: GraspSet) -> NDArray[np.int64]:
+    def _order(self, grasps: GraspSet) -> Indices:
         """An order that stays the same as long as the set does, so that glyphs do not flicker."""
         if self._ordered[0] is not grasps:
             self._ordered = (grasps, spread_order(grasps.X_OG, grasps.score))
         return self._ordered[1]
 
-    def _draw_grasps(
-        self, time: float, good: NDArray[np.float64], bad: NDArray[np.float64]
-    ) -> None:
+    def _draw_grasps(self, time: float, good: Array, bad: Array) -> None:
         key = good.tobytes() + b"|" + bad.tobytes()
         if key == self._drawn_grasps:
             return
@@ -178,14 +176,14 @@ class GraspVisualizer(LeafSystem):
             self._meshcat.SetTriangleMesh(book.turn(time), vertices.T, faces.T, color)
 
 
-def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> NDArray[np.bool_]:
+def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> Mask:
     """Which grasps are in a subset of them and their flips, shape (n,)."""
     subset = {X_OG.tobytes() for X_OG in reachable.X_OG}
     found = np.array([X_OG.tobytes() in subset for X_OG in grasps.with_twins().X_OG], dtype=bool)
     return found[: len(grasps)] | found[len(grasps) :]
 
 
-def surface_colors(gpdf: Gpdf) -> NDArray[np.float64]:
+def surface_colors(gpdf: Gpdf) -> Array:
     """Colours of the completed points by their variance, shape (n, 3), from seen to made up.
 
     At a distance r from the data the variance is about 1 - exp(-2 r / l), that of a single

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -11,6 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_record import ViewRecord
@@ -20,7 +20,7 @@ from feasigrasp.models.shape.gpdf import Gpdf
 
 
 @dataclass(frozen=True, eq=False)
-class Perceived:
+class Perceived(Frozen):
     """What has been seen of the object.
 
     Attributes:
@@ -32,10 +32,6 @@ class Perceived:
     cloud: FusedCloud
     gpdf: Gpdf | None
     views: ViewRecord = field(default_factory=ViewRecord)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Perceived:
-        """Immutable, so a copy is itself."""
-        return self
 
 
 class PointCloudToGPDF(LeafSystem):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -13,6 +12,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
+from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -24,14 +24,11 @@ _FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class _Surroundings:
+class _Surroundings(Frozen):
     """The merged views of the surroundings, in W, and the field fitted to them."""
 
     cloud: FusedCloud
     scene: SceneField | None
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> _Surroundings:
-        return self
 
 
 class PointCloudToScene(LeafSystem):

@@ -9,6 +9,8 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
+from feasigrasp.models.arrays import Mask
+
 
 class SegmentPointCloud(LeafSystem):
     """The part of a depth camera's point cloud that shows one body.
@@ -73,10 +75,10 @@ class SegmentPointCloud(LeafSystem):
 
 def edge_pixels(
     points: NDArray[np.floating],
-    seen: NDArray[np.bool_],
-    of_body: NDArray[np.bool_],
+    seen: Mask,
+    of_body: Mask,
     jump: float,
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Pixels with a neighbour, of the four, that shows another surface.
 
     That is one whose point is farther away than ``jump``, or one without a point that does not

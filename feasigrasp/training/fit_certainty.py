@@ -14,11 +14,11 @@ from pathlib import Path
 
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from tqdm import tqdm
 
 from feasigrasp.errors import GraspError, PointCloudError
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps import certainty
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import COSINE_STEPS, contact_cosine
@@ -43,8 +43,6 @@ from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
 from feasigrasp.training.data.views import ViewedObject, turning_views
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 #: Evidence (n, k) and verdicts (n,) by the name of the coefficients.
 Cases = dict[str, tuple[Array, Mask]]
 

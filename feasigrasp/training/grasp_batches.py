@@ -14,6 +14,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from feasigrasp.errors import FeasigraspError
+from feasigrasp.models.arrays import Indices, Mask
 from feasigrasp.models.grasps.network.architectures import Contacts, ring_directions
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
 from feasigrasp.training.grasp_losses import Labels, free_share
@@ -43,13 +44,13 @@ class Examples:
     contacts: Contacts
     labels: Labels
     family: NDArray[np.str_]
-    true_surface: NDArray[np.bool_]
+    true_surface: Mask
 
     def __len__(self) -> int:
         """Number of examples."""
         return len(self.family)
 
-    def batch(self, rows: NDArray[np.int64], device: torch.device | str) -> tuple[Contacts, Labels]:
+    def batch(self, rows: Indices, device: torch.device | str) -> tuple[Contacts, Labels]:
         """Features and labels of some examples, float32 on a device."""
         index = torch.from_numpy(rows)
 
@@ -114,7 +115,7 @@ def _read(file: Path) -> dict[str, NDArray[Any]]:
 
 
 def _stack(
-    shards: list[dict[str, NDArray[Any]]], where: list[tuple[int, int]], rows: NDArray[np.int64]
+    shards: list[dict[str, NDArray[Any]]], where: list[tuple[int, int]], rows: Indices
 ) -> Examples:
     contacts: dict[str, list[Tensor]] = {name: [] for name in Contacts._fields}
     labels: dict[str, list[Tensor]] = {name: [] for name in Labels._fields}

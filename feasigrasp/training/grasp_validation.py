@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.network.architectures import Heads
 from feasigrasp.training.grasp_batches import Examples
 from feasigrasp.training.grasp_losses import FREE, Labels, free_share, loss
-
-Array = NDArray[np.float64]
 
 #: What `held_out_metrics` measures; the errors are those of completed surfaces.
 METRICS = (
@@ -70,7 +68,7 @@ def _mean(values: np.ndarray) -> float:
     return float(np.mean(values)) if len(values) else math.nan
 
 
-def measures(heads: Heads, labels: Labels) -> dict[str, NDArray[np.float64]]:
+def measures(heads: Heads, labels: Labels) -> dict[str, Array]:
     """Errors of single points.
 
     Returns:
@@ -94,7 +92,7 @@ def measures(heads: Heads, labels: Labels) -> dict[str, NDArray[np.float64]]:
     return {name: value.double().cpu().numpy() for name, value in found.items()}
 
 
-def average_precision(score: NDArray[np.float64], positive: NDArray[np.float64]) -> float:
+def average_precision(score: Array, positive: Array) -> float:
     """Area under the curve of precision over recall, by steps, as the threshold falls."""
     order = np.argsort(-score, kind="stable")
     hits = np.cumsum(positive[order])

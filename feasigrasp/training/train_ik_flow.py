@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.ik.flow import DAMPING, IkFlow
 from feasigrasp.models.ik.flow_layers import FlowShape
 from feasigrasp.models.ik.least_squares import refine
@@ -34,8 +34,6 @@ from feasigrasp.training.files import (
     write_checkpoint,
 )
 from feasigrasp.training.ik_flow_network import IkFlowNetwork
-
-FloatArray = NDArray[np.float64]
 
 #: Steps over which the learning rate rises to its full value.
 WARM_UP = 200
@@ -85,7 +83,7 @@ def _minutes(text: str) -> float:
     return minutes
 
 
-def training_batch(rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
+def training_batch(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
     """Configurations (<= n, 7) [rad], uniform where free of self-collision, and flange poses."""
     q = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, len(POSITION_LIMITS)))
     q = q[~in_collision(q)]
@@ -105,7 +103,7 @@ def export(network: IkFlowNetwork) -> IkFlow:
     return IkFlow(network.shape, arrays)
 
 
-def held_out_metrics(network: IkFlowNetwork, q: FloatArray, X_WF: FloatArray) -> dict[str, float]:
+def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str, float]:
     """Negative log likelihood of configurations, and how well samples reach their poses."""
     device = next(network.parameters()).device
     with torch.no_grad():
@@ -223,7 +221,7 @@ class Training:
         self.step, self.seconds, self.best, self.worse = state["progress"]
 
 
-def _tensor(array: FloatArray, device: torch.device | str) -> Tensor:
+def _tensor(array: Array, device: torch.device | str) -> Tensor:
     return torch.as_tensor(array, dtype=torch.float32, device=device)
 
 

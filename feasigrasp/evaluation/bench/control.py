@@ -20,7 +20,6 @@ from functools import partial
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -29,6 +28,7 @@ from feasigrasp.evaluation.bench.report import report_bench
 from feasigrasp.evaluation.bench.timing import Timing, cpu_time
 from feasigrasp.evaluation.peers.control import ArrayJointStep, ArrayTaskStep
 from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.reach.reachability import Reachability
@@ -37,7 +37,6 @@ from feasigrasp.results.rows import Row
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 
-FloatArray = NDArray[np.float64]
 #: A row name, a preset, and what is timed.
 Case = tuple[str, str, Callable[[], object]]
 
@@ -155,13 +154,13 @@ def joint_probe(
 _STEP = 0.01
 
 
-def _renewed_step(probe: ControllerProbe) -> FloatArray:
+def _renewed_step(probe: ControllerProbe) -> Array:
     """A step with the update before it in which the controller looks for solutions."""
     probe.simulator.AdvanceTo(probe.context.get_time() + _STEP)
     return probe.step()
 
 
-def _fed(step: Callable[..., object], probe: ControllerProbe, *more: FloatArray) -> object:
+def _fed(step: Callable[..., object], probe: ControllerProbe, *more: Array) -> object:
     """A peer's step with the next inputs of a probe."""
     q, pose = probe.next_inputs()
     return step(q, pose.GetAsMatrix4(), *more)

@@ -5,18 +5,16 @@ from __future__ import annotations
 from itertools import cycle
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics
-
-FloatArray = NDArray[np.float64]
 
 #: Where the arm is [rad].
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
@@ -41,8 +39,8 @@ def grasps_in_reach(
         rng: Draws them.
     """
     X_FG = reachability.gripper.X_FG
-    centers: list[FloatArray] = []
-    groups: list[FloatArray] = []
+    centers: list[Array] = []
+    groups: list[Array] = []
     while len(groups) < n_groups:
         center = forward_kinematics(HOME + rng.uniform(-0.9, 0.9, 7), X_FG)
         gaps = [se3.log(se3.inverse(center) @ other) for other in centers]
@@ -86,14 +84,14 @@ class ControllerProbe:
         )
         self._next = cycle(self.inputs)
 
-    def next_inputs(self) -> tuple[FloatArray, RigidTransform]:
+    def next_inputs(self) -> tuple[Array, RigidTransform]:
         """Joint positions (7,) and object pose that have not just been used."""
         return next(self._next)
 
-    def step(self) -> FloatArray:
+    def step(self) -> Array:
         """The command for the next inputs, shape (7,)."""
         q, pose = self.next_inputs()
         self._position.GetMutableData().set_value(q)
         self._pose.GetMutableData().set_value(pose)
-        command: FloatArray = self._output.Eval(self.context)
+        command: Array = self._output.Eval(self.context)
         return command

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -25,8 +24,6 @@ from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.results.arguments import add_common_arguments
-
-FloatArray = NDArray[np.float64]
 
 #: Configurations and poses of a batch, arm angles tried for each pose.
 BATCH, ARM_ANGLES = 100, 16

@@ -41,8 +41,6 @@ from feasigrasp.training.reachability.fit_mixture import LargeFit, em_pass, fit_
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
 
-FloatArray = NDArray[np.float64]
-
 GRASPS, COMPONENTS, POSES = 1024, 64, 3_000_000
 #: The object: pose and twist [angular; linear].
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])

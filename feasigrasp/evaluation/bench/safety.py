@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -34,14 +33,13 @@ from feasigrasp.evaluation.peers.safety_laws import (
     saturation_in_the_null_space,
 )
 from feasigrasp.evaluation.peers.safety_solvers import Solver, solvers
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions, velocity_bounds
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.robot.self_collision import min_distance, table_distances_and_gradients
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.rows import Row
-
-FloatArray = NDArray[np.float64]
 
 #: Ticks, and how many in the quick run; ticks of one run, and how many lie between two taken.
 TICKS, QUICK_TICKS, RUN, STRIDE = 600, 120, 360, 8
@@ -91,7 +89,7 @@ def ticks(n: int, seed: int, safety: Safety) -> list[State]:
     return [free[k] for k in taken] + close[: n // 2]
 
 
-def _twist(X_WF: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _twist(X_WF: Array, rng: np.random.Generator) -> Array:
     """A random twist; of every four one goes straight down, and one to the axis of the base."""
     V = np.asarray(rng.uniform(-1.0, 1.0, 6) * LARGEST)
     kind = rng.integers(4)
@@ -102,7 +100,7 @@ def _twist(X_WF: FloatArray, rng: np.random.Generator) -> FloatArray:
     return V
 
 
-def _start(rng: np.random.Generator) -> FloatArray:
+def _start(rng: np.random.Generator) -> Array:
     while True:
         q = rng.uniform(-0.95, 0.95, 7) * POSITION_LIMITS
         if min(min_distance(q), table_distances_and_gradients(q)[0].min()) > 0.03:
@@ -110,8 +108,8 @@ def _start(rng: np.random.Generator) -> FloatArray:
 
 
 def judge(
-    states: Sequence[State], commands: Sequence[FloatArray | None], options: SafetyOptions
-) -> dict[str, FloatArray]:
+    states: Sequence[State], commands: Sequence[Array | None], options: SafetyOptions
+) -> dict[str, Array]:
     """What the commands do at each tick; infinity or NaN without a command.
 
     Returns:
@@ -133,7 +131,7 @@ def judge(
     return outcome
 
 
-def rows_of(name: str, preset: str, outcome: dict[str, FloatArray]) -> list[Row]:
+def rows_of(name: str, preset: str, outcome: dict[str, Array]) -> list[Row]:
     """The rows about one law or solver, all but the first over the ticks that have a command."""
     answered = np.isfinite(outcome["error"])
     silent = 100 * float(np.mean(~answered))
@@ -163,11 +161,11 @@ def _quiet() -> Iterator[None]:
         os.close(kept)
 
 
-def solve_law(solver: Solver, weights: FloatArray, damping: float) -> Law:
+def solve_law(solver: Solver, weights: Array, damping: float) -> Law:
     """A law out of a solver of the QP; its matrices are made beforehand."""
-    made: dict[int, tuple[FloatArray, FloatArray]] = {}
+    made: dict[int, tuple[Array, Array]] = {}
 
-    def law(s: State) -> FloatArray | None:
+    def law(s: State) -> Array | None:
         if id(s) not in made:
             WJ = weights[:, None] * s.J
             H = WJ.T @ WJ + damping * np.eye(7)

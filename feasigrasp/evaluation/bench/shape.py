@@ -30,12 +30,11 @@ from feasigrasp.evaluation.peers.shape import (
     torch_query,
     whole_fit,
 )
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.shape.gpdf_fit import PAPER, extend_field
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.rows import Row
-
-Array = NDArray[np.float64]
 
 #: Nodes of the fields that are timed.
 SIZES = (512, 1024)

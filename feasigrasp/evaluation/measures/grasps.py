@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.network.contact_features import contact_features
 from feasigrasp.models.grasps.network.network import GraspNetwork
@@ -18,7 +19,6 @@ from feasigrasp.results.statistics import CONFIDENCE, Estimate
 from feasigrasp.training.data.grasp_labels import best_labels, find_pairs
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 
-Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 #: Contacts of a view whose best approach is tried on the true mesh.
@@ -123,7 +123,7 @@ def equivariance_error(network: GraspNetwork, surface: GraspInput, seed: int) ->
     return max(float(np.abs(error).max(initial=0.0)) for error in errors)
 
 
-def average_precision(score: Array, positive: NDArray[np.bool_]) -> float:
+def average_precision(score: Array, positive: Mask) -> float:
     """Mean of the precision at every positive as the threshold falls; ties in any order.
 
     The area under the precision-recall curve without interpolation; NaN without a positive.
@@ -150,7 +150,7 @@ def resampled(
 
 
 def _nearest_width(
-    point: NDArray[np.int64], width: Array, at: NDArray[np.intp], predicted: Array
+    point: Indices, width: Array, at: NDArray[np.intp], predicted: Array
 ) -> list[float]:
     """Least error of widths predicted at points among the valid ones there [m]."""
     errors = [

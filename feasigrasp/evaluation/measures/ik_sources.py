@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.arm_circle import closed_form_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
@@ -27,9 +27,8 @@ from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.results.rows import Row
 from feasigrasp.results.statistics import Estimate, mean, proportion
 
-FloatArray = NDArray[np.float64]
 #: Draws one configuration (n, 7) of each pose (n, 4, 4); NaN where it finds none.
-Source = Callable[[FloatArray, int], FloatArray]
+Source = Callable[[Array, int], Array]
 
 #: A solution reaches its pose below these errors.
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 1e-3, np.deg2rad(1.0)
@@ -79,7 +78,7 @@ def _closed_form_kernel(X_WF, psi, choice, q):  # type: ignore[no-untyped-def]
                 break
 
 
-def from_closed_form(X_WF: FloatArray, seed: int) -> FloatArray:
+def from_closed_form(X_WF: Array, seed: int) -> Array:
     """Uniform over arm angle and branch among those inside the limits: exact and diverse."""
     rng = np.random.default_rng(seed)
     q = np.full((len(X_WF), NUM_JOINTS), np.nan)
@@ -95,7 +94,7 @@ def from_closed_form(X_WF: FloatArray, seed: int) -> FloatArray:
     return q
 
 
-def from_random_seeds(X_WF: FloatArray, seed: int) -> FloatArray:
+def from_random_seeds(X_WF: Array, seed: int) -> Array:
     """Damped least squares from uniform configurations, within the limits, until it is there."""
     q = np.random.default_rng(seed).uniform(
         -POSITION_LIMITS, POSITION_LIMITS, (len(X_WF), NUM_JOINTS)
@@ -111,12 +110,12 @@ def from_random_seeds(X_WF: FloatArray, seed: int) -> FloatArray:
     return q
 
 
-def from_flow(X_WF: FloatArray, seed: int) -> FloatArray:
+def from_flow(X_WF: Array, seed: int) -> Array:
     """The flow with three refinement steps."""
     return IkFlow.load_default().solve(X_WF, seed)
 
 
-def unrefined_flow(X_WF: FloatArray, seed: int) -> FloatArray:
+def unrefined_flow(X_WF: Array, seed: int) -> Array:
     """The flow alone."""
     return IkFlow.load_default().sample(X_WF, seed)[:, 0]
 
@@ -129,7 +128,7 @@ SOURCES: dict[str, Source] = {
 }
 
 
-def reachable_poses(n: int, seed: int) -> FloatArray:
+def reachable_poses(n: int, seed: int) -> Array:
     """Flange poses (n, 4, 4) of uniform configurations inside limits, free of self-collision."""
     # Entries that are left out count as zero: [seed] alone would be the flow's first batch.
     rng = np.random.default_rng([seed, *_STREAM])
@@ -210,11 +209,11 @@ def format_source_table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def _reached(position: FloatArray, angle: FloatArray) -> NDArray[np.bool_]:
+def _reached(position: Array, angle: Array) -> Mask:
     return (position < POSITION_TOLERANCE) & (angle < ANGLE_TOLERANCE)
 
 
-def _error_rows(name: str, q: FloatArray, X_WF: FloatArray) -> list[Row]:
+def _error_rows(name: str, q: Array, X_WF: Array) -> list[Row]:
     _, position, angle = refine(X_WF, q, 0)
     found, n = np.isfinite(position), len(q)
     reached = found & _reached(position, angle)
@@ -222,10 +221,10 @@ def _error_rows(name: str, q: FloatArray, X_WF: FloatArray) -> list[Row]:
     free = ~in_collision(q[reached])
     mm, deg = 1e3 * position[found], np.rad2deg(angle[found])
 
-    def median(values: FloatArray) -> Estimate:
+    def median(values: Array) -> Estimate:
         return Estimate(float(np.median(values)), None, None, len(values))
 
-    def percent(figure: str, yes: NDArray[np.bool_], preset: str = name) -> Row:
+    def percent(figure: str, yes: Mask, preset: str = name) -> Row:
         estimate = proportion(int(yes.sum()), len(yes))
         return Row.of(f"kinematics.{figure}", preset, estimate, "%", 100.0)
 
@@ -245,7 +244,7 @@ def _error_rows(name: str, q: FloatArray, X_WF: FloatArray) -> list[Row]:
     return rows
 
 
-def _speed_row(name: str, source: Source, X_WF: FloatArray, seed: int) -> Row:
+def _speed_row(name: str, source: Source, X_WF: Array, seed: int) -> Row:
     source(X_WF[:10], seed)  # compiles
     speeds = []
     for repeat in range(_REPEATS):
@@ -258,7 +257,7 @@ def _speed_row(name: str, source: Source, X_WF: FloatArray, seed: int) -> Row:
     return Row("kinematics.solutions_per_s", name, value, None, None, "1/s", _REPEATS)
 
 
-def _jumps(source: Source, X_WF: FloatArray, seed: int) -> Estimate:
+def _jumps(source: Source, X_WF: Array, seed: int) -> Estimate:
     """Share of solutions that do not follow a small motion of their pose."""
     rng = np.random.default_rng([seed, len(X_WF)])
     along, about = rng.normal(size=(2, len(X_WF), 3))
@@ -274,7 +273,7 @@ def _jumps(source: Source, X_WF: FloatArray, seed: int) -> Estimate:
     return proportion(int((step > JUMP).sum()), len(step))
 
 
-def _diversity(source: Source, X_WF: FloatArray, seed: int) -> tuple[Estimate, Estimate]:
+def _diversity(source: Source, X_WF: Array, seed: int) -> tuple[Estimate, Estimate]:
     """Mean distance [rad] of two configurations of a pose, and number of branches among them."""
     q = source(np.repeat(X_WF, PER_POSE, axis=0), seed)
     _, position, angle = refine(np.repeat(X_WF, PER_POSE, axis=0), q, 0)

@@ -11,13 +11,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.shape.completion import CompletedField
 from feasigrasp.models.shape.gpdf import Gpdf
-
-Array = NDArray[np.float64]
 
 #: A projected point is on the surface if |d| is less [m].
 _ON_SURFACE = 5e-4

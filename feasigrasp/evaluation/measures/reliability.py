@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.results.rows import Row
-
-Array = NDArray[np.float64]
 
 #: Groups of equally many completed points, by predicted deviation.
 _BINS = 12

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.results.statistics import CONFIDENCE, Estimate
 
 
-def roc_curve(
-    score: NDArray[np.float64], positive: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def roc_curve(score: Array, positive: Mask) -> tuple[Array, Array]:
     """Shares of false and of true positives as the threshold falls, from (0, 0) to (1, 1).
 
     Args:
@@ -28,7 +26,7 @@ def roc_curve(
     return false[keep] / max(false[-1], 1.0), true[keep] / max(true[-1], 1.0)
 
 
-def area_under_curve(score: NDArray[np.float64], positive: NDArray[np.bool_]) -> Estimate:
+def area_under_curve(score: Array, positive: Mask) -> Estimate:
     """Probability that a positive scores higher than a negative; ties count half.
 
     The interval is that of Hanley and McNeil (1982), "The meaning and use of the area under a

@@ -7,14 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from feasigrasp.evaluation.measures.level_set import sample_level_set
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.training.data.views import PartialView, ViewedObject
-
-Array = NDArray[np.float64]
 
 #: Points on the true surface that a shape is judged by.
 SAMPLES = 2000
@@ -68,7 +66,7 @@ def measure(
     }
 
 
-def auc(score: Array, positive: NDArray[np.bool_]) -> float:
+def auc(score: Array, positive: Mask) -> float:
     """Area under the ROC curve of a score (n,) that should be larger for positives.
 
     The Mann-Whitney statistic: the chance that a positive scores higher than a negative.

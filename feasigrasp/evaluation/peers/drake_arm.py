@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import Capsule
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import CoulombFriction
 from pydrake.multibody.tree import JacobianWrtVariable, SpatialInertia
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.robot.capsules import hand_capsules
 from feasigrasp.resources import model_path
-
-FloatArray = NDArray[np.float64]
 
 
 class DrakeArm:
@@ -63,7 +62,7 @@ class DrakeArm:
         """The collision checker, with plant and scene graph."""
         return self._checker
 
-    def pose_and_jacobian(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def pose_and_jacobian(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Flange poses (n, 4, 4) and Jacobians (n, 6, 7) of configurations (n, 7), one by one."""
         Q = np.asarray(Q, dtype=float)
         X_WF, J_WF = np.empty((len(Q), 4, 4)), np.empty((len(Q), 6, 7))
@@ -79,7 +78,7 @@ class DrakeArm:
             X_WF[k] = flange.CalcPoseInWorld(context).GetAsMatrix4()
         return X_WF, J_WF
 
-    def in_collision(self, Q: ArrayLike) -> NDArray[np.bool_]:
+    def in_collision(self, Q: ArrayLike) -> Mask:
         """Whether the checker finds configurations (n, 7) in self-collision, shape (n,).
 
         It looks for a signed distance that is not positive, and computes distances iteratively:
@@ -90,7 +89,7 @@ class DrakeArm:
         )
         return np.asarray(free) == 0
 
-    def has_collisions(self, Q: ArrayLike) -> NDArray[np.bool_]:
+    def has_collisions(self, Q: ArrayLike) -> Mask:
         """The same from `QueryObject.HasCollisions`, a yes-or-no test of every pair."""
         hit = np.empty(len(np.asarray(Q)), dtype=bool)
         for k, q in enumerate(np.asarray(Q, dtype=float)):

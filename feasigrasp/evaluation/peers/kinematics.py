@@ -6,8 +6,8 @@ from collections.abc import Callable
 from importlib import import_module
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import (
     FLANGE_HEIGHT,
     JOINT_AXES,
@@ -16,10 +16,8 @@ from feasigrasp.models.robot.iiwa import (
     VELOCITY_LIMITS,
 )
 
-FloatArray = NDArray[np.float64]
 
-
-def pinocchio_kinematics() -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+def pinocchio_kinematics() -> Callable[[Array], tuple[Array, Array]]:
     """Flange poses and Jacobians (rows [linear; angular]) of configurations (n, 7), one by one.
 
     Raises:
@@ -35,7 +33,7 @@ def pinocchio_kinematics() -> Callable[[FloatArray], tuple[FloatArray, FloatArra
     flange = model.addFrame(pin.Frame("flange", joint, 0, offset, pin.FrameType.OP_FRAME))
     data = model.createData()
 
-    def run(Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def run(Q: Array) -> tuple[Array, Array]:
         X_WF, J_WF = np.empty((len(Q), 4, 4)), np.empty((len(Q), 6, 7))
         for k, q in enumerate(Q):
             J_WF[k] = pin.computeFrameJacobian(model, data, q, flange, pin.LOCAL_WORLD_ALIGNED)
@@ -45,7 +43,7 @@ def pinocchio_kinematics() -> Callable[[FloatArray], tuple[FloatArray, FloatArra
     return run
 
 
-def eaik_nearest(values: FloatArray) -> Callable[[FloatArray, FloatArray], FloatArray]:
+def eaik_nearest(values: Array) -> Callable[[Array, Array], Array]:
     """Nearest configurations inside the limits, by closed-form inverse kinematics of EAIK.
 
     EAIK solves arms of six joints: joint 3 is fixed at each of ``values``, where ours fixes the arm
@@ -63,7 +61,7 @@ def eaik_nearest(values: FloatArray) -> Callable[[FloatArray, FloatArray], Float
             frame[:3, :3] = np.array([[1, 0, 0], [0, 0, axis[1]], [0, -axis[1], 0]])
     robots = [homogeneous.HomogeneousRobot(frames, fixed_axes=[(2, float(v))]) for v in values]
 
-    def run(X_WF: FloatArray, q: FloatArray) -> FloatArray:
+    def run(X_WF: Array, q: Array) -> Array:
         best = np.full((len(X_WF), 7), np.nan)
         for k, X in enumerate(X_WF):
             solutions = [robot.IK(X) for robot in robots]

@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.special import logsumexp
 
-FloatArray = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Indices
 
 #: Variance added to each of the twelve dimensions of the flat mixture: rotation matrices fill only
 #: three of their nine, so that without it every covariance is singular.
 FLOOR = 1e-2
 
 
-def flatten(X: FloatArray) -> FloatArray:
+def flatten(X: Array) -> Array:
     """Rotation matrix and position as one vector, shape (n, 12)."""
     return np.concatenate([X[:, :3, :3].reshape(-1, 9), X[:, :3, 3]], axis=1)
 
@@ -32,11 +31,11 @@ class FlatMixture:
         coefficients: Log density with weight over these products, shape (91, K).
     """
 
-    coefficients: FloatArray
+    coefficients: Array
 
     @classmethod
     def fit(
-        cls, X: FloatArray, n_components: int, rng: np.random.Generator, iterations: int = 25
+        cls, X: Array, n_components: int, rng: np.random.Generator, iterations: int = 25
     ) -> FlatMixture:
         """Fits poses (n, 4, 4), starting at k-means++ clusters."""
         x = flatten(X)
@@ -50,18 +49,18 @@ class FlatMixture:
             r = np.exp(log - logsumexp(log, axis=1, keepdims=True))
         return mixture
 
-    def log_density(self, X: FloatArray) -> FloatArray:
+    def log_density(self, X: Array) -> Array:
         """Log density of poses (n, 4, 4), shape (n,)."""
         return np.asarray(logsumexp(_products(flatten(X)) @ self.coefficients, axis=1))
 
 
-def _products(x: FloatArray) -> FloatArray:
+def _products(x: Array) -> Array:
     """``(1, x_i, x_i x_j with j <= i)``, shape (n, 91)."""
     rows, columns = np.tril_indices(x.shape[1])
     return np.concatenate([np.ones((len(x), 1)), x, x[:, rows] * x[:, columns]], axis=1)
 
 
-def _maximize(moments: FloatArray) -> FloatArray:
+def _maximize(moments: Array) -> Array:
     """Coefficients of the components from the sums of the products under each, shape (K, 91)."""
     moments = moments[moments[:, 0] > 12.0]
     rows, columns = np.tril_indices(12)
@@ -84,7 +83,7 @@ class VoxelMap:
     Directions are the 26 of a cube's faces, edges and corners; positions and rolls are even.
     """
 
-    def __init__(self, X: FloatArray, voxel: float = 0.1, rolls: int = 8) -> None:
+    def __init__(self, X: Array, voxel: float = 0.1, rolls: int = 8) -> None:
         """Counts poses (n, 4, 4).
 
         Args:
@@ -99,13 +98,13 @@ class VoxelMap:
         self._voxel, self._rolls = voxel, rolls
         self._cells, self._counts = np.unique(self._cell(X), return_counts=True)
 
-    def score(self, X: FloatArray) -> FloatArray:
+    def score(self, X: Array) -> Array:
         """How many of the counted poses share the cells of poses (n, 4, 4), shape (n,)."""
         cell = self._cell(X)
         index = np.minimum(np.searchsorted(self._cells, cell), len(self._cells) - 1)
         return np.where(self._cells[index] == cell, self._counts[index], 0).astype(float)
 
-    def _cell(self, X: FloatArray) -> NDArray[np.int64]:
+    def _cell(self, X: Array) -> Indices:
         z, x = X[:, :3, 2], X[:, :3, 0]
         direction = np.argmax(z @ self._directions.T, axis=1)
         # Roll against the horizontal that is perpendicular to z (against x, if z is vertical).

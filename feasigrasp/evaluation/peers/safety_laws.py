@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 from pydrake.common.value import Value
 from pydrake.multibody.inverse_kinematics import (
     DifferentialInverseKinematicsParameters,
@@ -26,10 +25,9 @@ from pydrake.planning import (
 from pydrake.systems.framework import BusValue
 
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,17 +45,17 @@ class State:
         rows: Shape (m, 7).
     """
 
-    q: FloatArray
-    qd_last: FloatArray
-    J: FloatArray
-    V: FloatArray
-    qd_preferred: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    rows: FloatArray
+    q: Array
+    qd_last: Array
+    J: Array
+    V: Array
+    qd_preferred: Array
+    lower: Array
+    upper: Array
+    rows: Array
 
 
-Law = Callable[[State], "FloatArray | None"]
+Law = Callable[[State], "Array | None"]
 
 
 def package(safety: Safety) -> Law:
@@ -68,7 +66,7 @@ def package(safety: Safety) -> Law:
 def clamped_pseudo_inverse(damping: float = 0.05) -> Law:
     """The damped pseudo-inverse, each joint clipped to its bounds afterwards."""
 
-    def law(s: State) -> FloatArray:
+    def law(s: State) -> Array:
         inverse = s.J.T @ np.linalg.inv(s.J @ s.J.T + damping**2 * np.eye(6))
         qd = s.qd_preferred + inverse @ (s.V - s.J @ s.qd_preferred)
         return np.clip(qd, s.lower[:7], s.upper[:7])
@@ -76,7 +74,7 @@ def clamped_pseudo_inverse(damping: float = 0.05) -> Law:
     return law
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _saturate(J, V, qd_preferred, lower, upper):  # type: ignore[no-untyped-def]
     """Saturation in the null space (Flacco, De Luca, Khatib, ICRA 2012, algorithm 1)."""
     free, fixed = np.ones(7), qd_preferred.copy()
@@ -114,7 +112,7 @@ def _saturate(J, V, qd_preferred, lower, upper):  # type: ignore[no-untyped-def]
     return best
 
 
-def saturation_in_the_null_space(s: State) -> FloatArray:
+def saturation_in_the_null_space(s: State) -> Array:
     """Pseudo-inverse, joints at their bounds taken out one by one; knows no clearance."""
     return np.asarray(_saturate(s.J, s.V, s.qd_preferred, s.lower[:7], s.upper[:7]))
 
@@ -137,7 +135,7 @@ def drake_function(options: SafetyOptions) -> Law:
     found = DifferentialInverseKinematicsStatus.kSolutionFound
     stuck = DifferentialInverseKinematicsStatus.kStuck
 
-    def law(s: State) -> FloatArray | None:
+    def law(s: State) -> Array | None:
         parameters.set_nominal_joint_position(s.q + s.qd_preferred)
         result = DoDifferentialInverseKinematics(s.q, s.qd_last, s.V, s.J, parameters)
         return np.asarray(result.joint_velocities) if result.status in (found, stuck) else None
@@ -188,7 +186,7 @@ def drake_system(options: SafetyOptions) -> Law:
         system.GetOutputPort("commanded_velocity"),
     )
 
-    def law(s: State) -> FloatArray | None:
+    def law(s: State) -> Array | None:
         twist = BusValue()
         twist.Set("iiwa7::iiwa_flange", Value(SpatialVelocity(s.V)))
         position_port.FixValue(context, s.q)

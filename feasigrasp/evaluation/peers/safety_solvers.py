@@ -14,24 +14,22 @@ from typing import Any
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, OsqpSolver, SolverOptions
 
-FloatArray = NDArray[np.float64]
-Solver = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], "FloatArray | None"]
+from feasigrasp.models.arrays import Array
+
+Solver = Callable[[Array, Array, Array, Array, Array], "Array | None"]
 
 _TOLERANCE = 1e-7
 
 
-def solve_daqp(
-    H: FloatArray, f: FloatArray, A: FloatArray, lower: FloatArray, upper: FloatArray
-) -> FloatArray | None:
+def solve_daqp(H: Array, f: Array, A: Array, lower: Array, upper: Array) -> Array | None:
     """Dual active set with recursive LDL' updates; what the package uses."""
     x, _, status, _ = daqp.solve(H, f, A, upper, lower)
     return x if status > 0 else None
 
 
-def _stacked(A: FloatArray) -> FloatArray:
+def _stacked(A: Array) -> Array:
     return np.vstack([np.eye(7), A])
 
 

@@ -9,17 +9,15 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.spatial.distance import cdist
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.covariance import gram_lower
 from feasigrasp.models.shape.gpdf_fit import PAPER, Gpdf, fit_field, fit_gpdf
-
-Array = NDArray[np.float64]
 
 #: Where the camera looks from, relative to the object's centre [m].
 CAMERA = np.array([0.35, 0.2, 0.3])
@@ -101,7 +99,7 @@ class ValidationStep:
         hand = every[farthest_points(every, GRIPPER_POINTS)]
         return cls(cloud, preset, nodes, np.resize(grasps, (GRASPS, 4, 4)), hand, at)
 
-    def __call__(self) -> tuple[Array, NDArray[np.bool_], Array]:
+    def __call__(self) -> tuple[Array, Mask, Array]:
         """Variance of the completed surface, which grasps collide, refined normals."""
         field = whole_fit(self.cloud, self.preset, self.nodes)
         collides = field.touches(self.X_OG, self.hand, 0.003)

@@ -7,19 +7,18 @@ from pathlib import Path
 
 import matplotlib
 
+from feasigrasp.models.arrays import Array
+
 matplotlib.use("Agg")
 import numpy as np  # noqa: E402 - the backend comes first
 from matplotlib import pyplot as plt  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.patches import PathPatch  # noqa: E402
 from matplotlib.path import Path as Outline  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel  # noqa: E402
 from feasigrasp.models.robot.capsules import capsule_model  # noqa: E402
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +33,15 @@ class Slice:
         density: Mean density of the mixture.
     """
 
-    across: FloatArray
-    up: FloatArray
-    exact: FloatArray
-    accepted: FloatArray
-    density: FloatArray
+    across: Array
+    up: Array
+    exact: Array
+    accepted: Array
+    density: Array
 
 
 def plot_slices(
-    vertical: Slice, horizontal: Slice, height: float, posture: FloatArray, filename: Path
+    vertical: Slice, horizontal: Slice, height: float, posture: Array, filename: Path
 ) -> None:
     """Draws both slices: exact share, accepted share and density beside each other.
 
@@ -94,7 +93,7 @@ def plot_slices(
     plt.close(figure)
 
 
-def _draw_arm(ax: Axes, posture: FloatArray, normal: int) -> None:
+def _draw_arm(ax: Axes, posture: Array, normal: int) -> None:
     """Draws the arm's capsules, seen along an axis of the world (1: y, 2: z)."""
     model = capsule_model()
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))

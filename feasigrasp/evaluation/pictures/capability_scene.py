@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib import colormaps
-from numpy.typing import NDArray
 from pydrake.geometry import (
     Box,
     Meshcat,
@@ -21,10 +20,9 @@ from pydrake.multibody.parsing import LoadModelDirectives, Parser, ProcessModelD
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.resources import model_path
 from feasigrasp.systems.meshcat_scene import set_stage
-
-FloatArray = NDArray[np.float64]
 
 #: Shares are shown in so many steps, each a folder of its own that can be hidden.
 STEPS = 5
@@ -34,9 +32,9 @@ CAMERA, TARGET, ZOOM = (1.3, -2.4, 1.3), (0.0, 0.0, 0.5), 2.2
 
 def write_scene(
     meshcat: Meshcat,
-    points: FloatArray,
-    share: FloatArray,
-    posture: FloatArray,
+    points: Array,
+    share: Array,
+    posture: Array,
     spacing: float,
     filename: Path,
 ) -> None:
@@ -70,7 +68,7 @@ def write_scene(
     filename.write_text(meshcat.StaticHtml())
 
 
-def _publish_arm(meshcat: Meshcat, posture: FloatArray) -> None:
+def _publish_arm(meshcat: Meshcat, posture: Array) -> None:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
     parser = Parser(plant)

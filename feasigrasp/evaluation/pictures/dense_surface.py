@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_points import SurfacePoints
-
-Array = NDArray[np.float64]
 
 #: Points of the first, uneven sample are projected from a grid of this many points per side.
 _GRID = 16

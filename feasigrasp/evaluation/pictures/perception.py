@@ -10,10 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.glyphs import spread_order
@@ -22,8 +23,6 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 from feasigrasp.models.shape.surface_points import SurfacePoints
-
-Array = NDArray[np.float64]
 
 #: From surface that was seen to surface that was made up.
 UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(

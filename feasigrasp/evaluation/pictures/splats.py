@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array
 
 #: Direction of the light from the viewer's place: from above, on the left.
 _LIGHT = np.array([-0.35, 0.55, 0.76])

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
@@ -40,8 +40,6 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import model_path
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.station import FINGER_KD, FINGER_KP
-
-Array = NDArray[np.float64]
 
 #: As in the scenarios.
 _PLANT = MultibodyPlantConfig(

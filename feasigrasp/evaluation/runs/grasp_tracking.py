@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
-
-FloatArray = NDArray[np.float64]
 
 #: A grasp is tracked while the hand is closer to it than this [m], [rad].
 TRACKED_POSITION, TRACKED_ANGLE = 0.015, np.deg2rad(8.0)
@@ -21,10 +19,10 @@ SAME_POSITION, SAME_ANGLE = 0.03, np.deg2rad(30.0)
 
 
 def tracking_metrics(
-    position_error: FloatArray,
-    angle_error: FloatArray,
-    X_OH: FloatArray,
-    following: NDArray[np.bool_],
+    position_error: Array,
+    angle_error: Array,
+    X_OH: Array,
+    following: Mask,
     period: float,
 ) -> dict[str, float | None]:
     """Figures of the samples in which the hand follows the object with open fingers.
@@ -63,13 +61,13 @@ def tracking_metrics(
     }
 
 
-def _spells(true: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _spells(true: Mask) -> list[tuple[int, int]]:
     """Start and end (exclusive) of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _same(X_OA: FloatArray, X_OB: FloatArray) -> bool:
+def _same(X_OA: Array, X_OB: Array) -> bool:
     X_AB = se3.inverse(X_OA) @ X_OB
     moved = float(np.linalg.norm(X_AB[:3, 3]))
     return moved < SAME_POSITION and float(se3.rotation_angle(X_AB[:3, :3])) < SAME_ANGLE

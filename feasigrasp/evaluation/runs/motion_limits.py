@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
-
-FloatArray = NDArray[np.float64]
 
 #: Rounding of a command that sits exactly at its limit is no violation.
 _ROUNDING = 1e-6
@@ -25,8 +23,8 @@ class JointTicks:
         period: Time between ticks [s].
     """
 
-    commanded: FloatArray
-    measured: FloatArray
+    commanded: Array
+    measured: Array
     period: float
 
 
@@ -61,5 +59,5 @@ def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
     return result
 
 
-def _share_beyond(ratio: FloatArray) -> float:
+def _share_beyond(ratio: Array) -> float:
     return 100.0 * float(np.mean(np.any(ratio > 1.0 + _ROUNDING, axis=1)))

@@ -14,7 +14,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
@@ -29,6 +28,7 @@ from pydrake.systems.primitives import (
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.runs.rollout_metrics import rollout_metrics
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
@@ -44,7 +44,6 @@ from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
-FloatArray = NDArray[np.float64]
 #: Makes the controller of a scenario; its ports are those of `RMMTaskController`.
 ControllerFactory = Callable[[Scenario, Reachability], LeafSystem]
 
@@ -65,10 +64,10 @@ class Rollout:
     """
 
     metrics: dict[str, Any]
-    times: FloatArray
-    samples: FloatArray
-    tick_times: FloatArray
-    states: FloatArray
+    times: Array
+    samples: Array
+    tick_times: Array
+    states: Array
 
 
 class _ObjectPose(LeafSystem):

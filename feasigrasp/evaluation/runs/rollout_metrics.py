@@ -5,21 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feasigrasp.evaluation.runs.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, summarize
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.systems.metrics import SAMPLE_NAMES
-
-FloatArray = NDArray[np.float64]
 
 #: Every metric of a rollout.
 ROLLOUT_METRICS: dict[str, Metric] = METRICS | {"regrip_cost_cm": Metric("cm")}
 
 
-def rollout_metrics(samples: FloatArray, states: FloatArray, period: float) -> dict[str, Any]:
+def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, Any]:
     """The metrics of a run that never closes the gripper.
 
     ``regrip_cost_cm`` is the mean distance of hand and object less the mean while a grasp is

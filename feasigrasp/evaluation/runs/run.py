@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
@@ -17,14 +15,13 @@ from threadpoolctl import threadpool_limits
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.schema import Scenario, dump_scenario
 from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_dynamic_grasp
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +35,8 @@ class RunResult:
     """
 
     record: dict[str, Any]
-    times: FloatArray
-    samples: FloatArray
+    times: Array
+    samples: Array
 
 
 def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> RunResult:
@@ -108,10 +105,10 @@ def write_result(result: RunResult, filename: Path) -> None:
 
 def _measured(
     diagram: Diagram, context: Context, scenario: Scenario
-) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
+) -> tuple[Array, Array, dict[str, Any]]:
     """Times and samples of the metrics' log, and the metrics of all logs."""
 
-    def log(name: str) -> tuple[FloatArray, FloatArray]:
+    def log(name: str) -> tuple[Array, Array]:
         found = diagram.GetSubsystemByName(f"log({name})").FindLog(context)
         return found.sample_times().copy(), found.data().copy()
 

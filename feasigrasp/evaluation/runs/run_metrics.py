@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feasigrasp.evaluation.runs.grasp_tracking import tracking_metrics
 from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
-
-FloatArray = NDArray[np.float64]
 
 #: An object that stays this close to where it was in the hand counts as held [m].
 HELD_TOLERANCE = 0.02
@@ -65,11 +63,11 @@ METRICS: dict[str, Metric] = {
 
 
 def summarize(
-    samples: FloatArray,
+    samples: Array,
     *,
     closes: bool,
     ticks: JointTicks | None = None,
-    obstacle_distance: FloatArray | None = None,
+    obstacle_distance: Array | None = None,
 ) -> dict[str, float | bool | None]:
     """The metrics of one run; ``docs/results_schema.md`` defines every one.
 
@@ -130,10 +128,10 @@ def summarize(
     return result
 
 
-def _vector(x: dict[str, FloatArray], name: str) -> FloatArray:
+def _vector(x: dict[str, Array], name: str) -> Array:
     return np.stack([x[f"{name}_{axis}"] for axis in "xyz"], axis=1)
 
 
-def _median(values: FloatArray, factor: float) -> float | None:
+def _median(values: Array, factor: float) -> float | None:
     values = values[np.isfinite(values)]
     return factor * float(np.median(values)) if len(values) else None

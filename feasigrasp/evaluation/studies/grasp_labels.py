@@ -17,10 +17,10 @@ from typing import Any
 import joblib
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from feasigrasp.evaluation.runs.floating_gripper import hold_trials
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
@@ -33,7 +33,6 @@ from feasigrasp.training.data.grasp_labels import find_pairs
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.household_shapes import FAMILIES, make_shape
 
-Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 #: Seeds of the shapes start here, far from those of any training stream.
@@ -53,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def sample_grasps(
     truth: TrueGrasps, gripper: ParallelGripper, count: int, rng: np.random.Generator
-) -> tuple[Array, NDArray[np.bool_], Array]:
+) -> tuple[Array, Mask, Array]:
     """Grasps of one object whose hand is free, half of them valid.
 
     Returns:

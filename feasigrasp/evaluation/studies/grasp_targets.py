@@ -13,10 +13,10 @@ import shlex
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from feasigrasp.evaluation.runs.rollout import object_grasps
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.filter import filter_grasps
@@ -31,8 +31,6 @@ from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.row_table import format_rows
 from feasigrasp.results.rows import Row, write_summary
 from feasigrasp.results.statistics import mean
-
-FloatArray = NDArray[np.float64]
 
 _STARTS = 32  # hand poses from which the ascent is followed
 _STEPS = 300
@@ -101,15 +99,13 @@ def _shares(model: str, args: argparse.Namespace) -> dict[str, float]:
     return {what: _valid_percent(field, X, best, grasps.width) for what, X in targets.items()}
 
 
-def _climb(mixture: RiemannianMixture, X: FloatArray) -> FloatArray:
+def _climb(mixture: RiemannianMixture, X: Array) -> Array:
     for _ in range(_STEPS):
         X = X @ se3.exp(0.05 * ascent_direction(mixture, X))
     return X
 
 
-def _valid_percent(
-    field: Gpdf, X_OG: FloatArray, mixture: GraspMixture, widths: FloatArray
-) -> float:
+def _valid_percent(field: Gpdf, X_OG: Array, mixture: GraspMixture, widths: Array) -> float:
     """Share of poses that are a grasp with one of the widths."""
     gripper = ParallelGripper()
     tried = np.quantile(widths, np.linspace(0.0, 1.0, 12))

@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from feasigrasp.evaluation.measures.ik_sources import format_source_table, ik_source_rows
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
@@ -27,8 +27,6 @@ from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.row_table import format_rows
 from feasigrasp.results.rows import Row, write_summary
 from feasigrasp.results.statistics import proportion
-
-FloatArray = NDArray[np.float64]
 
 #: A configuration counts as found again within this [rad].
 SAME_CONFIGURATION = 1e-6
@@ -43,12 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser, out="out/evaluate_kinematics", objects="builtin")
 
 
-def random_configurations(n: int, rng: np.random.Generator) -> FloatArray:
+def random_configurations(n: int, rng: np.random.Generator) -> Array:
     """Configurations uniform inside the joint limits, shape (n, 7) [rad]."""
     return rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
 
 
-def folded_configurations(n: int, rng: np.random.Generator) -> FloatArray:
+def folded_configurations(n: int, rng: np.random.Generator) -> Array:
     """Configurations bent back towards the base, of which a quarter is in collision, (n, 7)."""
     Q = random_configurations(n, rng)
     side = np.sign(Q[:, :1])
@@ -130,9 +128,7 @@ def collision_rows(n: int, seed: int, folder: Path) -> list[Row]:
     return rows
 
 
-def _mismatch_rows(
-    preset: str, Q: FloatArray, ours: NDArray[np.bool_], theirs: NDArray[np.bool_]
-) -> list[Row]:
+def _mismatch_rows(preset: str, Q: Array, ours: Mask, theirs: Mask) -> list[Row]:
     n = len(ours)
     differ = Q[ours != theirs[:n]]
     touching = sum(abs(min_distance(q)) < CONTACT for q in differ)
@@ -147,7 +143,7 @@ def _mismatch_rows(
     ]
 
 
-def _write(filename: Path, header: str, *columns: FloatArray) -> None:
+def _write(filename: Path, header: str, *columns: Array) -> None:
     filename.parent.mkdir(parents=True, exist_ok=True)
     np.savetxt(
         filename, np.column_stack(columns), fmt="%.9g", delimiter=",", header=header, comments=""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.pose_filter import (
@@ -30,8 +30,6 @@ from feasigrasp.results.row_table import format_rows
 from feasigrasp.results.rows import Row, write_summary
 from feasigrasp.results.statistics import mean
 from feasigrasp.scenario.schema import load_scenario, make_motion
-
-FloatArray = NDArray[np.float64]
 
 SCENARIOS = "PaperCircular,PaperLinear,PaperSinusoidal,ReachCircular,ReachLinear,ReachSinusoidal"
 #: Time between measurements, and over which the difference is taken that is the peer [s].
@@ -80,7 +78,7 @@ def motion_errors(
     rng = np.random.default_rng(seed)
     noise = Noise(measurement.position, measurement.rotation)
     state, window = empty_state(), round(WINDOW / PERIOD)
-    measured: list[FloatArray] = []
+    measured: list[Array] = []
     errors: dict[str, list[float]] = {}
 
     def add(name: str, value: float) -> None:
@@ -126,7 +124,7 @@ def motion_errors(
     return {name: float(np.sqrt(np.mean(np.square(x)))) for name, x in errors.items()}
 
 
-def _apart(X: FloatArray, X_true: FloatArray) -> tuple[float, float]:
+def _apart(X: Array, X_true: Array) -> tuple[float, float]:
     angle = se3.rotation_angle(X[:3, :3] @ X_true[:3, :3].T)
     return float(np.linalg.norm(X[:3, 3] - X_true[:3, 3])), float(angle)
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.evaluation.measures.roc import area_under_curve, roc_curve
 from feasigrasp.evaluation.peers.reachability import FlatMixture, VoxelMap
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
 from feasigrasp.models.mixtures.kernels import pose_quaternions
@@ -34,9 +34,6 @@ from feasigrasp.training.reachability.reachable_poses import (
     manipulability_reference,
     sample_reachable_poses,
 )
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 #: Where the random poses lie [m].
 LOWEST, HIGHEST = (-0.9, -0.9, 0.1), (0.9, 0.9, 1.25)
@@ -60,7 +57,7 @@ class Judge:
         threshold: 99 % of reached poses score at least that.
     """
 
-    score: Callable[[FloatArray], FloatArray]
+    score: Callable[[Array], Array]
     threshold: float
 
 
@@ -93,7 +90,7 @@ def main(args: argparse.Namespace) -> int:
     reachable = exact(X)
     out: Path = args.out
     out.mkdir(parents=True, exist_ok=True)
-    scores: dict[str, FloatArray] = {}
+    scores: dict[str, Array] = {}
     thresholds: dict[str, float] = {}
     for name in tqdm(LABELS, desc="judges"):
         # A finished judge is kept: the same command goes on where it was interrupted.
@@ -131,14 +128,14 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def random_poses(rng: np.random.Generator, n: int) -> FloatArray:
+def random_poses(rng: np.random.Generator, n: int) -> Array:
     """Poses with uniform rotations and positions in the evaluation's box, shape (n, 4, 4) [m]."""
     X = se3.random_pose(rng, n)
     X[:, :3, 3] = rng.uniform(LOWEST, HIGHEST, (n, 3))
     return X
 
 
-def exact(X_WF: FloatArray) -> BoolArray:
+def exact(X_WF: Array) -> Mask:
     """Whether some configuration inside the limits, free of self-collision, has a flange pose."""
     judge = Reachability(n_arm_angles=90, limit_margin=0.0, clearance=0.0, table_height=-100.0)
     return np.asarray(judge.flange_verdicts(X_WF) == REACHABLE)
@@ -163,11 +160,11 @@ def _judge(name: str, space: ReachableSpace, args: argparse.Namespace) -> Judge:
     return _with_threshold(lambda poses: log_densities(poses, packed), held_out)
 
 
-def _with_threshold(score: Callable[[FloatArray], FloatArray], held_out: FloatArray) -> Judge:
+def _with_threshold(score: Callable[[Array], Array], held_out: Array) -> Judge:
     return Judge(score, float(np.quantile(score(held_out), 0.01)))
 
 
-def _reached(rng: np.random.Generator, draws: int, thin: bool) -> FloatArray:
+def _reached(rng: np.random.Generator, draws: int, thin: bool) -> Array:
     """Reached flange poses, shape (n, 4, 4)."""
     arm, parts = IiwaArm(), []
     reference = manipulability_reference(arm) if thin else None
@@ -177,14 +174,14 @@ def _reached(rng: np.random.Generator, draws: int, thin: bool) -> FloatArray:
     return np.concatenate(parts)
 
 
-def sample_quaternions(X: FloatArray) -> FloatArray:
+def sample_quaternions(X: Array) -> Array:
     """Unit quaternions wxyz, shape (n, 4), of poses (n, 4, 4)."""
     out = np.empty((len(X), 4))
     pose_quaternions(np.ascontiguousarray(X), out)
     return out
 
 
-def _rows(name: str, score: FloatArray, threshold: float, reachable: BoolArray) -> list[Row]:
+def _rows(name: str, score: Array, threshold: float, reachable: Mask) -> list[Row]:
     judged = score >= threshold
     # A count of zero is no evidence of reach, whatever the threshold.
     judged &= score > 0.0 if name == "voxel" else True
@@ -204,9 +201,7 @@ def _rows(name: str, score: FloatArray, threshold: float, reachable: BoolArray) 
     return rows
 
 
-def _write_poses(
-    X: FloatArray, reachable: BoolArray, scores: dict[str, FloatArray], filename: Path
-) -> None:
+def _write_poses(X: Array, reachable: Mask, scores: dict[str, Array], filename: Path) -> None:
     with filename.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["qw", "qx", "qy", "qz", "x", "y", "z", "reachable", *scores])
@@ -215,9 +210,9 @@ def _write_poses(
 
 
 def _write_curves(
-    scores: dict[str, FloatArray],
+    scores: dict[str, Array],
     thresholds: dict[str, float],
-    reachable: BoolArray,
+    reachable: Mask,
     out: Path,
 ) -> None:
     curves, points = {}, {}

@@ -19,11 +19,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
 from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_points, frame
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps.glyphs import spread_order
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
@@ -36,8 +36,6 @@ from feasigrasp.results.rows import Row, write_summary
 from feasigrasp.training.data.grasp_examples import fuse_and_complete
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.views import ViewedObject, look_at
-
-Array = NDArray[np.float64]
 
 #: Objects of the picture unless others are asked for.
 OBJECTS = "mustard_bottle,mug,drill,banana,hammer,spray_can"
@@ -66,7 +64,7 @@ class Panel:
     surface: SurfacePoints
     poses: tuple[Array, Array]
     scores: tuple[Array, Array]
-    valid: tuple[NDArray[np.bool_], NDArray[np.bool_]]
+    valid: tuple[Mask, Mask]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

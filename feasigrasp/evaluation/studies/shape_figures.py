@@ -18,7 +18,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
 from feasigrasp.evaluation.pictures.perception import (
@@ -28,6 +27,7 @@ from feasigrasp.evaluation.pictures.perception import (
     uncertainty_colors,
 )
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_points, frame
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
@@ -36,8 +36,6 @@ from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.rows import Row, write_summary
 from feasigrasp.training.data.views import PartialView, ViewedObject, look_at
-
-Array = NDArray[np.float64]
 
 #: Objects of the pictures unless others are asked for; the first one is cut by the line.
 OBJECTS = "spray_can,mug,drill"

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import PointCloudError
-
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array
 
 #: Fewer points than this describe no surface.
 MIN_POINTS = 8

@@ -23,9 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import CameraError
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from feasigrasp.models.arrays import Array, Mask
 
 
 @dataclass(frozen=True)

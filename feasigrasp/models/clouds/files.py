@@ -10,9 +10,8 @@ import open3d as o3d
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_POINTS
-
-Array = NDArray[np.float64]
 
 #: File formats that `read_cloud` knows.
 SUFFIXES = (".ply", ".pcd", ".xyz", ".npy", ".npz")

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import MARGIN, SIDE, ViewImage
 from feasigrasp.models.geometry.points import farthest_points
-
-Array = NDArray[np.float64]
 
 #: The points of a view miss the true edge by about this many pixels of the camera: edge pixels are
 #: dropped, and so is what is seen at a grazing angle.

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.clouds.smoothing import smooth_view
 from feasigrasp.models.clouds.view_image import ViewImage, view_image
 from feasigrasp.models.geometry import se3
-
-FloatArray = NDArray[np.float64]
 
 #: Pictures of earlier views that are kept, for the free space in them.
 MAX_IMAGES = 6
@@ -28,7 +26,7 @@ _MIN_SURFACE = 12
 
 
 @dataclass(frozen=True, eq=False)
-class FusedCloud:
+class FusedCloud(Frozen):
     """Surface points seen so far, one per voxel, with the direction they were seen from.
 
     Attributes:
@@ -44,25 +42,19 @@ class FusedCloud:
         images: The latest views' pictures; empty unless ``smooth``.
     """
 
-    points: FloatArray
-    directions: FloatArray
+    points: Array
+    directions: Array
     voxel_size: float
     views: int = 0
     smooth: bool = False
-    normals: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    counts: FloatArray = field(default_factory=lambda: np.zeros(0))
+    normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    counts: Array = field(default_factory=lambda: np.zeros(0))
     images: tuple[ViewImage, ...] = ()
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for name in ("points", "directions", "normals", "counts"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> FusedCloud:
-        """Immutable, so a copy is itself."""
-        return self
+        names = ("points", "directions", "normals", "counts")
+        self._freeze(**{name: np.array(getattr(self, name), dtype=float) for name in names})
 
     @classmethod
     def empty(cls, voxel_size: float, smooth: bool = False) -> FusedCloud:
@@ -105,7 +97,7 @@ class FusedCloud:
         images = _kept([i for i in (*old.images, image) if _agrees(i, known)])
         return old._with(at, towards, normals, images)
 
-    def _moved(self, X: FloatArray) -> FusedCloud:
+    def _moved(self, X: Array) -> FusedCloud:
         """Everything after a rigid motion X (4, 4)."""
         return FusedCloud(
             _turn(X, self.points, True),
@@ -120,9 +112,9 @@ class FusedCloud:
 
     def _with(
         self,
-        at: FloatArray,
-        towards: FloatArray,
-        normals: FloatArray,
+        at: Array,
+        towards: Array,
+        normals: Array,
         images: tuple[ViewImage, ...],
     ) -> FusedCloud:
         """With one point per voxel of one more view."""
@@ -160,7 +152,7 @@ def _kept(images: Sequence[ViewImage]) -> tuple[ViewImage, ...]:
     return tuple(chosen[:MAX_IMAGES][::-1])
 
 
-def _agrees(image: ViewImage, points: FloatArray) -> bool:
+def _agrees(image: ViewImage, points: Array) -> bool:
     """Whether a picture leaves room for what was seen.
 
     Where a hand hides a part of the object, or the picture ends, the silhouette is not the
@@ -169,33 +161,31 @@ def _agrees(image: ViewImage, points: FloatArray) -> bool:
     return float(np.mean(free_distance((image,), points) > _IN_FREE_SPACE)) < _MAX_IN_FREE_SPACE
 
 
-def _turn(X: FloatArray, vectors: FloatArray, positions: bool = False) -> FloatArray:
+def _turn(X: Array, vectors: Array, positions: bool = False) -> Array:
     turned = vectors @ X[:3, :3].T
     return np.asarray(turned + X[:3, 3] if positions else turned)
 
 
-def _facing(normals: FloatArray) -> NDArray[np.int64]:
+def _facing(normals: Array) -> Indices:
     """Which of +-x, +-y, +-z each normal is nearest to, 0 to 5."""
     axis = np.argmax(np.abs(normals), axis=1)
     negative = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] < 0.0
-    facing: NDArray[np.int64] = axis + 3 * negative
+    facing: Indices = axis + 3 * negative
     return facing
 
 
-def _voxel_keys(points: FloatArray, voxel_size: float) -> NDArray[np.int64]:
+def _voxel_keys(points: Array, voxel_size: float) -> Indices:
     """A number per point, equal for points that share a voxel and ordered by voxel, shape (n,)."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
     voxels = np.floor(points / voxel_size).astype(np.int64)
     voxels -= voxels.min(axis=0)
     extent = voxels.max(axis=0) + 1
-    keys: NDArray[np.int64] = (voxels[:, 0] * extent[1] + voxels[:, 1]) * extent[2] + voxels[:, 2]
+    keys: Indices = (voxels[:, 0] * extent[1] + voxels[:, 1]) * extent[2] + voxels[:, 2]
     return keys
 
 
-def _grouped(
-    rows: FloatArray, keys: NDArray[np.int64], weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _grouped(rows: Array, keys: Indices, weights: Array) -> tuple[Array, Array]:
     """Weighted mean of the rows of each key, ordered by key, and the sums of their weights."""
     if len(rows) == 0:
         return rows, weights

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-
-Array = NDArray[np.float64]
 
 #: Standard deviation of the tracked pose that is reckoned with: [rad] and [m], per axis.
 TRACKING_SIGMA = (np.deg2rad(1.0), 2e-3)

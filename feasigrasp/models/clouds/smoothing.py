@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Indices
 
 #: Neighbours that a patch is fitted to.
 NEIGHBOURS = 32
@@ -48,7 +47,7 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array]:
 
 @njit(cache=True, error_model="numpy")
 def _fit_patches(
-    cloud: Array, at: Array, p_OC: Array, near: NDArray[np.int64], distance: Array
+    cloud: Array, at: Array, p_OC: Array, near: Indices, distance: Array
 ) -> tuple[Array, Array]:
     m, k = near.shape
     points, normals = at.copy(), np.empty_like(at)

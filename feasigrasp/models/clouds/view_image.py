@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Indices, Mask
 
 #: Pixels along each side.
 SIDE = 40
@@ -43,7 +42,7 @@ class ViewImage:
     X_OC: Array
     pixel: float
     pitch: float
-    mask: NDArray[np.bool_]
+    mask: Mask
     depth: Array
     front: Array
 
@@ -53,12 +52,12 @@ class ViewImage:
         return self._transform[0]
 
     @cached_property
-    def nearest(self) -> NDArray[np.int64]:
+    def nearest(self) -> Indices:
         """Row and column of the silhouette's pixel nearest to every pixel, (2, SIDE, SIDE)."""
         return self._transform[1]
 
     @cached_property
-    def _transform(self) -> tuple[Array, NDArray[np.int64]]:
+    def _transform(self) -> tuple[Array, Indices]:
         beside, nearest = distance_transform_edt(~self.mask, return_indices=True)
         return beside, nearest
 
@@ -76,7 +75,7 @@ class ViewImage:
         x, y = np.meshgrid(at, at)
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
-    def unproject(self, pixels: tuple[NDArray[np.int64], ...], depth: Array) -> Array:
+    def unproject(self, pixels: tuple[Indices, ...], depth: Array) -> Array:
         """Points in O at depths (k,) along the lines of sight of pixels (rows, columns), (k, 3)."""
         points_C = self.rays()[pixels] * depth[:, None]
         return np.asarray(points_C @ self.X_OC[:3, :3].T + self.X_OC[:3, 3])

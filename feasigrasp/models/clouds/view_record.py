@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Frozen
 
 #: Views from closer directions than this show the same side (cosine) ...
 SAME_DIRECTION = np.cos(np.deg2rad(10.0))
@@ -17,7 +16,7 @@ SAME_DISTANCE = 1.3
 
 
 @dataclass(frozen=True, eq=False)
-class ViewRecord:
+class ViewRecord(Frozen):
     """The views of an object that is tracked in its own frame O.
 
     A view from nearly the same side adds no surface; what it still adds is an average over the
@@ -29,19 +28,12 @@ class ViewRecord:
         times: When it was there, shape (n,) [s].
     """
 
-    p_OC: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    times: FloatArray = field(default_factory=lambda: np.zeros(0))
+    p_OC: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    times: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for name in ("p_OC", "times"):
-            array = np.array(getattr(self, name), dtype=float)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> ViewRecord:
-        """Immutable, so a copy is itself."""
-        return self
+        self._freeze(p_OC=np.array(self.p_OC, dtype=float), times=np.array(self.times, dtype=float))
 
     def extended(self, p_OC: ArrayLike, time: float) -> ViewRecord:
         """With one more view."""

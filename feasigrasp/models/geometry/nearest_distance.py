@@ -2,11 +2,9 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.simd import wide_vectors
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

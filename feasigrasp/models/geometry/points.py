@@ -2,11 +2,9 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.numerics.simd import wide_vectors
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -29,7 +27,7 @@ def _lower_to(
 
 
 @njit(cache=True, nogil=True)
-def farthest_points(points: Array, count: int, outward: int = 0) -> NDArray[np.int64]:
+def farthest_points(points: Array, count: int, outward: int = 0) -> Indices:
     """Indices of ``count`` points (n, 3), each the farthest from those before it.
 
     Starts with the point farthest from the centroid, so the choice moves with the cloud under

@@ -13,8 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import (
     adjoint_kernel,
     exp_kernel,
@@ -58,7 +59,6 @@ __all__ = [
     "so3_log_kernel",
 ]
 
-Array = NDArray[np.float64]
 
 _VECTOR3, _VECTOR6, _MATRIX3, _POSE, _MATRIX6 = (3,), (6,), (3, 3), (4, 4), (6, 6)
 

@@ -12,9 +12,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array
 
 #: (1 - atan(x)/x) / x^2 as a polynomial in x^2, |x| <= tan(pi/8): Chebyshev interpolation, 6e-17.
 _ATAN = (

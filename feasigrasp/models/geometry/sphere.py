@@ -1,10 +1,11 @@
 """Evenly spread points on a sphere."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from feasigrasp.models.arrays import Array
 
 
-def sphere_points(n: int, radius: float) -> NDArray[np.float64]:
+def sphere_points(n: int, radius: float) -> Array:
     """The Fibonacci lattice: n points on a sphere round the origin, shape (n, 3)."""
     i = np.arange(n) + 0.5
     z = 1.0 - 2.0 * i / n

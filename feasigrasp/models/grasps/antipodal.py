@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -15,8 +15,6 @@ from feasigrasp.models.grasps.hand_clearance import MARGIN
 from feasigrasp.models.grasps.thinning import LEAST_SCORE, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
-
-Array = NDArray[np.float64]
 
 #: Rays sent through the object per contact pair that is wanted.
 _RAYS_PER_PAIR = 5
@@ -93,7 +91,7 @@ class AntipodalSampler:
         return X_OG, np.repeat(width, self.n_approaches)[: self.n_candidates], int((~hit).sum())
 
 
-def _spread(first: Array, cosine: Array, count: int) -> NDArray[np.int64]:
+def _spread(first: Array, cosine: Array, count: int) -> Indices:
     """At most ``count`` contact pairs, spread over the object, of the strictest opposition.
 
     Taking those with the best cosine instead would crowd them on one well-formed part.

@@ -10,13 +10,11 @@ says how much is left to chance.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.surface_error import surface_deviation
-
-Array = NDArray[np.float64]
 
 #: Distance from a contact to the surface points round it whose normals count as well [m]: the
 #: completed surface is off by a few millimetres, and beside an edge another face is met.

@@ -13,9 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.grasps.certainty import (
     contact_certainty,
     contact_evidence,
@@ -27,10 +28,6 @@ from feasigrasp.models.grasps.hand_clearance import FLIP, MARGIN, THIN_WALL, han
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import unit_normals
 from feasigrasp.models.shape.gpdf_fit import Gpdf
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 #: Cosines between opposed contact normals that are tried one after the other.
 COSINE_STEPS = (-0.8, -0.7, -0.6)

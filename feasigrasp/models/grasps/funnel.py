@@ -8,13 +8,11 @@ angular error: the hand lines up first and slides in once it is lined up.
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3 import inverse_kernel, log_kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Funnel:
     closing_axis_share: float = 1.0
 
     @cached_property
-    def parameters(self) -> FloatArray:
+    def parameters(self) -> Array:
         """The attributes in order, for the kernels."""
         return np.array(
             [
@@ -56,7 +54,7 @@ class Funnel:
         )
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _angle_between(X_OA, X_OB):  # type: ignore[no-untyped-def]
     """Angle of the rotation from one pose to another [rad]."""
     trace = 0.0
@@ -66,7 +64,7 @@ def _angle_between(X_OA, X_OB):  # type: ignore[no-untyped-def]
     return np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _closing_axis_factor(X_OA, X_OB, share):  # type: ignore[no-untyped-def]
     """By what the angle between poses shrinks if its part about the x-axis of A counts less."""
     x = y = z = 0.0
@@ -79,7 +77,7 @@ def _closing_axis_factor(X_OA, X_OB, share):  # type: ignore[no-untyped-def]
     return np.sqrt((share * share * x * x + across) / total) if total > 1e-12 else 1.0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
     """How far hand H must stay behind grasp G along its approach direction [m]."""
     px = py = 0.0
@@ -95,7 +93,7 @@ def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
     return min(funnel[0], standoff)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def funnel_targets_kernel(X_OG, X_OH, funnel, targets):  # type: ignore[no-untyped-def]
     """Writes the poses (n, 4, 4) that a hand at ``X_OH`` should steer to on its way into grasps."""
     for k in range(len(X_OG)):
@@ -105,7 +103,7 @@ def funnel_targets_kernel(X_OG, X_OH, funnel, targets):  # type: ignore[no-untyp
             targets[k, i, 3] -= standoff * X_OG[k, i, 2]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def grasp_errors_kernel(X_OG, X_OH, errors):  # type: ignore[no-untyped-def]
     """Writes position [m] and angle [rad] error of the hand to every grasp, shape (n, 2)."""
     for k in range(len(X_OG)):
@@ -116,14 +114,14 @@ def grasp_errors_kernel(X_OG, X_OH, errors):  # type: ignore[no-untyped-def]
         errors[k, 1] = _angle_between(X_OG[k], X_OH)
 
 
-def grasp_errors(X_OG: FloatArray, X_OH: FloatArray) -> FloatArray:
+def grasp_errors(X_OG: Array, X_OH: Array) -> Array:
     """Position [m] and angle [rad] error of the hand H to every grasp, shape (n, 2)."""
     errors = np.empty((len(X_OG), 2))
     grasp_errors_kernel(np.ascontiguousarray(X_OG), np.ascontiguousarray(X_OH), errors)
     return errors
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def steering_kernel(X_OG, X_OH, funnel, weight, u):  # type: ignore[no-untyped-def]
     """Writes the body twist (6,) that leads the hand along the geodesics into weighted grasps.
 
@@ -136,7 +134,7 @@ def steering_kernel(X_OG, X_OH, funnel, weight, u):  # type: ignore[no-untyped-d
         u -= weight[k] * log_kernel(inverse_kernel(targets[k]) @ X_OH)
 
 
-def funnel_targets(X_OG: FloatArray, X_OH: FloatArray, funnel: Funnel) -> FloatArray:
+def funnel_targets(X_OG: Array, X_OH: Array, funnel: Funnel) -> Array:
     """Poses (n, 4, 4) that the hand H should steer to on its way into the grasps (n, 4, 4)."""
     targets = np.empty((len(X_OG), 4, 4))
     funnel_targets_kernel(

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.robot.gripper import ParallelGripper
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Corners of a box of edge length 2, and its 12 outward-facing triangles.
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -20,9 +18,7 @@ _FACES = np.array([f for a, b, c, d in _QUADS for f in ((a, b, c), (a, c, d))])
 _METRES_PER_RADIAN = 0.05
 
 
-def gripper_glyph(
-    gripper: ParallelGripper, thickness: float = 0.003
-) -> tuple[FloatArray, IntArray]:
+def gripper_glyph(gripper: ParallelGripper, thickness: float = 0.003) -> tuple[Array, Indices]:
     """A fork in the grasp frame G: two open fingers, the bar that joins them, and a stem.
 
     The inner faces of the fingers are ``max_opening`` apart, as the pads are when the hand comes;
@@ -51,14 +47,14 @@ def gripper_glyph(
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-def disc(radius: float, corners: int = 6) -> tuple[FloatArray, IntArray]:
+def disc(radius: float, corners: int = 6) -> tuple[Array, Indices]:
     """A flat regular polygon round the origin that faces z: vertices [m] and triangles."""
     angle = 2.0 * np.pi * np.arange(corners) / corners
     vertices = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(corners)], axis=1)
     return vertices, np.array([(0, i, i + 1) for i in range(1, corners - 1)])
 
 
-def frames_along(points: ArrayLike, normals: ArrayLike) -> FloatArray:
+def frames_along(points: ArrayLike, normals: ArrayLike) -> Array:
     """Frames at points whose z-axes are the unit normals, shape (n, 4, 4)."""
     points, z = np.asarray(points, dtype=float), np.asarray(normals, dtype=float)
     away = np.eye(3)[np.argmin(np.abs(z), axis=1)]  # an axis that is far from parallel to z
@@ -70,9 +66,7 @@ def frames_along(points: ArrayLike, normals: ArrayLike) -> FloatArray:
     return X
 
 
-def place_copies(
-    X_OG: ArrayLike, vertices: FloatArray, faces: IntArray
-) -> tuple[FloatArray, IntArray]:
+def place_copies(X_OG: ArrayLike, vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """One mesh with a copy of a glyph in every frame.
 
     Args:
@@ -89,7 +83,7 @@ def place_copies(
     return placed.reshape(-1, 3), (faces + offsets[:, None, None]).reshape(-1, 3)
 
 
-def spread_order(X_OG: ArrayLike, score: ArrayLike) -> IntArray:
+def spread_order(X_OG: ArrayLike, score: ArrayLike) -> Indices:
     """Orders grasps so that the first few show the variety of all.
 
     The best comes first; then always the one farthest from those before it, a grasp and its

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array, Frozen, Indices
 
 if TYPE_CHECKING:
     from feasigrasp.models.shape.gpdf_fit import Gpdf
@@ -22,7 +23,7 @@ UNKNOWN = -1
 
 
 @dataclass(frozen=True, eq=False)
-class GraspSet:
+class GraspSet(Frozen):
     """Parallel-jaw grasps of one object, in the object frame O.
 
     Frame G of a grasp has its origin midway between the two contacts; ``x`` is the closing
@@ -39,11 +40,11 @@ class GraspSet:
             set was compared with; a grasp and its flip have the same number.
     """
 
-    X_OG: NDArray[np.float64]
-    width: NDArray[np.float64]
-    score: NDArray[np.float64]
+    X_OG: Array
+    width: Array
+    score: Array
     rejected: Mapping[str, int] = field(default_factory=dict)
-    id: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    id: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         """Freezes the arrays and checks that they agree."""
@@ -59,17 +60,14 @@ class GraspSet:
             raise GraspError(
                 "GraspSet: NaN or infinity in poses, widths or scores; drop them first."
             )
-        id_: NDArray[np.int64] = np.array(self.id, dtype=np.int64).reshape(-1)
+        id_: Indices = np.array(self.id, dtype=np.int64).reshape(-1)
         if len(id_) == 0:
             id_ = np.full(len(width), UNKNOWN, dtype=np.int64)
         if len(id_) != len(width):
             raise GraspError(
                 f"GraspSet: {len(width)} grasps and {len(id_)} ids; give one per grasp."
             )
-        content = {"X_OG": X_OG, "width": width, "score": score, "id": id_}
-        for name, array in content.items():
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        self._freeze(X_OG=X_OG, width=width, score=score, id=id_)
         object.__setattr__(self, "rejected", MappingProxyType(dict(self.rejected)))
 
     @classmethod
@@ -80,10 +78,6 @@ class GraspSet:
     def __len__(self) -> int:
         """Number of grasps."""
         return len(self.width)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> GraspSet:
-        """The set is immutable, so a copy is itself."""
-        return self
 
     def select(self, keep: NDArray[Any], reason: str | None = None) -> GraspSet:
         """The grasps that ``keep`` (mask or indices) names; the others counted under ``reason``."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.nearest_distance import nearest_distance
 from feasigrasp.models.grasps.certainty import (
     FAR,
@@ -19,9 +20,6 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import CompletedField
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_error import surface_deviation
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Least distance of the open hand from completed surface that was seen [m], and by how much of the
 #: predicted deviation of the surface it grows.

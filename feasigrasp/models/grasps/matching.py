@@ -9,19 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.thinning import SAME_ANGLE, SAME_POSITION, distinct
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
-
-Indices = NDArray[np.intp]
 
 #: By which factor a new grasp has to score higher than an old one beside it, to replace it.
 HYSTERESIS = 1.25
@@ -29,7 +26,7 @@ _NO_MATCH = 1e3
 
 
 @dataclass(frozen=True, eq=False)
-class GraspHistory:
+class GraspHistory(Frozen):
     """The grasps of the latest field, with ids that say which of them were there before.
 
     Attributes:
@@ -41,10 +38,6 @@ class GraspHistory:
     gpdf: Gpdf | None = None
     grasps: GraspSet = field(default_factory=GraspSet.empty)
     next_id: int = 0
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> GraspHistory:
-        """Immutable, so a copy is itself."""
-        return self
 
     def followed_by(
         self,
@@ -110,7 +103,7 @@ def match_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indices]:
     return rows[same], columns[same]
 
 
-def grasp_distance(first: GraspSet, second: GraspSet) -> NDArray[np.float64]:
+def grasp_distance(first: GraspSet, second: GraspSet) -> Array:
     """Distances between grasps in units of what counts as a near copy, shape (n, m).
 
     Position and angle as the root of their squares; of a grasp and its flip the nearer one.

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.certainty import mean_certainty
@@ -26,8 +27,6 @@ from feasigrasp.models.grasps.thinning import ENOUGH, LEAST_SCORE, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 from feasigrasp.models.shape.surface_error import surface_deviation
-
-Array = NDArray[np.float64]
 
 #: Poses X_OG (n, 4, 4), widths (n,) [m], and what the network tells: probabilities (n, 2) of the
 #: contact and of a free hand, NaN where it does not.

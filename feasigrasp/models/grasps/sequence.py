@@ -5,16 +5,13 @@ approach -> close -> lift -> hold -> done; back to approach when the fingers clo
 
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
-
-FloatArray = NDArray[np.float64]
 
 
 class Phase(IntEnum):
@@ -57,7 +54,7 @@ class GraspSequenceConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class GraspState:
+class GraspState(Frozen):
     """Where in the sequence a grasp is.
 
     Attributes:
@@ -73,24 +70,20 @@ class GraspState:
     since: float = 0.0
     near_since: float = float("nan")
     grasp: GraspSet | None = None
-    X_WO: FloatArray | None = None
-    V_WO: FloatArray | None = None
+    X_WO: Array | None = None
+    V_WO: Array | None = None
 
     @property
     def released(self) -> bool:
         """Whether the object has been let go."""
         return self.phase > Phase.CLOSE
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "GraspState":
-        """Immutable, so a copy is itself."""
-        return self
-
     def advanced(
         self,
         t: float,
-        X_WH: FloatArray,
-        X_WO: FloatArray,
-        V_WO: FloatArray,
+        X_WH: Array,
+        X_WO: Array,
+        V_WO: Array,
         grasps: GraspSet,
         opening: float,
         config: GraspSequenceConfig,
@@ -131,9 +124,9 @@ class GraspState:
     def _approach(
         self,
         t: float,
-        X_OH: FloatArray,
-        X_WO: FloatArray,
-        V_WO: FloatArray,
+        X_OH: Array,
+        X_WO: Array,
+        V_WO: Array,
         grasps: GraspSet,
         config: GraspSequenceConfig,
     ) -> "GraspState":
@@ -151,8 +144,8 @@ class GraspState:
         return GraspState(Phase.CLOSE, t, grasp=committed, X_WO=X_WO, V_WO=V_WO)
 
     def target(
-        self, t: float, X_WO: FloatArray, V_WO: FloatArray, config: GraspSequenceConfig
-    ) -> tuple[FloatArray, FloatArray]:
+        self, t: float, X_WO: Array, V_WO: Array, config: GraspSequenceConfig
+    ) -> tuple[Array, Array]:
         """Pose and twist of the object that the arm should follow.
 
         While approaching it is the object itself. While the fingers close it is where the object

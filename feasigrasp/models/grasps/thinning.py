@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Indices
 from feasigrasp.models.grasps.grasp_set import GraspSet
 
 #: Grasps closer than this to a better one are copies of it.
@@ -34,7 +34,7 @@ def thin_grasps(
     return kept.select(certain, "uncertain")
 
 
-def distinct(grasps: GraspSet, count: int) -> NDArray[np.int64]:
+def distinct(grasps: GraspSet, count: int) -> Indices:
     """Indices of at most ``count`` grasps, in their order, none a near copy of an earlier one."""
     chosen = np.empty(count, dtype=np.int64)
     return chosen[: _distinct_kernel(grasps.X_OG, chosen)]

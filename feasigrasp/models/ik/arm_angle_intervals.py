@@ -14,15 +14,14 @@ mirrored elbow is half a turn away, with half a turn added to joints 3 and 5.
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numba import njit
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.ik.arm_circle import ArmCircle, arm_circle_kernel
 from feasigrasp.models.numerics.fast_trig import fast_sincos
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
-
-FloatArray = NDArray[np.float64]
 
 _TWO_PI = 2.0 * np.pi
 _MAX_ZEROS = 20
@@ -46,15 +45,15 @@ class Segments(NamedTuple):
         branches: Bit b is set if branch b is inside the limits on the segment, shape (20,).
     """
 
-    limit: FloatArray
-    s_limit: FloatArray
-    c_limit: FloatArray
-    coefficients: FloatArray
-    start: FloatArray
-    branches: NDArray[np.int64]
+    limit: Array
+    s_limit: Array
+    c_limit: Array
+    coefficients: Array
+    start: Array
+    branches: Indices
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def make_segments(margin):  # type: ignore[no-untyped-def]
     """Room for the segments of one pose, ``margin`` [rad] inside the joint limits."""
     limit = np.minimum(POSITION_LIMITS - margin, np.pi)
@@ -62,7 +61,7 @@ def make_segments(margin):  # type: ignore[no-untyped-def]
     return Segments(limit, np.sin(limit), np.cos(limit), np.empty((10, 3)), start, branches)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _write_coefficients(circle, F):  # type: ignore[no-untyped-def]
     c_a, s_a, c_g, s_g = circle.c_a, circle.s_a, circle.c_g, circle.s_g
     c_b, s_b, c_d, s_d = circle.c_b, circle.s_b, circle.c_d, circle.s_d
@@ -79,7 +78,7 @@ def _write_coefficients(circle, F):  # type: ignore[no-untyped-def]
     F[9, 0], F[9, 1], F[9, 2] = -s_d * w12, -s_d * w02, c_d * w22
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _add_zeros(a, b, c, zeros, count):  # type: ignore[no-untyped-def]
     """Appends the zeros of ``a sin + b cos + c`` in [0, 2 pi); returns how many there are now."""
     amplitude = np.sqrt(a * a + b * b)
@@ -93,7 +92,7 @@ def _add_zeros(a, b, c, zeros, count):  # type: ignore[no-untyped-def]
     return count
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _cut(segments):  # type: ignore[no-untyped-def]
     """Writes all zeros, ascending, those that coincide once; returns how many."""
     F, zeros, count = segments.coefficients, segments.start, 0
@@ -120,7 +119,7 @@ def _cut(segments):  # type: ignore[no-untyped-def]
     return distinct
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _inside(segments, phi):  # type: ignore[no-untyped-def]
     """The branches that are inside the limits at an elbow angle, joint 4 apart, as bits."""
     F, c_limit = segments.coefficients, segments.c_limit
@@ -153,7 +152,7 @@ def _inside(segments, phi):  # type: ignore[no-untyped-def]
     return branches
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def segments_kernel(circle, segments):  # type: ignore[no-untyped-def]
     """Writes the segments of a pose, at least one; returns how many, or 0 where no branch is in."""
     if not circle.reached or circle.q4 > segments.limit[3]:
@@ -171,7 +170,7 @@ def segments_kernel(circle, segments):  # type: ignore[no-untyped-def]
     return count if some else 0
 
 
-def _joined(start: FloatArray, inside: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _joined(start: Array, inside: Mask) -> list[tuple[float, float]]:
     """Intervals from segments: ``start`` has one entry more than ``inside``."""
     if inside.all():
         return [(-np.pi, np.pi)]
@@ -191,7 +190,7 @@ def _joined(start: FloatArray, inside: NDArray[np.bool_]) -> list[tuple[float, f
     return intervals
 
 
-def arm_angle_intervals(X_WF: ArrayLike, margin: float = 0.0) -> list[FloatArray]:
+def arm_angle_intervals(X_WF: ArrayLike, margin: float = 0.0) -> list[Array]:
     """All arm angles for which each branch of a flange pose is inside the joint limits.
 
     Args:

@@ -7,14 +7,12 @@ joints 5 to 7: the travel times of the eight branches are maxima of few numbers.
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.fast_atan2 import fast_atan2
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
-
-FloatArray = NDArray[np.float64]
 
 _PI = float(np.pi)
 _FAST = {"contract", "nsz"}
@@ -38,16 +36,16 @@ class Lanes(NamedTuple):
             motion of the other joints is shorter by about 1e-9 of it.
     """
 
-    sine: FloatArray
-    cosine: FloatArray
-    elbow: FloatArray
-    y: FloatArray
-    x: FloatArray
-    angle: FloatArray
-    time: FloatArray
+    sine: Array
+    cosine: Array
+    elbow: Array
+    y: Array
+    x: Array
+    angle: Array
+    time: Array
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def lanes_kernel(psis, extra):  # type: ignore[no-untyped-def]
     """The `Lanes` of the arm angles ``psis`` and, unless it is NaN, one more."""
     n = len(psis) + (0 if np.isnan(extra) else 1)
@@ -62,7 +60,7 @@ def lanes_kernel(psis, extra):  # type: ignore[no-untyped-def]
     return Lanes(sine, cosine, elbow, y, x, angle, np.empty((4, m)))
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _arguments(circle, sine, cosine, elbow, y, x):  # type: ignore[no-untyped-def]
     """Writes sines and cosines, up to a factor, of the angles of the positive branches."""
     m = len(sine)
@@ -84,19 +82,19 @@ def _arguments(circle, sine, cosine, elbow, y, x):  # type: ignore[no-untyped-de
         y[5 * m + k], x[5 * m + k] = c_d * w21 - s_d * t1, s_d * t0 - c_d * w20
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _arctangents(y, x, angle):  # type: ignore[no-untyped-def]
     for k in range(len(y)):
         angle[k] = fast_atan2(y[k], x[k])
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
+@njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
 def _joint_time(angle, near, limit, speed):  # type: ignore[no-untyped-def]
     time = abs(angle - near) / speed
     return time if abs(angle) <= limit else np.inf
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _triple_times(angle, q, first, margin, plus, minus):  # type: ignore[no-untyped-def]
     """Writes the times of three joints from ``first`` on, for both signs of the middle one."""
     m = len(plus)
@@ -114,7 +112,7 @@ def _triple_times(angle, q, first, margin, plus, minus):  # type: ignore[no-unty
         minus[k] = max(time, _joint_time(c, n3, l3, v3))
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def travel_times_kernel(circle, q, margin, lanes):  # type: ignore[no-untyped-def]
     """Writes the travel time from ``q`` of every lane and branch into ``lanes.time``.
 
@@ -136,7 +134,7 @@ def travel_times_kernel(circle, q, margin, lanes):  # type: ignore[no-untyped-de
     _branch_times(shoulder[0], shoulder[1], wrist[0], wrist[1], elbow_plus, elbow_minus, time)
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _branch_times(s0, s1, w0, w1, elbow_plus, elbow_minus, time):  # type: ignore[no-untyped-def]
     n = len(s0) // 2
     for half in range(2):

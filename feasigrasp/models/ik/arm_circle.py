@@ -19,8 +19,8 @@ as it would be with q3 = 0, in the vertical plane through S and C.
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
+from numba import njit
 
 from feasigrasp.models.robot.iiwa import (
     D_BASE_SHOULDER,
@@ -71,7 +71,7 @@ class ArmCircle(NamedTuple):
 _NO_CIRCLE = ArmCircle(False, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, (0.0,) * 9)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def arm_circle_kernel(X_WF):  # type: ignore[no-untyped-def]
     """The `ArmCircle` of a flange pose (4, 4); not ``reached`` if it is too far, or no pose."""
     r00, r01, r02 = X_WF[0, 0], X_WF[0, 1], X_WF[0, 2]
@@ -112,13 +112,13 @@ def arm_circle_kernel(X_WF):  # type: ignore[no-untyped-def]
     return ArmCircle(True, q4, c_a, s_a, c_g, s_g, c_b, s_b, c_d, s_d, W)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _turned(angle):  # type: ignore[no-untyped-def]
     """Half a turn further, in [-pi, pi]."""
     return angle - np.pi if angle > 0.0 else angle + np.pi
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def configuration_kernel(circle, s_psi, c_psi, branch, q):  # type: ignore[no-untyped-def]
     """Writes the configuration (7,) of an arm angle, given by sine and cosine, and a branch.
 
@@ -170,7 +170,7 @@ def configuration_kernel(circle, s_psi, c_psi, branch, q):  # type: ignore[no-un
         q[4], q[5], q[6] = _turned(q[4]), -q[5], _turned(q[6])
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
     """Writes eight configurations (8, 7) for a flange pose and an arm angle; 8, or 0 if none."""
     circle = arm_circle_kernel(X_WF)
@@ -182,7 +182,7 @@ def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
     return 8
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def arm_angle_kernel(q):  # type: ignore[no-untyped-def]
     """Arm angle of a configuration [rad]."""
     s1, c1, s2, c2 = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])

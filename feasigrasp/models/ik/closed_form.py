@@ -7,10 +7,11 @@ conventions at singularities). Joint limits are looked at here, collisions in
 `feasigrasp.models.ik.least_squares`.
 """
 
-import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numba import njit
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
 from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
@@ -20,10 +21,8 @@ from feasigrasp.models.ik.arm_circle import (
 )
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 
-FloatArray = NDArray[np.float64]
 
-
-@nb.njit(cache=True)
+@njit(cache=True)
 def inside_limits_kernel(q, margin):  # type: ignore[no-untyped-def]
     """Whether every joint stays ``margin`` [rad] away from its limits."""
     for i in range(7):  # noqa: SIM110 - numba compiles the loop, not all()
@@ -32,7 +31,7 @@ def inside_limits_kernel(q, margin):  # type: ignore[no-untyped-def]
     return True
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def travel_time_kernel(q_a, q_b):  # type: ignore[no-untyped-def]
     """max_j |dq_j| / v_j: the least time from one configuration to the other [s]."""
     worst = 0.0
@@ -41,7 +40,7 @@ def travel_time_kernel(q_a, q_b):  # type: ignore[no-untyped-def]
     return worst
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def next_nearest_kernel(circle, lanes, q):  # type: ignore[no-untyped-def]
     """Takes the least travel time out of the lanes and writes its configuration (7,).
 
@@ -62,7 +61,7 @@ def next_nearest_kernel(circle, lanes, q):  # type: ignore[no-untyped-def]
     return shortest
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _nearest_batch(X_WF, q_near, psis, margin, q, times):  # type: ignore[no-untyped-def]
     lanes = lanes_kernel(psis, np.nan)
     candidate = np.empty(7)
@@ -80,7 +79,7 @@ def _nearest_batch(X_WF, q_near, psis, margin, q, times):  # type: ignore[no-unt
                 break
 
 
-def closed_form(X_WF: ArrayLike, psi: float) -> FloatArray:
+def closed_form(X_WF: ArrayLike, psi: float) -> Array:
     """All configurations that reach a flange pose with a given arm angle, limits not considered.
 
     Args:
@@ -104,7 +103,7 @@ def arm_angle(q: ArrayLike) -> float:
 
 def nearest_inside_limits(
     X_WF: ArrayLike, q: ArrayLike, psis: ArrayLike, *, margin: float = 0.0
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """For each flange pose the configuration inside the limits that is soonest reached from ``q``.
 
     Args:
@@ -132,7 +131,7 @@ def nearest_inside_limits(
     return found, times
 
 
-def flange_poses(X_WF: ArrayLike) -> FloatArray:
+def flange_poses(X_WF: ArrayLike) -> Array:
     """Poses as the kernels take them: contiguous, (n, 4, 4); one pose may come as (4, 4).
 
     Raises:

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import ThreadpoolController
 
 from feasigrasp.errors import FeasigraspError
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.ik.flow_layers import (
     FEATURES,
     FlowShape,
@@ -41,7 +42,6 @@ from feasigrasp.models.ik.flow_layers import (
 from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.robot.iiwa import NUM_JOINTS, POSITION_LIMITS
 
-FloatArray = NDArray[np.float64]
 WeightArray = NDArray[np.float32]
 
 #: Where the trained weights are.
@@ -59,7 +59,7 @@ class WeightsError(FeasigraspError, ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class IkFlow:
+class IkFlow(Frozen):
     """A trained flow.
 
     Attributes:
@@ -69,9 +69,6 @@ class IkFlow:
 
     shape: FlowShape
     arrays: dict[str, WeightArray]
-
-    def __deepcopy__(self, memo: dict[int, object]) -> IkFlow:
-        return self
 
     @classmethod
     def load_default(cls) -> IkFlow:
@@ -119,7 +116,7 @@ class IkFlow:
         np.savez_compressed(partial, header=np.array(header), **self.arrays)  # type: ignore[arg-type]
         partial.replace(path)
 
-    def sample(self, X_WF: ArrayLike, seed: int = 0, per_pose: int = 1) -> FloatArray:
+    def sample(self, X_WF: ArrayLike, seed: int = 0, per_pose: int = 1) -> Array:
         """Draws configurations, not refined yet.
 
         The latents depend on the seed and the place in the batch alone: the same call with poses
@@ -141,7 +138,7 @@ class IkFlow:
         repeated = np.repeat(X_WF, per_pose, axis=0)
         return self.inverse(repeated, u.reshape(-1, NUM_JOINTS)).reshape(u.shape)
 
-    def solve(self, X_WF: ArrayLike, seed: int = 0, refinement_steps: int = 3) -> FloatArray:
+    def solve(self, X_WF: ArrayLike, seed: int = 0, refinement_steps: int = 3) -> Array:
         """One configuration of each pose: a sample, refined by damped least squares.
 
         Args:
@@ -160,7 +157,7 @@ class IkFlow:
         q = self.sample(X_WF, seed)[:, 0]
         return refine(X_WF, q, refinement_steps, DAMPING, limit_margin=0.0)[0]
 
-    def inverse(self, X_WF: ArrayLike, u: ArrayLike) -> FloatArray:
+    def inverse(self, X_WF: ArrayLike, u: ArrayLike) -> Array:
         """From latents to configurations.
 
         Args:
@@ -184,7 +181,7 @@ class IkFlow:
                 self._inverse(X_WF[part, :3].copy(), u[part], q[part])
         return q
 
-    def _inverse(self, target: FloatArray, u: FloatArray, q: FloatArray) -> None:
+    def _inverse(self, target: Array, u: Array, q: Array) -> None:
         """Writes the configurations; moves the targets (n, 3, 4) along the chain."""
         for joint in range(NUM_JOINTS):
             head, azimuth = self._head(target, joint)
@@ -193,7 +190,7 @@ class IkFlow:
             turn_kernel(target, joint, angle)
             q[:, joint] = angle
 
-    def forward(self, X_WF: ArrayLike, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def forward(self, X_WF: ArrayLike, q: ArrayLike) -> tuple[Array, Array]:
         """The inverse of `inverse`: from configurations inside the limits to latents.
 
         Args:
@@ -222,7 +219,7 @@ class IkFlow:
             log_density += term
         return u, log_density
 
-    def _head(self, target: FloatArray, joint: int) -> tuple[WeightArray, FloatArray]:
+    def _head(self, target: Array, joint: int) -> tuple[WeightArray, Array]:
         """Outputs of a joint's network; moves the targets (n, 3, 4) to the joint."""
         features = np.empty((len(target), FEATURES), dtype=np.float32)
         azimuth = np.empty(len(target))
@@ -254,7 +251,7 @@ def _one_thread() -> Any:
     return _threads().limit(limits=1, user_api="blas")
 
 
-def _poses(X_WF: ArrayLike) -> FloatArray:
+def _poses(X_WF: ArrayLike) -> Array:
     X_WF = np.ascontiguousarray(X_WF, dtype=float)
     if X_WF.ndim != 3 or X_WF.shape[1:] != (4, 4):
         raise ValueError(f"poses must have shape (n, 4, 4), got {X_WF.shape}")

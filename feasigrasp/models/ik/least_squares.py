@@ -9,19 +9,18 @@ moves, or to refine a rough one. The closed form is in `feasigrasp.models.ik.clo
 
 import math
 
-import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numba import njit
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
-
-FloatArray = NDArray[np.float64]
 
 _IDENTITY = np.eye(4)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def damped_velocity_kernel(J, V, damping, A, y, qd):  # type: ignore[no-untyped-def]
     """Writes ``qd = J^T (J J^T + damping^2 I)^-1 V``, shape (7,).
 
@@ -53,7 +52,7 @@ def damped_velocity_kernel(J, V, damping, A, y, qd):  # type: ignore[no-untyped-
         qd[k] = dot
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def pose_error_kernel(X, X_target, error):  # type: ignore[no-untyped-def]
     """Writes the twist (6,) from one pose to the other; returns position [m] and angle [rad]."""
     ex = ey = ez = trace = 0.0
@@ -70,7 +69,7 @@ def pose_error_kernel(X, X_target, error):  # type: ignore[no-untyped-def]
     return math.sqrt(error[3] ** 2 + error[4] ** 2 + error[5] ** 2), angle
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf):  # type: ignore[no-untyped-def]
     """Moves ``q`` in place by damped least-squares steps towards the flange pose.
 
@@ -91,7 +90,7 @@ def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf): 
     return pose_error_kernel(X, X_WF, error)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _refine_batch(X_WF, q, steps, damping, limit_margin, position, angle):  # type: ignore[no-untyped-def]
     for n in range(len(q)):
         position[n], angle[n] = damped_least_squares_kernel(
@@ -106,7 +105,7 @@ def refine(
     damping: float = 0.02,
     *,
     limit_margin: float | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[Array, Array, Array]:
     """Damped least-squares steps from given configurations towards flange poses.
 
     Args:

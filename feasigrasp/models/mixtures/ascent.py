@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, exp_kernel
 from feasigrasp.models.mixtures.kernels import Parameters, evaluate_kernel, posterior_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
-
-Array = NDArray[np.float64]
 
 #: Metres that count as much as one radian in comparing pulls.
 LENGTH_PER_RADIAN = 0.1

@@ -4,14 +4,12 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import quaternion_kernel
 from feasigrasp.models.mixtures.em import BLOCK, block_log_density, block_tangents
 from feasigrasp.models.mixtures.kernels import Parameters
 from feasigrasp.models.numerics.fast_math import fast_exp
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})

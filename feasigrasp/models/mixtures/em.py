@@ -10,16 +10,14 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import (
     exp_kernel,
     quaternion_kernel,
     quaternion_log_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_exp
-
-Array = NDArray[np.float64]
 
 #: Poses per block: the tangents of a block to 64 components (400 kB) stay in the L2 cache.
 BLOCK = 128

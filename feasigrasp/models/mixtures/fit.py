@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.mixtures.em import expectation_maximization
 from feasigrasp.models.mixtures.mixture import RiemannianMixture, checked_poses, unit_quaternions
 from feasigrasp.models.mixtures.seeding import seed_means
-
-Array = NDArray[np.float64]
 
 #: Free parameters of one component: weight, mean, covariance (the weights sum to one).
 _FREE_PARAMETERS = 28

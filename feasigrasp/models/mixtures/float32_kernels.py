@@ -24,6 +24,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import quaternion_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.numerics.simd import wide_vectors
@@ -201,7 +202,7 @@ def _log_densities(X, packed, out):  # type: ignore[no-untyped-def]
                 out[start + j] = math.nan
 
 
-def log_densities(X: ArrayLike, packed: Float32Array) -> NDArray[np.float64]:
+def log_densities(X: ArrayLike, packed: Float32Array) -> Array:
     """Log density of a packed mixture at poses, shape (n,); NaN for a pose that is not finite.
 
     Args:

@@ -9,15 +9,14 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import (
     quaternion_kernel,
     quaternion_log_kernel,
     right_jacobian_inverse_kernel,
 )
 
-Array = NDArray[np.float64]
 Parameters = tuple[Array, Array, Array, Array, Array]
 
 

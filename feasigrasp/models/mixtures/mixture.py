@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.mixtures.batch import log_densities
 from feasigrasp.models.mixtures.kernels import (
     Parameters,
@@ -23,14 +23,12 @@ from feasigrasp.models.mixtures.kernels import (
     pose_quaternions,
 )
 
-Array = NDArray[np.float64]
-
 #: From this number of poses on, log densities are computed in blocks.
 _BATCH = 64
 
 
 @dataclass(frozen=True, eq=False)
-class RiemannianMixture:
+class RiemannianMixture(Frozen):
     """A mixture of Gaussians on SE(3), ``p(x) = sum_i w_i N(Log_mu_i(x); 0, Sigma_i)``.
 
     ``Log_mu(x) = log(mu^-1 x)`` is the left-invariant tangent vector [angular; linear] at the
@@ -97,10 +95,6 @@ class RiemannianMixture:
     def __len__(self) -> int:
         """Number of components K."""
         return len(self.weights)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> RiemannianMixture:
-        """The mixture is immutable, so a copy is itself."""
-        return self
 
     def tangents(self, X: ArrayLike) -> Array:
         """Log_mu_i(x), shape (..., K, 6) [rad, m]."""

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Indices
 
 #: Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
 _DUPLICATE = 1e-12
@@ -15,7 +14,7 @@ _DUPLICATE = 1e-12
 @njit(cache=True)
 def seed_means(
     quaternions: Array, positions: Array, weights: Array, length_scale: float, draws: Array
-) -> tuple[NDArray[np.int64], float]:
+) -> tuple[Indices, float]:
     """Greedy k-means++ in the metric angle^2 + (distance / length_scale)^2.
 
     Args:

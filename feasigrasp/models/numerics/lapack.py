@@ -13,10 +13,9 @@ import ctypes
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cython_lapack
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array
 
 
 def _routine(name: str, n_arguments: int) -> Any:

@@ -1,13 +1,13 @@
 """The wrench of a critically damped spatial spring that carries a free body along a motion."""
 
-import numba as nb
 import numpy as np
+from numba import njit
 
 from feasigrasp.models.geometry.se3 import so3_log_kernel
 from feasigrasp.models.objects.motion import motion_kernel
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def rotation_kernel(wxyz, R):  # type: ignore[no-untyped-def]
     """Writes the rotation of a quaternion, of any length, into the upper left of a matrix."""
     w, x, y, z = wxyz[0], wxyz[1], wxyz[2], wxyz[3]
@@ -17,7 +17,7 @@ def rotation_kernel(wxyz, R):  # type: ignore[no-untyped-def]
     R[2, 0], R[2, 1], R[2, 2] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
     state, X_WR, V_WR, acceleration, gravity, mass, I_BBcm, frequency, wrench
 ):
@@ -54,7 +54,7 @@ def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
         wrench[3 + i] = mass * (w * w * p_error + 2.0 * w * v_error + acceleration[i] - gravity[i])
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def motion_wrench_kernel(  # type: ignore[no-untyped-def]
     state, parameters, t, gravity, mass, I_BBcm, frequency, max_force, max_torque, wrench
 ):
@@ -73,7 +73,7 @@ def motion_wrench_kernel(  # type: ignore[no-untyped-def]
     wrench[3:] = carried + spring * min(1.0, max_force / max(np.sqrt(np.sum(spring**2)), 1e-12))
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def body_pose_kernel(state):  # type: ignore[no-untyped-def]
     """Pose (4, 4) out of a floating body's state (quaternion wxyz, position, velocities)."""
     X_WB = np.eye(4)

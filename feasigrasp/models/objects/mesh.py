@@ -14,6 +14,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from feasigrasp.errors import MeshError
+from feasigrasp.models.arrays import Array, Indices, Mask
 
 #: Largest side of a body that an arm of this size can have to do with [m].
 MIN_EXTENT, MAX_EXTENT = 0.005, 1.0
@@ -112,7 +113,7 @@ def _distance(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
     return float(scene.compute_distance(o3d.core.Tensor.from_numpy(points)).numpy().max())
 
 
-def write_obj(path: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+def write_obj(path: Path, vertices: Array, faces: Indices) -> None:
     """Writes an OBJ with vertex normals, which Drake's RenderEngineVtk needs to draw it.
 
     Vertices stay shared, so the file is as watertight as the mesh; a vertex on a crease sharper
@@ -150,7 +151,7 @@ def _read(path: Path) -> trimesh.Trimesh:
     return mesh
 
 
-def _clean(vertices: NDArray[np.float64], faces: NDArray[Any]) -> trimesh.Trimesh:
+def _clean(vertices: Array, faces: NDArray[Any]) -> trimesh.Trimesh:
     """Merges vertices by position and drops faces that collapse to an edge by that."""
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
@@ -229,13 +230,13 @@ def _check_one_body(mesh: trimesh.Trimesh, path: Path) -> None:
         raise MeshError(f"{path}: encloses no volume; give a solid, not a sheet folded on itself.")
 
 
-def _shell_of_faces(mesh: trimesh.Trimesh) -> NDArray[np.int64]:
+def _shell_of_faces(mesh: trimesh.Trimesh) -> Indices:
     """The connected surface that each face belongs to, counted from 0."""
     label = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(mesh.faces))
     return np.asarray(label, dtype=np.int64)
 
 
-def _part(mesh: trimesh.Trimesh, member: NDArray[np.bool_]) -> trimesh.Trimesh:
+def _part(mesh: trimesh.Trimesh, member: Mask) -> trimesh.Trimesh:
     part = trimesh.Trimesh(mesh.vertices, mesh.faces[member], process=False)
     part.remove_unreferenced_vertices()
     return part
@@ -254,7 +255,7 @@ def _encloses(outer: trimesh.Trimesh, inner: trimesh.Trimesh) -> bool:
     return all(_winding_number(outer.triangles - point) > 0.5 for point in points)
 
 
-def _winding_number(triangles: NDArray[np.float64]) -> float:
+def _winding_number(triangles: Array) -> float:
     """Absolute winding number of a closed surface about the origin (van Oosterom, Strackee 1983).
 
     Args:
@@ -268,9 +269,7 @@ def _winding_number(triangles: NDArray[np.float64]) -> float:
     return float(abs(solid_angle.sum())) / (4.0 * np.pi)
 
 
-def _crease_normals(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _crease_normals(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """Angle-weighted vertex normals, shared only by the corners on one side of a crease.
 
     Returns:

@@ -8,13 +8,11 @@ while the object turns with constant speed about a fixed axis.
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3 import so3_exp_kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -33,15 +31,15 @@ class HarmonicMotion:
         R_WO: Orientation at t = 0, shape (3, 3).
     """
 
-    center: FloatArray
-    amplitude: FloatArray
-    harmonic: FloatArray
-    offset_deg: FloatArray
+    center: Array
+    amplitude: Array
+    harmonic: Array
+    offset_deg: Array
     rate: float
     start_phase: float
-    spin_axis: FloatArray
+    spin_axis: Array
     spin: float
-    R_WO: FloatArray = field(default_factory=lambda: np.eye(3))
+    R_WO: Array = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
         """Makes float arrays of whatever was given."""
@@ -49,13 +47,13 @@ class HarmonicMotion:
             array = np.array(getattr(self, name), dtype=float)
             object.__setattr__(self, name, array)
 
-    def state(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def state(self, t: float) -> tuple[Array, Array, Array]:
         """``X_WO`` (4, 4), ``V_WO`` (6,) and the acceleration of the origin (3,) at time t [s]."""
         X_WO, V_WO, acceleration = motion_kernel(self.parameters, t)
         return X_WO, V_WO, acceleration
 
     @cached_property
-    def parameters(self) -> FloatArray:
+    def parameters(self) -> Array:
         """All numbers in one array, for `motion_kernel`, shape (26,)."""
         return np.concatenate(
             [
@@ -69,16 +67,16 @@ class HarmonicMotion:
             ]
         )
 
-    def pose(self, t: float) -> FloatArray:
+    def pose(self, t: float) -> Array:
         """``X_WO`` at time t [s], shape (4, 4)."""
         return self.state(t)[0]
 
-    def velocity(self, t: float) -> FloatArray:
+    def velocity(self, t: float) -> Array:
         """``V_WO`` = [angular; linear] at time t, shape (6,)."""
         return self.state(t)[1]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def motion_kernel(parameters, t):  # type: ignore[no-untyped-def]
     """Pose, twist and acceleration of `HarmonicMotion.state` from its parameters."""
     center, amplitude, harmonic = parameters[0:3], parameters[3:6], parameters[6:9]

@@ -15,13 +15,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel, so3_log_kernel
-
-FloatArray = NDArray[np.float64]
 
 #: Time between the stored points of the path [s], and their number.
 PATH_STEP, PATH_LENGTH = 0.1, 45
@@ -58,20 +56,20 @@ class Noise(NamedTuple):
     angular_jerk: float = 0.3
 
 
-def empty_state() -> FloatArray:
+def empty_state() -> Array:
     """The state before any measurement, shape (STATE_SIZE,)."""
     state = np.zeros(STATE_SIZE)
     state[0] = np.nan
     return state
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _start(covariance, sigma):  # type: ignore[no-untyped-def]
     covariance[:] = 0.0
     covariance[0], covariance[4], covariance[8] = sigma**2, _PRIOR_V**2, _PRIOR_A**2
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _propagate(covariance, dt, jerk):  # type: ignore[no-untyped-def]
     """Covariance (9,) of position, velocity and acceleration after ``dt``."""
     F = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
@@ -88,7 +86,7 @@ def _propagate(covariance, dt, jerk):  # type: ignore[no-untyped-def]
     covariance[:] = C.ravel()
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _gain(covariance, sigma):  # type: ignore[no-untyped-def]
     """Gain of a measured position; updates the covariance (9,) in Joseph's form."""
     C = covariance.reshape(3, 3)
@@ -100,7 +98,7 @@ def _gain(covariance, sigma):  # type: ignore[no-untyped-def]
     return K
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def pose_kernel(state, t, X):  # type: ignore[no-untyped-def]
     """Writes the pose (4, 4) that the filter expects at time t, by constant acceleration."""
     dt = t - state[0]
@@ -113,7 +111,7 @@ def pose_kernel(state, t, X):  # type: ignore[no-untyped-def]
     X[3, 3] = 1.0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def twist_kernel(state, t, V):  # type: ignore[no-untyped-def]
     """Writes the twist (6,) [angular; linear] that the filter expects at time t."""
     dt = t - state[0]
@@ -122,7 +120,7 @@ def twist_kernel(state, t, V):  # type: ignore[no-untyped-def]
         V[3 + i] = state[_V + i] + dt * state[_A + i]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _restart(state, t, X, noise):  # type: ignore[no-untyped-def]
     state[:] = 0.0
     state[0] = t
@@ -133,7 +131,7 @@ def _restart(state, t, X, noise):  # type: ignore[no-untyped-def]
     state[_NEXT] = t
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _remember(state, t):  # type: ignore[no-untyped-def]
     """Stores points of the path up to time t, newest first."""
     X = np.empty((4, 4))
@@ -147,7 +145,7 @@ def _remember(state, t):  # type: ignore[no-untyped-def]
         state[_NEXT] += PATH_STEP
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def measure_kernel(state, t, X, noise):  # type: ignore[no-untyped-def]
     """Takes in the pose ``X`` (4, 4), measured at time ``t``; changes ``state``.
 

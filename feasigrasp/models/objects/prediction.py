@@ -15,12 +15,12 @@ second.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numba import njit
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel, so3_log_kernel
 from feasigrasp.models.objects.pose_filter import (
@@ -32,8 +32,6 @@ from feasigrasp.models.objects.pose_filter import (
     twist_kernel,
 )
 
-FloatArray = NDArray[np.float64]
-
 #: The lag h, in steps of the path.
 _LAG = 4
 #: Points over which the angular velocity is averaged.
@@ -44,7 +42,7 @@ _PATH_NOISE = 2e-4
 _DYING = 1.5
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _oscillator(state, axis):  # type: ignore[no-untyped-def]
     """omega^2 [1/s^2] and mean acceleration term b of ``a = b - omega^2 p``, one axis.
 
@@ -75,7 +73,7 @@ def _oscillator(state, axis):  # type: ignore[no-untyped-def]
     return omega**2, b * factor, True
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def predict_kernel(state, now, ahead, X):  # type: ignore[no-untyped-def]
     """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s]."""
     start, V = np.empty((4, 4)), np.empty(6)
@@ -108,7 +106,7 @@ def predict_kernel(state, now, ahead, X):  # type: ignore[no-untyped-def]
 
 
 @dataclass(frozen=True, eq=False)
-class MotionEstimate:
+class MotionEstimate(Frozen):
     """What is known of an object's motion at one time.
 
     Attributes:
@@ -116,19 +114,15 @@ class MotionEstimate:
         time: The time [s].
     """
 
-    state: FloatArray
+    state: Array
     time: float
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> MotionEstimate:
-        """Immutable, so a copy is itself."""
-        return self
 
     @property
     def known(self) -> bool:
         """Whether there has been a measurement."""
         return not np.isnan(self.state[0])
 
-    def predict(self, ahead: ArrayLike) -> FloatArray:
+    def predict(self, ahead: ArrayLike) -> Array:
         """Poses (k, 4, 4) of the object in the world, ``ahead`` (k,) seconds from now."""
         times = np.ascontiguousarray(ahead, dtype=float).reshape(-1)
         X = np.empty((len(times), 4, 4))
@@ -141,8 +135,8 @@ _ELSEWHERE = 0.02
 
 
 def future_poses(
-    motion: MotionEstimate | None, X_WO: FloatArray, V_WO: FloatArray, ahead: ArrayLike
-) -> FloatArray:
+    motion: MotionEstimate | None, X_WO: Array, V_WO: Array, ahead: ArrayLike
+) -> Array:
     """Poses (k, 4, 4) of the object ``ahead`` (k,) seconds from now.
 
     Args:

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
 from feasigrasp.errors import MeshError
+from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.objects.mesh import MAX_FACES, decimate, read_solid, write_obj
 from feasigrasp.resources import model_path
 
@@ -25,7 +25,7 @@ _SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf")
 
 
 @dataclass(frozen=True, eq=False)
-class RigidObject:
+class RigidObject(Frozen):
     """A rigid body with a closed surface and uniform density.
 
     The object frame O has the axes of the mesh frame M of the file and its origin at the centre
@@ -44,28 +44,22 @@ class RigidObject:
     """
 
     name: str
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices: Array
+    faces: Indices
     mass: float
-    p_MO: NDArray[np.float64]
-    inertia: NDArray[np.float64]
+    p_MO: Array
+    inertia: Array
     color: tuple[float, float, float, float] = _DEFAULT_COLOR
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for name, dtype in (("vertices", float), ("faces", np.int64)):
-            self._freeze(name, np.array(getattr(self, name), dtype=dtype).reshape(-1, 3))
-        self._freeze("p_MO", np.array(self.p_MO, dtype=float).reshape(3))
-        self._freeze("inertia", np.array(self.inertia, dtype=float).reshape(3, 3))
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> RigidObject:
-        """The object itself: it is immutable."""
-        return self
-
-    def _freeze(self, name: str, array: NDArray[Any]) -> None:
-        array.flags.writeable = False
-        object.__setattr__(self, name, array)
+        self._freeze(
+            vertices=np.array(self.vertices, dtype=float).reshape(-1, 3),
+            faces=np.array(self.faces, dtype=np.int64).reshape(-1, 3),
+            p_MO=np.array(self.p_MO, dtype=float).reshape(3),
+            inertia=np.array(self.inertia, dtype=float).reshape(3, 3),
+        )
 
     @property
     def mesh(self) -> trimesh.Trimesh:
@@ -73,7 +67,7 @@ class RigidObject:
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
     @property
-    def extents(self) -> NDArray[np.float64]:
+    def extents(self) -> Array:
         """Sides of the axis-aligned bounding box, shape (3,) [m]."""
         return np.asarray(np.ptp(self.vertices, axis=0))
 

@@ -6,10 +6,10 @@ Then the exact arm angles inside the joint limits; only there configurations are
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.ik.arm_angle_intervals import Segments, make_segments, segments_kernel
 from feasigrasp.models.ik.arm_angle_table import Lanes, lanes_kernel, travel_times_kernel
 from feasigrasp.models.ik.arm_circle import (
@@ -28,8 +28,6 @@ from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_poin
 from feasigrasp.models.robot.capsules import CapsuleModel
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
-
-FloatArray = NDArray[np.float64]
 
 #: What `verdict_kernel` returns; the names are in `feasigrasp.models.reach.reachability.VERDICTS`.
 REACHABLE, WRIST, LIMITS, SELF_COLLISION, TABLE = 0, 1, 2, 3, 4
@@ -54,16 +52,16 @@ class Search(NamedTuple):
         fixed_pairs: Pairs of such a capsule and one of the hand, shape (p, 2).
     """
 
-    psis: FloatArray
+    psis: Array
     spacing: float
     limit_margin: float
     clearance: float
     table_height: float
     capsules: CapsuleModel
     open: CapsuleModel
-    hand: NDArray[np.int64]
-    fixed: FloatArray
-    fixed_pairs: NDArray[np.int64]
+    hand: Indices
+    fixed: Array
+    fixed_pairs: Indices
 
 
 class Room(NamedTuple):
@@ -78,11 +76,11 @@ class Room(NamedTuple):
 
     lanes: Lanes
     segments: Segments
-    q: FloatArray
-    ends: FloatArray
+    q: Array
+    ends: Array
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def make_room(search, q_near):  # type: ignore[no-untyped-def]
     """Room for a search; the arm angle of ``q_near`` is tried beside those of ``search``.
 
@@ -96,7 +94,7 @@ def make_room(search, q_near):  # type: ignore[no-untyped-def]
     )
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def hand_verdict_kernel(X_WF, search, ends):  # type: ignore[no-untyped-def]
     """What the flange pose alone decides: TABLE, SELF_COLLISION with what is fixed, or REACHABLE.
 
@@ -125,14 +123,14 @@ def hand_verdict_kernel(X_WF, search, ends):  # type: ignore[no-untyped-def]
     return REACHABLE
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _is_admissible(q, model, search, table_height):  # type: ignore[no-untyped-def]
     return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
         q, model, search.clearance, table_height
     )
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _parts(segments, k, spacing):  # type: ignore[no-untyped-def]
     """Into how many equal parts, each tried in its middle, segment k is divided; and their size."""
     if segments.branches[k] == 0:
@@ -142,14 +140,14 @@ def _parts(segments, k, spacing):  # type: ignore[no-untyped-def]
     return parts, length / parts
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _write_candidate(circle, phi, branch, q):  # type: ignore[no-untyped-def]
     s, c = fast_sincos(phi)
     sign = 1.0 if branch < 4 else -1.0  # from the elbow angle to the arm angle
     configuration_kernel(circle, sign * s, sign * c, branch, q)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _first_in_segments(circle, search, room):  # type: ignore[no-untyped-def]
     """REACHABLE, with the configuration in ``room.q``, as soon as one is admissible; or why not."""
     verdict, segments = LIMITS, room.segments
@@ -169,7 +167,7 @@ def _first_in_segments(circle, search, room):  # type: ignore[no-untyped-def]
     return verdict
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _all_candidates(circle, search, room):  # type: ignore[no-untyped-def]
     """All admissible configurations (n, 7) that are tried inside the exact intervals."""
     segments = room.segments
@@ -190,7 +188,7 @@ def _all_candidates(circle, search, room):  # type: ignore[no-untyped-def]
     return candidates[:n]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def verdict_kernel(X_WF, search, room):  # type: ignore[no-untyped-def]
     """Whether a flange pose can be reached: REACHABLE, or why not.
 
@@ -206,7 +204,7 @@ def verdict_kernel(X_WF, search, room):  # type: ignore[no-untyped-def]
     return _first_in_segments(circle, search, room)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def nearest_kernel(X_WF, q_near, search, room, q_best):  # type: ignore[no-untyped-def]
     """Writes the admissible configuration that is soonest reached from ``q_near``.
 
@@ -231,7 +229,7 @@ def nearest_kernel(X_WF, q_near, search, room, q_best):  # type: ignore[no-untyp
     return shortest
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def nearest_batch_kernel(X_WF, q_near, search, q, times):  # type: ignore[no-untyped-def]
     """`nearest_kernel` of poses (n, 4, 4)."""
     room = make_room(search, q_near)
@@ -239,7 +237,7 @@ def nearest_batch_kernel(X_WF, q_near, search, q, times):  # type: ignore[no-unt
         times[k] = nearest_kernel(X_WF[k], q_near, search, room, q[k])
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def verdict_batch_kernel(X_WF, search, verdicts):  # type: ignore[no-untyped-def]
     """`verdict_kernel` of poses (n, 4, 4)."""
     room = make_room(search, np.zeros(7))
@@ -247,14 +245,14 @@ def verdict_batch_kernel(X_WF, search, verdicts):  # type: ignore[no-untyped-def
         verdicts[k] = verdict_kernel(X_WF[k], search, room)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def admissible_batch_kernel(Q, search, admissible):  # type: ignore[no-untyped-def]
     """Whether configurations (n, 7) are inside the limits and clear of arm, hand and table."""
     for k in range(len(Q)):
         admissible[k] = _is_admissible(Q[k], search.capsules, search, search.table_height)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def diverse_kernel(X_WF, q_near, search, chosen):  # type: ignore[no-untyped-def]
     """Writes up to ``len(chosen)`` admissible configurations by farthest-point selection.
 

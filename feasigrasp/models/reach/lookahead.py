@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.reach.judge import REASONS, PoseJudge
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import Reachability
-
-FloatArray = NDArray[np.float64]
 
 KEPT, SOON, BETTER = "kept", "out of reach soon", "better grasps in reach"
 
@@ -24,7 +21,7 @@ _INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedGrasps:
+class JudgedGrasps(Frozen):
     """The grasps in reach, and what became of every one.
 
     Attributes:
@@ -37,15 +34,11 @@ class JudgedGrasps:
     grasps: GraspSet
     verdicts: tuple[str, ...] = ()
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> JudgedGrasps:
-        """Immutable, so a copy is itself."""
-        return self
-
 
 def judge_grasps(
     grasps: GraspSet,
-    X_WO: FloatArray,
-    V_WO: FloatArray,
+    X_WO: Array,
+    V_WO: Array,
     judge: PoseJudge,
     horizon: float = 1.0,
     n_best: int = 24,
@@ -96,8 +89,8 @@ def judge_grasps(
 
 def reachable_grasps(
     grasps: GraspSet,
-    X_WO: FloatArray,
-    V_WO: FloatArray,
+    X_WO: Array,
+    V_WO: Array,
     reachability: Reachability,
     horizon: float = 1.0,
     n_best: int = 24,
@@ -108,7 +101,7 @@ def reachable_grasps(
     return judge_grasps(grasps, X_WO, V_WO, judge, horizon, n_best, score_share).grasps
 
 
-def _stays_in_reach(X_OG: FloatArray, X_later: FloatArray, judge: PoseJudge) -> NDArray[np.bool_]:
+def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge) -> Mask:
     """Which grasps (n, 4, 4) can be reached at all of the object's later poses (t, 4, 4)."""
     if len(X_OG) == 0 or len(X_later) == 0:
         return np.ones(len(X_OG), dtype=bool)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.closed_form import flange_poses
 from feasigrasp.models.reach.kernels import (
@@ -28,8 +29,6 @@ from feasigrasp.models.reach.kernels import REACHABLE as REACHABLE
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import JOINT_HEIGHTS
-
-FloatArray = NDArray[np.float64]
 
 #: What `Reachability.verdicts` says, by code.
 VERDICTS = {
@@ -63,14 +62,14 @@ class Reachability:
     clearance: float = 0.02
     table_height: float = 0.0
     search: Search = field(init=False, repr=False)
-    _X_GF: FloatArray = field(init=False, repr=False)
+    _X_GF: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Derives what every query needs."""
         object.__setattr__(self, "search", _make_search(self))
         object.__setattr__(self, "_X_GF", se3.inverse(self.gripper.X_FG))
 
-    def reachable(self, X_WG: ArrayLike) -> NDArray[np.bool_]:
+    def reachable(self, X_WG: ArrayLike) -> Mask:
         """Which hand poses (n, 4, 4) have an admissible configuration, shape (n,)."""
         return self.verdicts(X_WG) == REACHABLE
 
@@ -94,7 +93,7 @@ class Reachability:
         verdict_batch_kernel(poses, self.search, verdicts)
         return verdicts
 
-    def nearest(self, X_WG: ArrayLike, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def nearest(self, X_WG: ArrayLike, q: ArrayLike) -> tuple[Array, Array]:
         """The admissible configuration for each hand pose that is soonest reached from ``q``.
 
         Args:
@@ -111,7 +110,7 @@ class Reachability:
         nearest_batch_kernel(X_WF, near, self.search, found, times)
         return found, times
 
-    def diverse(self, X_WG: ArrayLike, n: int, q: ArrayLike | None = None) -> FloatArray:
+    def diverse(self, X_WG: ArrayLike, n: int, q: ArrayLike | None = None) -> Array:
         """Admissible configurations of one hand pose, far from one another.
 
         They are spread over branches and arm angles by farthest-point selection: each next one is
@@ -131,14 +130,14 @@ class Reachability:
         found = np.empty((int(n), 7))
         return found[: diverse_kernel(X_WF, near, self.search, found)]
 
-    def admissible(self, q: ArrayLike) -> NDArray[np.bool_]:
+    def admissible(self, q: ArrayLike) -> Mask:
         """Which configurations (n, 7) are inside the limits and clear of arm, hand and table."""
         Q = np.ascontiguousarray(q, dtype=float).reshape(-1, 7)
         out = np.empty(len(Q), dtype=np.bool_)
         admissible_batch_kernel(Q, self.search, out)
         return out
 
-    def flange(self, X_WG: ArrayLike) -> FloatArray:
+    def flange(self, X_WG: ArrayLike) -> Array:
         """Flange poses (n, 4, 4) of hand poses (n, 4, 4)."""
         return np.ascontiguousarray(flange_poses(X_WG) @ self._X_GF)
 

@@ -17,14 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import FeasigraspError, ReachabilityError
+from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.mixtures.float32_kernels import Float32Array, log_densities, pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.resources import model_path
-
-FloatArray = NDArray[np.float64]
 
 #: The file that is part of the project: flange poses of the iiwa 7 with its hand.
 DEFAULT_FILE = ("iiwa", "reachable_space.npz")
@@ -32,7 +31,7 @@ _ARRAYS = ("weights", "means", "covariances", "threshold")
 
 
 @dataclass(frozen=True, eq=False)
-class ReachableSpace:
+class ReachableSpace(Frozen):
     """A mixture over the poses that an arm reaches, and the density from which on it does.
 
     Attributes:
@@ -58,11 +57,7 @@ class ReachableSpace:
             )
         object.__setattr__(self, "_packed", pack(self.mixture))
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> ReachableSpace:
-        """Immutable, so a copy is itself."""
-        return self
-
-    def log_density(self, X_WF: ArrayLike) -> FloatArray:
+    def log_density(self, X_WF: ArrayLike) -> Array:
         """Log density of poses, shape (n,), in single precision: to about 1e-5 near the threshold.
 
         Args:
@@ -73,7 +68,7 @@ class ReachableSpace:
         """
         return log_densities(X_WF, self._packed)
 
-    def contains(self, X_WF: ArrayLike) -> NDArray[np.bool_]:
+    def contains(self, X_WF: ArrayLike) -> Mask:
         """Which poses (n, 4, 4) are dense enough to count as reachable, shape (n,)."""
         return np.asarray(self.log_density(X_WF) >= self.threshold)
 

@@ -13,8 +13,9 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
 
@@ -68,14 +69,14 @@ class CapsuleModel(NamedTuple):
         movers: Indices of the capsules whose height can change (links 2 to 7), shape (m,).
     """
 
-    link: NDArray[np.int64]
-    ends: NDArray[np.float64]
-    radius: NDArray[np.float64]
-    reach: NDArray[np.float64]
-    balls: NDArray[np.float64]
-    pairs: NDArray[np.int64]
-    groups: NDArray[np.int64]
-    movers: NDArray[np.int64]
+    link: Indices
+    ends: Array
+    radius: Array
+    reach: Array
+    balls: Array
+    pairs: Indices
+    groups: Indices
+    movers: Indices
 
     def with_pairs(self, pairs: ArrayLike) -> CapsuleModel:
         """The same capsules with other pairs to check, shape (p, 2), in the same order."""
@@ -143,14 +144,14 @@ def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]
     )
 
 
-def hand_points(gripper: ParallelGripper | None = None) -> NDArray[np.float64]:
+def hand_points(gripper: ParallelGripper | None = None) -> Array:
     """Points on the outside of the opened hand in the frame of link 7, shape (k, 3) [m]."""
     gripper = gripper or ParallelGripper()
     X_7G = _link_to_grasp(gripper)
     return gripper.surface_points(gripper.max_opening) @ X_7G[:3, :3].T + X_7G[:3, 3]
 
 
-def _link_to_grasp(gripper: ParallelGripper) -> NDArray[np.float64]:
+def _link_to_grasp(gripper: ParallelGripper) -> Array:
     """X_7G, the grasp frame on link 7."""
     X_7G = gripper.X_FG.copy()
     X_7G[2, 3] += FLANGE_HEIGHT - JOINT_HEIGHTS[6]
@@ -195,7 +196,7 @@ def capsule_model(
     return model.with_pairs(pairs)
 
 
-def _ball(ends: NDArray[np.float64], radius: NDArray[np.float64]) -> list[float]:
+def _ball(ends: Array, radius: Array) -> list[float]:
     """A ball about the middle of the bounding box, [x, y, z, radius]."""
     if len(ends) == 0:
         return [0.0, 0.0, 0.0, -1.0]
@@ -206,7 +207,7 @@ def _ball(ends: NDArray[np.float64], radius: NDArray[np.float64]) -> list[float]
     return [*centre.tolist(), float(reach.max())]
 
 
-def _groups(link: NDArray[np.int64], pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+def _groups(link: Indices, pairs: Indices) -> Indices:
     """The runs of pairs between the same two links."""
     links = link[pairs].reshape(-1, 2)
     starts = [k for k in range(len(pairs)) if k == 0 or (links[k] != links[k - 1]).any()]

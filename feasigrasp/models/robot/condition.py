@@ -1,7 +1,7 @@
 """How well an arm stands: distances to itself and to its limits, speed, manipulability."""
 
-import numba as nb
 import numpy as np
+from numba import njit
 
 from feasigrasp.models.robot.capsule_kernels import distances_kernel
 from feasigrasp.models.robot.collision_kernels import in_collision_kernel
@@ -9,7 +9,7 @@ from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.robot.kinematics import manipulability_kernel
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def arm_condition_kernel(q, v, model, all_pairs_model):  # type: ignore[no-untyped-def]
     """Five figures of one state of the arm.
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array
 
 
-def _flange_to_grasp(offset: float) -> NDArray[np.float64]:
+def _flange_to_grasp(offset: float) -> Array:
     X_FG = np.eye(4)
     X_FG[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # closing direction x_G along y_F
     X_FG[2, 3] = offset
@@ -49,7 +50,7 @@ class ParallelGripper:
     camera_box: tuple[float, float, float] = (0.090, 0.031, 0.031)
     camera_center: tuple[float, float, float] = (0.0, 0.085, -0.105)
     camera_tilt: float = np.deg2rad(15.0)
-    X_FG: NDArray[np.float64] = field(init=False, repr=False)
+    X_FG: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Checks the sizes and derives the pose of the grasp frame in the flange frame."""
@@ -90,7 +91,7 @@ class ParallelGripper:
                 f"pad centre, the flange is only tool_offset = {self.tool_offset} m behind it"
             )
 
-    def surface_points(self, opening: float) -> NDArray[np.float64]:
+    def surface_points(self, opening: float) -> Array:
         """Points on the hand's outside, for collision checks against a distance field.
 
         Tips, outer faces and edges of both fingers, front and back of the palm, and the wrist
@@ -126,5 +127,5 @@ class ParallelGripper:
         return np.concatenate([*fingers, front, camera, back])
 
 
-def _grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> NDArray[np.float64]:
+def _grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
     return np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -8,10 +8,11 @@ the elbow E, joints 5 to 7 about axes through the wrist W. A column of the Jacob
 ``[a_i; a_i x (p_T - p)]`` with the joint's axis ``a_i`` and one of these three points.
 """
 
-import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numba import njit
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.fast_trig import fast_sincos, sincos_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, step, turn
 from feasigrasp.models.robot.iiwa import (
@@ -21,13 +22,11 @@ from feasigrasp.models.robot.iiwa import (
     D_WRIST_FLANGE,
 )
 
-FloatArray = NDArray[np.float64]
-
 # Writable, since a kernel is compiled once more for read-only arguments.
 _IDENTITY = np.eye(4)
 
 
-@nb.njit(cache=True, fastmath={"contract"}, forceinline=True)
+@njit(cache=True, fastmath={"contract"}, forceinline=True)
 def _axes(s, c):  # type: ignore[no-untyped-def]
     """Axes of joints 2 to 7, and the x- and y-axis of link 7, from the sines and cosines."""
     x, y = (c[0] * c[1], s[0] * c[1], -s[1]), (-s[0], c[0], 0.0)
@@ -44,14 +43,14 @@ def _axes(s, c):  # type: ignore[no-untyped-def]
     return a2, a3, a4, a5, a6, z, x, y
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _write_column(J, i, axis, lever):  # type: ignore[no-untyped-def]
     """Writes column i: the axis, and what it does to the end of a lever that starts on it."""
     J[0, i], J[1, i], J[2, i] = axis
     J[3, i], J[4, i], J[5, i] = cross(axis, lever)
 
 
-@nb.njit(cache=True, fastmath={"contract"}, forceinline=True)
+@njit(cache=True, fastmath={"contract"}, forceinline=True)
 def _pose_jacobian(s, c, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
     """As `pose_jacobian_kernel`, from sines and cosines; no Jacobian where ``J_WT`` is None."""
     a2, a3, a4, a5, a6, a7, x7, y7 = _axes(s, c)
@@ -79,7 +78,7 @@ def _pose_jacobian(s, c, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
         _write_column(J_WT, 6, a7, from_wrist)
 
 
-@nb.njit(cache=True, fastmath={"contract"}, forceinline=True)
+@njit(cache=True, fastmath={"contract"}, forceinline=True)
 def _manipulability(s, c):  # type: ignore[no-untyped-def]
     r"""sqrt(det J J^T) by Cauchy and Binet: the sum of the squares of the seven 6 x 6 minors.
 
@@ -103,7 +102,7 @@ def _manipulability(s, c):  # type: ignore[no-untyped-def]
     return np.sqrt(det_b * det_b * n_squared + m56 * m56 + m67 * m67 + m75 * m75)
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _sincos(q):  # type: ignore[no-untyped-def]
     s1, c1 = fast_sincos(q[0])
     s2, c2 = fast_sincos(q[1])
@@ -115,26 +114,26 @@ def _sincos(q):  # type: ignore[no-untyped-def]
     return (s1, s2, s3, s4, s5, s6, s7), (c1, c2, c3, c4, c5, c6, c7)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def pose_jacobian_kernel(q, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
     """Writes the tool pose and the Jacobian ``V_WT = J_WT v`` at the tool origin, in the world."""
     s, c = _sincos(q)
     _pose_jacobian(s, c, X_FT, X_WT, J_WT)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def manipulability_kernel(q):  # type: ignore[no-untyped-def]
     """Yoshikawa's measure at any tool point, see `manipulability`."""
     s, c = _sincos(q)
     return _manipulability(s, c)
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _row(a, k):  # type: ignore[no-untyped-def]
     return a[k, 0], a[k, 1], a[k, 2], a[k, 3], a[k, 4], a[k, 5], a[k, 6]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _all_sincos(q):  # type: ignore[no-untyped-def]
     # In one loop over all of them, which vectorises; the matrices after it do not need to.
     sine, cosine = np.empty(q.shape), np.empty(q.shape)
@@ -142,39 +141,39 @@ def _all_sincos(q):  # type: ignore[no-untyped-def]
     return sine, cosine
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _batch_kernel(q, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], J_WT[k])
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _pose_batch_kernel(q, X_FT, X_WT):  # type: ignore[no-untyped-def]
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], None)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _manipulability_batch_kernel(q, out):  # type: ignore[no-untyped-def]
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         out[k] = _manipulability(_row(sine, k), _row(cosine, k))
 
 
-def _positions(q: ArrayLike) -> FloatArray:
+def _positions(q: ArrayLike) -> Array:
     q = np.ascontiguousarray(q, dtype=float)
     if q.shape[-1] != 7:
         raise ValueError(f"joint positions need 7 entries in the last axis, got shape {q.shape}")
     return q
 
 
-def _tool(X_FT: ArrayLike | None) -> FloatArray:
+def _tool(X_FT: ArrayLike | None) -> Array:
     return _IDENTITY if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
 
 
-def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Array, Array]:
     """Tool pose and geometric Jacobian.
 
     Args:
@@ -195,7 +194,7 @@ def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Floa
     return X_WT, J_WT
 
 
-def forward_kinematics(q: ArrayLike, X_FT: ArrayLike | None = None) -> FloatArray:
+def forward_kinematics(q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """Tool pose ``X_WT``, shape (..., 4, 4). Arguments and errors as `pose_and_jacobian`."""
     q = _positions(q)
     X_WT = np.empty((*q.shape[:-1], 4, 4))
@@ -203,7 +202,7 @@ def forward_kinematics(q: ArrayLike, X_FT: ArrayLike | None = None) -> FloatArra
     return X_WT
 
 
-def manipulability(q: ArrayLike) -> FloatArray:
+def manipulability(q: ArrayLike) -> Array:
     """Yoshikawa's measure sqrt(det J J^T), J in [rad/s; m/s].
 
     It is the same at every tool point. Arguments and errors as `pose_and_jacobian`; shape (...).

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.robot.capsule_kernels import distances_kernel, gradients_kernel, table_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
 from feasigrasp.models.robot.collision_kernels import in_collision_batch_kernel
 from feasigrasp.models.robot.iiwa import NUM_JOINTS
-
-FloatArray = NDArray[np.float64]
 
 #: The arm with its hand: the model that the functions use by default.
 IIWA_CAPSULES = capsule_model()
@@ -34,14 +33,14 @@ def _gradients_batch(q, model, distance, gradient):  # type: ignore[no-untyped-d
         gradients_kernel(q[n], model, distance[n], gradient[n])
 
 
-def _positions(q: ArrayLike, expected: str, ndim: int | None = None) -> FloatArray:
+def _positions(q: ArrayLike, expected: str, ndim: int | None = None) -> Array:
     q = np.ascontiguousarray(q, dtype=float)
     if q.shape[-1] != NUM_JOINTS or ndim not in (None, q.ndim):
         raise ValueError(f"joint positions must have shape {expected}, got {q.shape}")
     return q
 
 
-def signed_distances(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> FloatArray:
+def signed_distances(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> Array:
     """Signed distance of every checked pair of capsules.
 
     Args:
@@ -63,7 +62,7 @@ def signed_distances(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> Float
 
 def distances_and_gradients(
     q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """Signed distances (..., p) [m] and their gradients in the joint positions (..., p, 7) [m/rad].
 
     Where the segments of a pair cross, its gradient is zero. Arguments and errors as
@@ -87,9 +86,7 @@ def min_distance(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> float:
     return float(signed_distances(_positions(q, "(7,)", 1), model).min())
 
 
-def in_collision(
-    Q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES, margin: float = 0.0
-) -> NDArray[np.bool_]:
+def in_collision(Q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES, margin: float = 0.0) -> Mask:
     """Whether configurations are in self-collision.
 
     Args:
@@ -111,7 +108,7 @@ def in_collision(
 
 def table_distances_and_gradients(
     q: ArrayLike, table_height: float = 0.0, model: CapsuleModel = IIWA_CAPSULES
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """Clearance above a horizontal plane of the ends of the capsules whose height can change.
 
     Args:

@@ -13,11 +13,12 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud
 from feasigrasp.models.clouds.free_space import free_distance, rim_points
 from feasigrasp.models.clouds.fusion import FusedCloud
@@ -29,8 +30,6 @@ from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_
 from feasigrasp.models.shape.hidden_nodes import HiddenNodes, hidden_nodes
 from feasigrasp.models.shape.hidden_side import load_hidden_side
 from feasigrasp.models.shape.surface_points import SurfacePoints
-
-Array = NDArray[np.float64]
 
 #: ``default``, and the field of the paper.
 PRESETS = ("default", "paper")
@@ -98,7 +97,7 @@ class CompletedField(Gpdf):
         kept = self.possible(all_points.points)
         return SurfacePoints(all_points.points[kept], all_points.normals[kept], self.variance)
 
-    def possible(self, x: Array) -> NDArray[np.bool_]:
+    def possible(self, x: Array) -> Mask:
         """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
         free = free_distance(self.images, x) > _CARVED
         near = self._tree.query(x[free], distance_upper_bound=_OBSERVED)[0]  # inf if none is
@@ -199,7 +198,7 @@ def complete_shape(
     )
 
 
-def _seen_nodes(surface: Array, normals: Array, steep: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _seen_nodes(surface: Array, normals: Array, steep: Mask) -> tuple[Array, Array]:
     """Points of the surface and some on either side of it, and their signed distances from it."""
     share = round(BESIDE_SHARE * len(surface))
     beside = np.flatnonzero(~steep)[:share]  # the first ones cover the cloud evenly

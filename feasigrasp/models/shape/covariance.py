@@ -2,12 +2,10 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.simd import exp2_of_minus, rough_inverse_sqrt, wide_vectors
 from feasigrasp.models.shape.node_sums import LOG2_E, TINY, pulled_in
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")

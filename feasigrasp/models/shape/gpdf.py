@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.numerics.lapack import solve_lower
 from feasigrasp.models.shape import gpdf_kernels as kernels
@@ -17,15 +17,13 @@ from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.node_sums import make_tiles
 from feasigrasp.models.shape.surface_points import SurfacePoints
 
-Array = NDArray[np.float64]
-
 #: Shortest step of a ray through the object [m].
 _RAY_STEP = 2e-3
 _ARRAYS = ("points", "bounds", "noise_variance", "center", "nodes", "targets", "alpha", "cholesky")
 
 
 @dataclass(frozen=True, eq=False)
-class Gpdf:
+class Gpdf(Frozen):
     """A fitted distance field, in the frame of the points it was fitted to.
 
     In the pipeline that is the object frame O, so a moving object needs no new fit. Immutable; make
@@ -58,12 +56,7 @@ class Gpdf:
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for name in _ARRAYS:
-            getattr(self, name).flags.writeable = False
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Gpdf:
-        """Immutable, so a copy is itself."""
-        return self
+        self._freeze(**{name: getattr(self, name) for name in _ARRAYS})
 
     def distance(self, x: ArrayLike) -> Array:
         """Raw signed distance ``d = -l ln o``.
@@ -167,7 +160,7 @@ class Gpdf:
             _RAY_STEP,
         )
 
-    def touches(self, poses: ArrayLike, body_points: ArrayLike, margin: float) -> NDArray[np.bool_]:
+    def touches(self, poses: ArrayLike, body_points: ArrayLike, margin: float) -> Mask:
         """Whether a rigid body comes closer to the completed surface than a margin.
 
         Args:
@@ -182,7 +175,7 @@ class Gpdf:
 
     def clearance(
         self, poses: ArrayLike, body_points: ArrayLike, far: float, near: float = 0.0
-    ) -> tuple[Array, NDArray[np.int64]]:
+    ) -> tuple[Array, Indices]:
         """How close a rigid body comes to the completed surface.
 
         Args:

@@ -16,9 +16,10 @@ from __future__ import annotations
 from typing import TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MIN_POINTS as MIN_POINTS
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud, directions_to_camera
 from feasigrasp.models.geometry.points import farthest_points
@@ -27,8 +28,6 @@ from feasigrasp.models.shape.covariance import cross_covariance, gram_lower
 from feasigrasp.models.shape.gpdf import Gpdf as Gpdf
 from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS
 from feasigrasp.models.shape.normals import outward_normals
-
-Array = NDArray[np.float64]
 
 #: Above this many points the cloud is thinned evenly before farthest-point selection.
 _MAX_CANDIDATES = 2048

@@ -7,11 +7,9 @@ lock, so that a thread can run them beside a simulation.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at, value_at
-
-Array = NDArray[np.float64]
 
 #: Floor on |grad d| in the damped Newton step.
 SLOPE_FLOOR = 0.2
@@ -99,7 +97,7 @@ def closest_points(
     box: Array,
     far: float,
     near: float,
-) -> tuple[Array, NDArray[np.int64]]:
+) -> tuple[Array, Indices]:
     """How close each posed body comes to the surface, at most ``far``, and which point of it does.
 
     The raw distance underestimates outside. So a raw value clears its point, and every other body

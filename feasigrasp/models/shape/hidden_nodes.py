@@ -10,17 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.hidden_side import BackSurface, HiddenSide
-
-Array = NDArray[np.float64]
 
 #: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
 #: closer than so many times their expected error. Where several pictures look round the object,
@@ -87,7 +85,7 @@ def _of_picture(image: ViewImage, back: BackSurface) -> tuple[Array, Array]:
     return image.unproject((rows, columns), back.depth[mask]), back.deviation[mask]
 
 
-def _inside(image: ViewImage, back: BackSurface, points: Array) -> NDArray[np.bool_]:
+def _inside(image: ViewImage, back: BackSurface, points: Array) -> Mask:
     """Which points (n, 3) a picture puts inside the object, by more than its far side may err."""
     x, y, z = image.in_camera(points).T
     column = np.rint(x / z / image.pixel + 0.5 * (SIDE - 1)).astype(int)
@@ -96,5 +94,5 @@ def _inside(image: ViewImage, back: BackSurface, points: Array) -> NDArray[np.bo
     at = np.clip(row, 0, SIDE - 1), np.clip(column, 0, SIDE - 1)
     before = z < back.depth[at] - np.maximum(2.0 * back.deviation[at], 3e-3)
     behind = z > image.depth[at] + 3e-3
-    inside: NDArray[np.bool_] = within & image.mask[at] & before & behind
+    inside: Mask = within & image.mask[at] & before & behind
     return inside

@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from feasigrasp.errors import FeasigraspError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.geometry.nearest_distance import nearest_distance
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.hidden_side_network import CHANNELS, HiddenSideNetwork
-
-Array = NDArray[np.float64]
 
 #: Where the trained weights are.
 DEFAULT_WEIGHTS = Path(__file__).resolve().parents[1] / "weights" / "hidden_side.npz"

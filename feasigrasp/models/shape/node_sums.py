@@ -14,11 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.simd import exp2_of_minus, rough_inverse_sqrt, wide_vectors
-
-Array = NDArray[np.float64]
 
 #: Nodes in a tile: long enough to pay for the stages, short enough to waste little on padding.
 TILE = 128

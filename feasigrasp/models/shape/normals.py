@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Indices
 
 #: Below this |cosine| between a normal and its reference direction its sign is a guess.
 _UNSURE = 0.15
@@ -14,7 +13,7 @@ _UNSURE = 0.15
 
 def outward_normals(
     cloud: Array,
-    indices: NDArray[np.int64],
+    indices: Indices,
     towards_camera: Array | None,
     neighbours: int = 20,
 ) -> tuple[Array, Array]:

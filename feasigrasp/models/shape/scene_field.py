@@ -16,18 +16,16 @@ cloud of the surroundings, with three things that a scene needs:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
-
-Array = NDArray[np.float64]
 
 #: Points this far around a cube take part in its field, so that neighbours agree [m].
 _RIM = 0.04
@@ -43,7 +41,7 @@ _BEHIND = -0.5
 
 
 @dataclass(frozen=True, eq=False)
-class SceneField:
+class SceneField(Frozen):
     """Distance to the surfaces of a scene, in the frame of its cloud; made by `fit_scene`.
 
     Attributes:
@@ -56,7 +54,7 @@ class SceneField:
     """
 
     points: Array
-    cube: NDArray[np.int64]
+    cube: Indices
     fields: tuple[Gpdf | None, ...]
     resolution: float
     thickness: float
@@ -64,13 +62,8 @@ class SceneField:
 
     def __post_init__(self) -> None:
         """Freezes the arrays and sorts the points for look-up."""
-        for array in (self.points, self.cube):
-            array.flags.writeable = False
+        self._freeze(points=self.points, cube=self.cube)
         object.__setattr__(self, "_tree", cKDTree(self.points, leafsize=_LEAF))
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> SceneField:
-        """Immutable, so a copy is itself."""
-        return self
 
     def distance(self, x: ArrayLike) -> Array:
         """Signed distance to the nearest surface at x (m, 3) [m], shape (m,)."""
@@ -102,7 +95,7 @@ class SceneField:
         distance[near[closer]], gradient[near[closer]] = d[closer], g[closer]
         return distance, gradient
 
-    def _at(self, x: Array, nearest: NDArray[np.int64]) -> tuple[Array, Array]:
+    def _at(self, x: Array, nearest: Indices) -> tuple[Array, Array]:
         """Distances and gradients at x, from the observed points nearest to x."""
         feet, normals = self._feet(x, nearest)
         offset = x - feet
@@ -115,7 +108,7 @@ class SceneField:
         gradient[touching] = normals[touching]
         return np.where(touching, height, sign * distance), gradient
 
-    def closer_than(self, x: ArrayLike, margin: float) -> NDArray[np.bool_]:
+    def closer_than(self, x: ArrayLike, margin: float) -> Mask:
         """Which points x (m, 3) are closer to a surface than a margin [m], or behind it, (m,).
 
         As `distance`, but most points far away cost a look-up only.
@@ -123,7 +116,7 @@ class SceneField:
         x = _checked(x)
         return self.distance_and_gradient(x, max(margin, self.thickness))[0] < margin
 
-    def _feet(self, x: Array, nearest: NDArray[np.int64]) -> tuple[Array, Array]:
+    def _feet(self, x: Array, nearest: Indices) -> tuple[Array, Array]:
         """Surface points (m, 3) about the nearest observed ones, and outward normals (m, 3)."""
         start = self.points[nearest]
         feet, normals = start.copy(), np.zeros_like(x)
@@ -212,7 +205,7 @@ def fit_scene(
 
 def scene_clear(
     scene: SceneField, X_WG: ArrayLike, gripper: ParallelGripper, margin: float = 0.005
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Which poses of the open hand keep clear of a scene.
 
     Args:

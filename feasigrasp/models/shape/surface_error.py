@@ -7,12 +7,11 @@ the Gaussian process nor what the hidden-side network expects of itself predicts
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.nearest_distance import nearest_distance
 from feasigrasp.models.shape.gpdf import Gpdf
-
-Array = NDArray[np.float64]
 
 #: Error of surface that was seen [m], and its growth with the distance from what was seen.
 _SEEN, _GROWTH = 0.0002, 0.21

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Frozen
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePoints:
+class SurfacePoints(Frozen):
     """Points of the completed surface.
 
     Attributes:
@@ -29,16 +25,11 @@ class SurfacePoints:
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for array in (self.points, self.normals):
-            array.flags.writeable = False
+        self._freeze(points=self.points, normals=self.normals)
 
     def __len__(self) -> int:
         """Number of points."""
         return len(self.points)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> SurfacePoints:
-        """Immutable, so a copy is itself."""
-        return self
 
     @cached_property
     def variance(self) -> Array:

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import MeshError
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.training.data.grasp_labels import (
     ALIGNED_DEG,
@@ -32,8 +32,6 @@ from feasigrasp.training.data.grasp_labels import (
     best_labels,
 )
 from feasigrasp.training.data.grasp_truth import TrueGrasps
-
-Array = NDArray[np.float64]
 
 #: Opening of the recorded hand [m], and the depths of its pads in its own frame, tip first [m].
 OPENING, PAD_DEPTHS = 0.08, np.linspace(0.110, 0.070, 9)
@@ -61,7 +59,7 @@ class AcronymObject:
     X_OG: Array
     width: Array
     cosine: Array
-    success: NDArray[np.bool_]
+    success: Mask
     truth: TrueGrasps
 
 
@@ -119,7 +117,7 @@ def acronym_labels(recorded: AcronymObject, points: Array, normals: Array) -> Po
     real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(ALIGNED_DEG))
     rows = np.flatnonzero(real)
     near = cKDTree(contact).query_ball_point(at[rows], CONTACT_RADIUS) if len(contact) else []
-    found: list[tuple[int, int, NDArray[np.bool_]]] = []
+    found: list[tuple[int, int, Mask]] = []
     for row, members in zip(rows, near, strict=False):
         facing = [m for m in members if closing[m] @ outward[row] < 0.0]
         if facing:
@@ -140,7 +138,7 @@ def acronym_labels(recorded: AcronymObject, points: Array, normals: Array) -> Po
     return best_labels(pairs, len(points))
 
 
-def _turns(b: Array, across: Array, approaches: Array) -> NDArray[np.bool_]:
+def _turns(b: Array, across: Array, approaches: Array) -> Mask:
     """Turns about b, from ``across`` on, that are nearest to approach directions (k, 3)."""
     u, v = approaches @ across, approaches @ np.cross(b, across)
     turns = np.zeros(N_TURNS, dtype=bool)

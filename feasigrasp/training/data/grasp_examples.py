@@ -15,6 +15,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.surface_input import (
@@ -34,7 +35,6 @@ from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
 
 Example = dict[str, Any]
-Array = NDArray[np.float64]
 Labeller = Callable[[Array, Array], PointLabels]
 
 #: Points of an input.

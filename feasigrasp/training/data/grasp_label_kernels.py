@@ -4,14 +4,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Mask
 
 #: Cells of a turn table [m]: a turn's collision is decided at the middle of a cell.
 CELL = 1e-3
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def collides(points: Array, poses: Array, boxes: Array) -> NDArray[np.bool_]:
+def collides(points: Array, poses: Array, boxes: Array) -> Mask:
     """Whether a surface point lies in a box of a posed hand.
 
     Args:

@@ -15,12 +15,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.training.data.grasp_label_kernels import blocked_turns, turn_table
 from feasigrasp.training.data.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: A completed point counts if it is this near to the true surface [m] and turned so little [deg].
 NEAR, ALIGNED_DEG = 0.004, 25.0
@@ -55,7 +53,7 @@ class ContactPairs:
             ``cos(t) u + sin(t) (b x u)``, ``t = 2 pi k / N_TURNS``, u being ``across``.
     """
 
-    point: NDArray[np.int64]
+    point: Indices
     contact: Array
     closing: Array
     width: Array
@@ -105,7 +103,7 @@ class PointLabels:
     width: Array
     closing: Array
     approach: Array
-    n_approaches: NDArray[np.int64]
+    n_approaches: Indices
     across: Array
     free: Mask
 
@@ -230,12 +228,12 @@ def _turning_hand(gripper: ParallelGripper, clearance: float) -> tuple[Array, ND
 
 def _antipodal_lines(
     truth: TrueGrasps,
-    index: NDArray[np.int64],
+    index: Indices,
     at: Array,
     outward: Array,
     gripper: ParallelGripper,
     rng: np.random.Generator,
-) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
+) -> tuple[Indices, Array, Array, Array, Array]:
     """Closing lines that start at true surface points and are within both friction cones.
 
     Returns:

@@ -15,11 +15,9 @@ import open3d as o3d
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.training.data.grasp_label_kernels import collides
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 #: Half angle of the friction cone at either contact [deg].
 CONE_DEG = 20.0
@@ -112,9 +110,7 @@ class TrueGrasps:
             cosine=np.where(held, cosine, -1.0),
         )
 
-    def truly_antipodal(
-        self, X_OG: ArrayLike, opening: float, cone_deg: float = CONE_DEG
-    ) -> NDArray[np.bool_]:
+    def truly_antipodal(self, X_OG: ArrayLike, opening: float, cone_deg: float = CONE_DEG) -> Mask:
         """Whether pads that close from an opening [m] meet faces that hold each other, (n,)."""
         return self.close(X_OG, opening).cosine >= np.cos(np.deg2rad(cone_deg))
 
@@ -147,9 +143,7 @@ class TrueGrasps:
         free[maybe] &= ~self.inside(middles.reshape(-1, 3)).reshape(-1, len(boxes)).any(axis=1)
         return free
 
-    def valid(
-        self, X_OG: ArrayLike, gripper: ParallelGripper, cone_deg: float = CONE_DEG
-    ) -> NDArray[np.bool_]:
+    def valid(self, X_OG: ArrayLike, gripper: ParallelGripper, cone_deg: float = CONE_DEG) -> Mask:
         """Whether grasps (n, 4, 4) by the open hand are antipodal and free of collision, (n,)."""
         poses = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
         good = self.truly_antipodal(poses, gripper.max_opening, cone_deg)

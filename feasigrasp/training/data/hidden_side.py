@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import MeshError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
@@ -19,8 +20,6 @@ from feasigrasp.models.shape.hidden_side_network import FEATURES
 from feasigrasp.training.data.grasp_examples import VOXEL_SIZE
 from feasigrasp.training.data.object_streams import ObjectStream
 from feasigrasp.training.data.views import ViewedObject, turning_views
-
-Array = NDArray[np.float64]
 
 #: Fewer points than this are no picture.
 MIN_POINTS = 30

@@ -12,7 +12,6 @@ from collections.abc import Callable
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects.rigid_object import RigidObject
@@ -27,7 +26,6 @@ except ImportError as error:
         "household shapes need manifold3d; install feasigrasp[train] (or manifold3d>=3.5)"
     ) from error
 
-Array = NDArray[np.float64]
 Maker = Callable[[np.random.Generator], Manifold]
 
 FAMILIES: dict[str, Maker] = {

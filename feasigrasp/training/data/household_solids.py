@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 from manifold3d import CrossSection, Manifold
-from numpy.typing import NDArray
 
 from feasigrasp.training.data.solids import (
     clean,
@@ -18,7 +17,6 @@ from feasigrasp.training.data.solids import (
     tube,
 )
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 
 

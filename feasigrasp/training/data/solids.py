@@ -10,12 +10,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from manifold3d import Manifold, Mesh64
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Indices
 
 
-def solid(vertices: Array, faces: NDArray[np.int64]) -> Manifold:
+def solid(vertices: Array, faces: Indices) -> Manifold:
     """A solid from a closed triangle mesh with outward faces."""
     body = Manifold(Mesh64(np.asarray(vertices, float), np.asarray(faces, np.uint64)))
     if body.is_empty() or body.volume() <= 0:

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 import open3d as o3d
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.systems.segment_point_cloud import edge_pixels
-
-Array = NDArray[np.float64]
 
 #: The depth stream of the scenarios' camera: a RealSense D435 in its 424 x 240 mode, 87 x 58 deg.
 WIDTH, HEIGHT = 424, 240
@@ -47,7 +45,7 @@ class PartialView:
     points: Array
     p_OC: Array
     X_OC: Array
-    measured: NDArray[np.bool_]
+    measured: Mask
 
 
 class ViewedObject:
@@ -103,9 +101,7 @@ class ViewedObject:
         measured[rows + top, columns + left] = True
         return PartialView(points, believed[:3, 3].copy(), X_OC, measured)
 
-    def sees(
-        self, points: Array, normals: Array, view: PartialView
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def sees(self, points: Array, normals: Array, view: PartialView) -> tuple[Mask, Mask]:
         """What a camera has seen of surface points (n, 3) with outward normals (n, 3).
 
         Returns:

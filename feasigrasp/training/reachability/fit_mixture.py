@@ -17,16 +17,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.mixtures.seeding import seed_means
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
-
-FloatArray = NDArray[np.float64]
 
 #: Parts that a pass is dealt out in, whatever the number of threads.
 _PARTS = 16
@@ -45,9 +43,9 @@ class Moments(NamedTuple):
         log_likelihood: Sum of the log densities of all poses.
     """
 
-    mass: FloatArray
-    first: FloatArray
-    second: FloatArray
+    mass: Array
+    first: Array
+    second: Array
     log_likelihood: float
 
 
@@ -197,7 +195,7 @@ def _seeded(
     return RiemannianMixture(np.ones(len(seeds)), means, np.tile(covariance, (len(seeds), 1, 1)))
 
 
-def rotations(q: FloatArray) -> FloatArray:
+def rotations(q: Array) -> Array:
     """Rotation matrices (n, 3, 3) of unit quaternions wxyz (n, 4) in single precision."""
     w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
     return np.stack(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common import Parallelism
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import LoadModelDirectives, Parser, ProcessModelDirectives
@@ -17,6 +17,7 @@ from pydrake.multibody.tree import Frame, Joint, PrismaticJoint, RevoluteJoint
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from feasigrasp.errors import ReachabilityError
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.resources import model_path
 from feasigrasp.training.reachability.serial_chain import SerialChain
 
@@ -59,24 +60,24 @@ class PlantArm:
         )
 
     @property
-    def lower(self) -> NDArray[np.float64]:
+    def lower(self) -> Array:
         """Lower joint limits, shape (n,) [rad or m]."""
         return self.chain.lower
 
     @property
-    def upper(self) -> NDArray[np.float64]:
+    def upper(self) -> Array:
         """Upper joint limits, shape (n,) [rad or m]."""
         return self.chain.upper
 
-    def forward_kinematics(self, q: ArrayLike) -> NDArray[np.float64]:
+    def forward_kinematics(self, q: ArrayLike) -> Array:
         """Poses of the end frame in the base frame, shape (m, 4, 4) [m]."""
         return self.chain.forward_kinematics(q)
 
-    def manipulability(self, q: ArrayLike) -> NDArray[np.float64]:
+    def manipulability(self, q: ArrayLike) -> Array:
         """Yoshikawa's measure of the configurations (m, n), shape (m,)."""
         return self.chain.manipulability(q)
 
-    def in_collision(self, q: ArrayLike) -> NDArray[np.bool_]:
+    def in_collision(self, q: ArrayLike) -> Mask:
         """Which configurations (m, n) are in collision, shape (m,)."""
         q = np.asarray(q, dtype=float)
         full = np.tile(self._default, (len(q), 1))

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.mixtures.float32_kernels import (
     BLOCK,
     FASTMATH,
@@ -19,8 +20,6 @@ from feasigrasp.models.mixtures.float32_kernels import (
     tangents_kernel,
 )
 from feasigrasp.models.numerics.simd import wide_vectors
-
-FloatArray = NDArray[np.float64]
 
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
@@ -67,7 +66,7 @@ class PoseBlocks:
         blocks.flags.writeable = False
         return cls(blocks, n)
 
-    def draw(self, rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
+    def draw(self, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """At most ``n`` different poses: quaternions (4, k) and positions (3, k) [m]."""
         chosen = rng.choice(self.n, min(n, self.n), replace=False)
         poses = self.blocks[chosen // BLOCK, :, chosen % BLOCK].astype(float).T

@@ -19,15 +19,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.mixtures.kernels import pose_quaternions
 from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
 from feasigrasp.models.robot.self_collision import in_collision
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 #: Height in the base frame below which poses of the fitted frame are dropped [m].
 FLOOR = 0.1
@@ -38,20 +36,20 @@ class SerialArm(Protocol):
     """What sampling needs to know of an arm with n joints."""
 
     @property
-    def lower(self) -> FloatArray:
+    def lower(self) -> Array:
         """Lower joint limits, shape (n,) [rad or m]."""
 
     @property
-    def upper(self) -> FloatArray:
+    def upper(self) -> Array:
         """Upper joint limits, shape (n,) [rad or m]."""
 
-    def forward_kinematics(self, q: ArrayLike) -> FloatArray:
+    def forward_kinematics(self, q: ArrayLike) -> Array:
         """Poses of the end frame in the base frame, shape (m, 4, 4), of positions (m, n)."""
 
-    def manipulability(self, q: ArrayLike) -> FloatArray:
+    def manipulability(self, q: ArrayLike) -> Array:
         """Yoshikawa's measure of configurations (m, n), shape (m,)."""
 
-    def in_collision(self, q: ArrayLike) -> BoolArray:
+    def in_collision(self, q: ArrayLike) -> Mask:
         """Which configurations (m, n) are in self-collision, shape (m,)."""
 
 
@@ -71,24 +69,24 @@ class IiwaArm:
         object.__setattr__(self, "_capsules", capsule_model(self.gripper))
 
     @property
-    def lower(self) -> FloatArray:
+    def lower(self) -> Array:
         """Lower joint limits, shape (7,) [rad]."""
         return -POSITION_LIMITS
 
     @property
-    def upper(self) -> FloatArray:
+    def upper(self) -> Array:
         """Upper joint limits, shape (7,) [rad]."""
         return POSITION_LIMITS
 
-    def forward_kinematics(self, q: ArrayLike) -> FloatArray:
+    def forward_kinematics(self, q: ArrayLike) -> Array:
         """Flange poses ``X_WF``, shape (m, 4, 4) [m]."""
         return forward_kinematics(q)
 
-    def manipulability(self, q: ArrayLike) -> FloatArray:
+    def manipulability(self, q: ArrayLike) -> Array:
         """Yoshikawa's measure of configurations (m, 7), shape (m,)."""
         return manipulability(q)
 
-    def in_collision(self, q: ArrayLike) -> BoolArray:
+    def in_collision(self, q: ArrayLike) -> Mask:
         """Which configurations (m, 7) are in self-collision, shape (m,)."""
         return in_collision(q, self._capsules)
 

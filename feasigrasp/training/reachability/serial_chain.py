@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import ReachabilityError
-
-FloatArray = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Mask
 
 
 @njit(cache=True, nogil=True)
@@ -98,12 +97,12 @@ class SerialChain:
         ReachabilityError: The shapes disagree, or a joint has no finite limits.
     """
 
-    X_PJ: FloatArray
-    axes: FloatArray
-    prismatic: NDArray[np.bool_]
-    X_JE: FloatArray
-    lower: FloatArray
-    upper: FloatArray
+    X_PJ: Array
+    axes: Array
+    prismatic: Mask
+    X_JE: Array
+    lower: Array
+    upper: Array
 
     def __post_init__(self) -> None:
         """Checks and freezes the arrays."""
@@ -135,16 +134,16 @@ class SerialChain:
         """Number of joints n."""
         return len(self.axes)
 
-    def forward_kinematics(self, q: ArrayLike) -> FloatArray:
+    def forward_kinematics(self, q: ArrayLike) -> Array:
         """Poses of the end frame in the base frame, shape (..., 4, 4), of positions (..., n)."""
         return self.pose_and_jacobian(q)[0]
 
-    def manipulability(self, q: ArrayLike) -> FloatArray:
+    def manipulability(self, q: ArrayLike) -> Array:
         """Yoshikawa's measure sqrt(det J J^T), shape (...); 0 with fewer than six joints."""
         J = self.pose_and_jacobian(q)[1]
         return np.asarray(np.sqrt(np.maximum(np.linalg.det(J @ J.swapaxes(-1, -2)), 0.0)))
 
-    def pose_and_jacobian(self, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def pose_and_jacobian(self, q: ArrayLike) -> tuple[Array, Array]:
         """Pose and geometric Jacobian of the end frame in the base frame.
 
         Args:

@@ -3,8 +3,8 @@
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.gripper import ParallelGripper
 from generator import xml
 
@@ -17,7 +17,7 @@ OPTICAL_DEPTH = 0.0042
 FRICTION = 0.5
 
 
-def camera_pose(gripper: ParallelGripper) -> NDArray[np.float64]:
+def camera_pose(gripper: ParallelGripper) -> Array:
     """Pose X_FC of ``camera_body`` in the flange frame.
 
     X_C = -x_G, Y_C = -y_G and Z_C = z_G, turned about X_C so that Z_C leans to the tool axis.

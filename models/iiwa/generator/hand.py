@@ -3,8 +3,8 @@
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.gripper import ParallelGripper
 from generator import xml
 
@@ -25,7 +25,7 @@ FINGER_VELOCITY = 0.2
 SIDES = (("left", 1.0), ("right", -1.0))
 
 
-def pad_size(gripper: ParallelGripper) -> NDArray[np.float64]:
+def pad_size(gripper: ParallelGripper) -> Array:
     """Thickness, width and height of a pad [m]."""
     return np.array([PAD_THICKNESS, gripper.finger_width, 2 * gripper.tip])
 

@@ -1,8 +1,8 @@
 """The look of the gripper and of the wrist camera, as coloured meshes."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.gripper import ParallelGripper
 from generator.camera import CAMERA_SIZE, camera_pose
 from generator.housings import DARK, GREY, ORANGE, SILVER, Parts
@@ -44,7 +44,7 @@ def gripper_parts(gripper: ParallelGripper) -> Parts:
     ]
 
 
-def finger_parts(gripper: ParallelGripper, sign: float, pad_size: NDArray[np.float64]) -> Parts:
+def finger_parts(gripper: ParallelGripper, sign: float, pad_size: Array) -> Parts:
     """A finger and its pad, in the finger's frame."""
     pad = pad_size[0]
     thickness = gripper.finger_thickness - pad

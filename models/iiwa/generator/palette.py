@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
+
 Bytes = NDArray[np.uint8]
 
 
@@ -34,7 +36,7 @@ def _png_row(texels: Bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(b"\x89PNG\r\n\x1a\n" + chunks).decode()
 
 
-def _srgb(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+def _srgb(linear: Array) -> Array:
     """Transfer function of IEC 61966-2-1."""
     return np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 

@@ -7,9 +7,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from feasigrasp.models.arrays import Array, Indices
+
+Floats = Array
 Solid = Callable[[Floats], Floats]
 
 
@@ -18,7 +20,7 @@ class Mesh(NamedTuple):
 
     points: Floats
     normals: Floats
-    triangles: NDArray[np.int64]
+    triangles: Indices
 
 
 def cylinder(a: ArrayLike, b: ArrayLike, radius: float, rounding: float = 0.004) -> Solid:

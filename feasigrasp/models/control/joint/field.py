@@ -15,13 +15,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numba import njit
+from numpy.typing import ArrayLike
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.fast_math import fast_exp
-
-FloatArray = NDArray[np.float64]
 
 #: Bounds of the length scale [rad], and its ratio to the median nearest-neighbour spacing.
 MIN_LENGTH_SCALE, MAX_LENGTH_SCALE, SPACING_RATIO = 0.03, 0.2, 0.4
@@ -34,7 +33,7 @@ SHARPNESS = 4.0
 _FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def distances_kernel(q, r):  # type: ignore[no-untyped-def]
     """Writes the distances |q_i - q_j|, i > j, into the lower triangle of ``r`` (n, n)."""
     n = len(q)
@@ -55,7 +54,7 @@ def distances_kernel(q, r):  # type: ignore[no-untyped-def]
             row[j] = np.sqrt(row[j])
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def length_scale_kernel(r):  # type: ignore[no-untyped-def]
     """The length scale for distances (n, n), of which the lower triangle is read."""
     n = len(r)
@@ -69,7 +68,7 @@ def length_scale_kernel(r):  # type: ignore[no-untyped-def]
     return min(max(SPACING_RATIO * np.median(nearest), MIN_LENGTH_SCALE), MAX_LENGTH_SCALE)
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def lowest_costs_kernel(r, cost, lowest):  # type: ignore[no-untyped-def]
     """Writes ``min_j (c_j + |q_i - q_j|)``; returns the least cost."""
     n = len(cost)
@@ -86,7 +85,7 @@ def lowest_costs_kernel(r, cost, lowest):  # type: ignore[no-untyped-def]
     return least
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _exponentials(r, length_scale):  # type: ignore[no-untyped-def]
     """Replaces the distances by the kernel's values."""
     scale = -1.0 / length_scale
@@ -96,7 +95,7 @@ def _exponentials(r, length_scale):  # type: ignore[no-untyped-def]
             row[j] = fast_exp(scale * row[j])
 
 
-@nb.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _solve(K, diagonal, x):  # type: ignore[no-untyped-def]
     """Replaces x by ``(K + diagonal I)^-1 x``; K (n, n), lower triangle, becomes its factor.
 
@@ -126,7 +125,7 @@ def _solve(K, diagonal, x):  # type: ignore[no-untyped-def]
             x[k] -= row[k] * y
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):  # type: ignore[no-untyped-def]
     """Fits the field to solutions at distances ``r`` (n, n), which are used up.
 
@@ -143,7 +142,7 @@ def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):  # type: ig
         beta[i] *= np.exp((lowest[i] - least) / length_scale)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):  # type: ignore[no-untyped-def]
     """Writes grad d (7,) and the weights (n,) of the solutions; returns d and the way left.
 
@@ -187,7 +186,7 @@ def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):  #
     return d, d - mean_cost / total
 
 
-def spacing_length_scale(q: FloatArray) -> float:
+def spacing_length_scale(q: Array) -> float:
     """Clip(0.4 x median nearest-neighbour distance, 0.03, 0.2) [rad] for q, shape (n, 7)."""
     q = np.ascontiguousarray(q, dtype=float)
     r = np.empty((len(q), len(q)))
@@ -206,12 +205,12 @@ class JointField:
         length_scale: l [rad].
     """
 
-    q: FloatArray
-    cost: FloatArray
-    beta: FloatArray
+    q: Array
+    cost: Array
+    beta: Array
     length_scale: float
 
-    def evaluate(self, q: ArrayLike) -> tuple[float, FloatArray, FloatArray]:
+    def evaluate(self, q: ArrayLike) -> tuple[float, Array, Array]:
         """Distance, its gradient, and how much each solution counts, at one configuration.
 
         Args:
@@ -228,7 +227,7 @@ class JointField:
         """How far it is to the solutions that count [rad]: d without their costs."""
         return self._evaluate(q)[1]
 
-    def _evaluate(self, q: ArrayLike) -> tuple[float, float, FloatArray, FloatArray]:
+    def _evaluate(self, q: ArrayLike) -> tuple[float, float, Array, Array]:
         gradient, weights = np.empty(7), np.empty(len(self.q))
         d, left = evaluate_kernel(
             np.ascontiguousarray(q, dtype=float),

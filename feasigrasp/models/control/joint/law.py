@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.field import (
     NOISE_VARIANCE,
     distances_kernel,
@@ -32,8 +32,6 @@ from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class JointControlOptions:
         )
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _descent_kernel(left, gradient, gain, max_speed, qd):  # type: ignore[no-untyped-def]
     """Writes ``-k d grad d`` (7,), within the speed limits and so that it can be stopped in time.
 
@@ -90,7 +88,7 @@ def _descent_kernel(left, gradient, gain, max_speed, qd):  # type: ignore[no-unt
         qd[k] = -speed * min(1.0, slope) * gradient[k] / slope
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def field_velocity_kernel(  # type: ignore[no-untyped-def]
     q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, gains
 ):
@@ -164,10 +162,10 @@ class JointSpaceControl:
         self,
         previous: Solutions,
         time: float,
-        X_OG: FloatArray,
-        X_WO: FloatArray,
-        V_WO: FloatArray,
-        q: FloatArray,
+        X_OG: Array,
+        X_WO: Array,
+        V_WO: Array,
+        q: Array,
         motion: MotionEstimate | None = None,
     ) -> Solutions:
         """The solutions that are followed for the next period.
@@ -192,8 +190,8 @@ class JointSpaceControl:
         return self.search.update(previous, time, np.asarray(X_OG), ahead, q)
 
     def requested_velocity(
-        self, q: FloatArray, solutions: Solutions, time: float, X_WO: FloatArray, V_WO: FloatArray
-    ) -> FloatArray:
+        self, q: Array, solutions: Solutions, time: float, X_WO: Array, V_WO: Array
+    ) -> Array:
         """What the field asks for, nothing enforced; arguments as `velocity`, shape (7,) [rad/s].
 
         Zero without solutions, or if anything is not finite.
@@ -219,15 +217,15 @@ class JointSpaceControl:
 
     def velocity(
         self,
-        q: FloatArray,
+        q: Array,
         solutions: Solutions,
         time: float,
-        X_WO: FloatArray,
-        V_WO: FloatArray,
-        qd_last: FloatArray | None = None,
+        X_WO: Array,
+        V_WO: Array,
+        qd_last: Array | None = None,
         obstacles: ObstacleGrid | None = None,
         surface: ObstacleGrid | None = None,
-    ) -> FloatArray:
+    ) -> Array:
         """The command.
 
         Args:

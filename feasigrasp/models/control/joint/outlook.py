@@ -14,17 +14,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.solutions import flange_pose_kernel, solve_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import manipulability_kernel, pose_jacobian_kernel
-
-FloatArray = NDArray[np.float64]
 
 _PARTS = 4
 
@@ -74,7 +72,7 @@ class Outlook:
             self.blocked,
         )
 
-    def times(self, predicted: bool) -> FloatArray:
+    def times(self, predicted: bool) -> Array:
         """The instants that are looked at, shape (instants,) [s], now included."""
         horizon = self.horizon if predicted else self.blind_horizon
         return np.linspace(0.0, horizon, self.instants)
@@ -85,7 +83,7 @@ class Outlook:
         return cls(limit=0.0, manipulability=0.0, offset=0.0, end=0.0, way=0.0, instants=1)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def posture_cost_kernel(q, prices):  # type: ignore[no-untyped-def]
     """Cost of a configuration by itself: joints near limits, low manipulability."""
     cost = 0.0
@@ -100,7 +98,7 @@ def posture_cost_kernel(q, prices):  # type: ignore[no-untyped-def]
     return cost
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def outlook_kernel(X_WO, X_OG, standoff, X_GF, branch, psi, search, prices, X_WF, q):  # type: ignore[no-untyped-def]
     """Cost [rad] of a solution along the object's poses (k, 4, 4); ``X_WF``, ``q`` are scratch."""
     n = len(X_WO)
@@ -122,7 +120,7 @@ def outlook_kernel(X_WO, X_OG, standoff, X_GF, branch, psi, search, prices, X_WF
     return cost + prices[4] * offset
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def way_cost_kernel(q, q_i, X_FG, p_WO, search, prices, scratch, X_WH):  # type: ignore[no-untyped-def]
     """What the straight way from ``q`` to ``q_i`` costs: its time, times how far the hand is off.
 
@@ -145,7 +143,7 @@ def way_cost_kernel(q, q_i, X_FG, p_WO, search, prices, scratch, X_WH):  # type:
     return prices[6] * mean * travel_time_kernel(q, q_i) + prices[7] * blocked / _PARTS
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _apart(X_WH, p_WO):  # type: ignore[no-untyped-def]
     square = 0.0
     for k in range(3):

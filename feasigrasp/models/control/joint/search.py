@@ -13,11 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
 from feasigrasp.errors import ControlError
+from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.control.joint.field import spacing_length_scale
 from feasigrasp.models.control.joint.outlook import Outlook, outlook_kernel, way_cost_kernel
 from feasigrasp.models.control.joint.solutions import (
@@ -33,9 +33,6 @@ from feasigrasp.models.ik.arm_circle import arm_angle_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: A solution counts nothing if going there is so many length scales longer than the best.
 IRRELEVANT = 12.0
@@ -102,25 +99,25 @@ class _Items(NamedTuple):
         reached: Whether there is one inside the joint limits, shape (n,).
     """
 
-    X_OG: FloatArray
-    grasp: IntArray
-    branch: IntArray
-    psi: FloatArray
-    rate: FloatArray
-    cost: FloatArray
-    target: FloatArray
-    better: FloatArray
-    q: FloatArray
-    reached: NDArray[np.bool_]
+    X_OG: Array
+    grasp: Indices
+    branch: Indices
+    psi: Array
+    rate: Array
+    cost: Array
+    target: Array
+    better: Array
+    q: Array
+    reached: Mask
 
-    def select(self, which: NDArray[np.bool_] | IntArray) -> _Items:
+    def select(self, which: Mask | Indices) -> _Items:
         return _Items._make(array[which] for array in self)
 
     def with_others(self, others: _Items) -> _Items:
         return _Items._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _outlook(  # type: ignore[no-untyped-def]
     q_now, X_FG, X_WO, X_OG, standoffs, X_GF, branch, psi, search, prices, q, reached, cost, better
 ):
@@ -171,9 +168,9 @@ class SolutionSearch:
         self,
         previous: Solutions,
         time: float,
-        X_OG: FloatArray,
-        X_WO: FloatArray,
-        q: FloatArray,
+        X_OG: Array,
+        X_WO: Array,
+        q: Array,
     ) -> Solutions:
         """The solutions for the next period.
 
@@ -265,9 +262,7 @@ class SolutionSearch:
         )
         return items.select(items.reached)
 
-    def _ranked(
-        self, old: _Items, new: _Items, q: FloatArray, relevant: float
-    ) -> tuple[_Items, int]:
+    def _ranked(self, old: _Items, new: _Items, q: Array, relevant: float) -> tuple[_Items, int]:
         """The solutions that stay, best first, and how many of them are there to stay.
 
         The best one of each grasp comes first. Beyond the number that is kept, and without a grasp,
@@ -287,16 +282,16 @@ class SolutionSearch:
         n_kept = int(stays[: self.options.n_solutions].sum())
         return items.select(order[stays]), n_kept
 
-    def _standoffs(self, X_OG: FloatArray, X_WO: FloatArray, q: FloatArray) -> FloatArray:
+    def _standoffs(self, X_OG: Array, X_WO: Array, q: Array) -> Array:
         X_OH = se3.inverse(X_WO) @ forward_kinematics(q, self.reachability.gripper.X_FG)
         return np.array([standoff_kernel(X, X_OH, self.funnel.parameters) for X in X_OG])
 
 
-def _apart(configurations: FloatArray, q: FloatArray) -> FloatArray:
+def _apart(configurations: Array, q: Array) -> Array:
     return np.asarray(np.linalg.norm(configurations - q, axis=1))
 
 
-def matches(X_OA: FloatArray, X_OB: FloatArray) -> IntArray:
+def matches(X_OA: Array, X_OB: Array) -> Indices:
     """For each pose of the one set, the index of the same pose in the other, or -1, shape (n,)."""
     if len(X_OA) == 0 or len(X_OB) == 0:
         return np.full(len(X_OA), -1)

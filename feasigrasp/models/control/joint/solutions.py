@@ -10,19 +10,16 @@ change as smooth functions of time, from one update to the next.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.funnel import standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.numerics.fast_trig import fast_sincos
 from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
-
-FloatArray = NDArray[np.float64]
 
 #: Time over which a solution's velocity is taken [s]; its error is of the order of the squared
 #: angle that the object turns meanwhile.
@@ -32,7 +29,7 @@ _NEGLIGIBLE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Solutions:
+class Solutions(Frozen):
     """Grasps, each with a branch and an arm angle, as functions of the time since ``time``.
 
     Attributes:
@@ -45,11 +42,11 @@ class Solutions:
         turn: Which grasp is looked at next, in a round of all.
     """
 
-    X_OG: FloatArray
-    branch: NDArray[np.int64]
-    arm_angle: FloatArray
-    cost: FloatArray
-    length_scale: FloatArray
+    X_OG: Array
+    branch: Indices
+    arm_angle: Array
+    cost: Array
+    length_scale: Array
     time: float = 0.0
     turn: int = 0
 
@@ -65,10 +62,6 @@ class Solutions:
         """Number of solutions."""
         return len(self.branch)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Solutions:
-        """Never changed, so a copy is itself."""
-        return self
-
     @classmethod
     def empty(cls, time: float = 0.0) -> Solutions:
         """No grasp can be reached."""
@@ -81,7 +74,7 @@ class Solutions:
             time=time,
         )
 
-    def at(self, elapsed: float) -> tuple[FloatArray, FloatArray, float]:
+    def at(self, elapsed: float) -> tuple[Array, Array, float]:
         """Arm angles with rates (n, 2), costs (n,) and length scale after a time [s]."""
         psi, rate, acceleration = self.arm_angle.T
         angles = np.column_stack(
@@ -94,13 +87,13 @@ class Solutions:
         )
 
 
-def branches_of(q: FloatArray) -> NDArray[np.int64]:
+def branches_of(q: Array) -> Indices:
     """Branches ``4 elbow + 2 shoulder + wrist`` of configurations (n, 7), shape (n,)."""
     negative = q[:, [5, 1, 3]] < 0.0
     return np.asarray(negative @ np.array([1, 2, 4]), dtype=np.int64)
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):  # type: ignore[no-untyped-def]
     """Writes the flange pose (4, 4) of a hand that keeps ``standoff`` [m] behind a grasp."""
     for i in range(3):
@@ -125,7 +118,7 @@ def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):  # type: ignore[no-unt
             X_WF[i, 3] += w * p
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def solve_kernel(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
     """Writes the configuration (7,); False if the wrist is out of reach."""
     circle = arm_circle_kernel(X_WF)
@@ -136,7 +129,7 @@ def solve_kernel(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
     return True
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index):  # type: ignore[no-untyped-def]
     """Writes the flange poses and configurations of all solutions inside the joint limits.
 
@@ -154,7 +147,7 @@ def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index)
     return count
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def solution_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):  # type: ignore[no-untyped-def]
     """Writes the velocity (7,) of a solution whose target moves with the object.
 
@@ -180,7 +173,7 @@ def solution_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, 
     return True
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, qd):  # type: ignore[no-untyped-def]
     """Writes the mean velocity (7,) of the solutions that count, no faster than the joints are."""
     moved, one = np.empty((4, 4)), np.empty(7)

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.outlook import posture_cost_kernel
 from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
@@ -27,8 +27,6 @@ from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 
-FloatArray = NDArray[np.float64]
-
 #: Where configurations of new solutions come from.
 SOURCES = ("closed_form", "flow", "dls")
 #: Two solutions of one grasp are at least so far apart [rad].
@@ -39,7 +37,7 @@ _DRAWS, _STEPS, _DAMPING = 8, 20, 0.05
 _POSITION_TOLERANCE, _ANGLE_TOLERANCE = 1e-3, 0.02
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def distance_kernel(a, b):  # type: ignore[no-untyped-def]
     """Euclidean distance of two configurations (7,) [rad]."""
     square = 0.0
@@ -48,7 +46,7 @@ def distance_kernel(a, b):  # type: ignore[no-untyped-def]
     return np.sqrt(square)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _select(candidates, scores, known, search, found):  # type: ignore[no-untyped-def]
     """Writes candidates (n, 7), best score first, clear and apart; uses the scores (n,) up."""
     count = 0
@@ -70,7 +68,7 @@ def _select(candidates, scores, known, search, found):  # type: ignore[no-untype
     return count
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _closed_form(X_WF, q_now, known, search, prices, found):  # type: ignore[no-untyped-def]
     """All branches at the arm angles of the search and at that of now; returns how many."""
     circle = arm_circle_kernel(X_WF)
@@ -91,7 +89,7 @@ def _closed_form(X_WF, q_now, known, search, prices, found):  # type: ignore[no-
     return _select(candidates, scores[:count], known, search, found) if count > 0 else 0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _drawn(q, q_now, known, search, prices, found):  # type: ignore[no-untyped-def]
     """Of drawn configurations (n, 7), those that are any good; returns how many."""
     scores = np.full(len(q), np.inf)
@@ -102,11 +100,11 @@ def _drawn(q, q_now, known, search, prices, found):  # type: ignore[no-untyped-d
 
 
 @lru_cache(maxsize=1)
-def _random_configurations() -> FloatArray:
+def _random_configurations() -> Array:
     return np.random.default_rng(0).uniform(-POSITION_LIMITS, POSITION_LIMITS, (_DRAWS, 7))
 
 
-def drawn_configurations(source: str, X_WF: FloatArray) -> FloatArray:
+def drawn_configurations(source: str, X_WF: Array) -> Array:
     """Configurations (m, k, 7) of flange poses (m, 4, 4), NaN where they do not reach them.
 
     The random numbers are the same at every call, as in the paper: what is drawn moves with the
@@ -124,13 +122,13 @@ def drawn_configurations(source: str, X_WF: FloatArray) -> FloatArray:
 
 def new_configurations(
     source: str,
-    X_WF: FloatArray,
-    q_now: FloatArray,
-    known: list[FloatArray],
+    X_WF: Array,
+    q_now: Array,
+    known: list[Array],
     per_pose: int,
     search: Search,
     prices: tuple[float, ...],
-) -> list[FloatArray]:
+) -> list[Array]:
     """Configurations of flange poses that are not known yet.
 
     Args:

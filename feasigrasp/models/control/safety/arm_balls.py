@@ -10,15 +10,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.robot.capsules import CapsuleModel
 from feasigrasp.models.robot.iiwa import JOINT_AXES, JOINT_HEIGHTS, NUM_JOINTS
 from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
 from feasigrasp.models.shape.scene_field import SceneField
-
-FloatArray = NDArray[np.float64]
 
 #: Balls along a segment are at most this share of their radius apart: what sticks out of the union
 #: of balls, at most ``r - sqrt(r^2 - (r/2)^2/4)``, is 3 % of the radius.
@@ -36,9 +35,9 @@ class ArmBalls(NamedTuple):
         radius: Its radius, shape (k,) [m].
     """
 
-    link: NDArray[np.int64]
-    center: FloatArray
-    radius: FloatArray
+    link: Indices
+    center: Array
+    radius: Array
 
 
 def arm_balls(model: CapsuleModel = IIWA_CAPSULES) -> ArmBalls:
@@ -59,7 +58,7 @@ def obstacle_distances_and_gradients(
     scene: SceneField,
     balls: ArmBalls | CapsuleModel = IIWA_CAPSULES,
     max_distance: float = 0.25,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """Signed distances between the arm's balls and a scene, and their gradients in the joints.
 
     Args:
@@ -93,7 +92,7 @@ def obstacle_distances_and_gradients(
     return np.minimum(distance, max_distance), gradient
 
 
-def _link_poses(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _link_poses(q: Array) -> tuple[Array, Array]:
     """Rotations (8, 3, 3) and origins (8, 3) of the frames of links 0 to 7."""
     turns = Rotation.from_rotvec(q[:, None] * JOINT_AXES).as_matrix()
     R, p = np.empty((NUM_JOINTS + 1, 3, 3)), np.zeros((NUM_JOINTS + 1, 3))

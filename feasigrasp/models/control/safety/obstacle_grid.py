@@ -11,17 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.robot.iiwa import D_BASE_SHOULDER
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
-
-FloatArray = NDArray[np.float64]
 
 #: What the arm with a hand reaches about its shoulder, and how far below the base [m].
 _REACH, _BELOW = 1.2, 0.2
@@ -30,7 +29,7 @@ _BAND = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class ObstacleGrid:
+class ObstacleGrid(Frozen):
     """Signed distances to a scene on a regular grid, in the frame of the arm's base.
 
     Attributes:
@@ -40,18 +39,13 @@ class ObstacleGrid:
     """
 
     values: NDArray[np.float32]
-    frame: FloatArray
+    frame: Array
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        for array in (self.values, self.frame):
-            array.flags.writeable = False
+        self._freeze(values=self.values, frame=self.frame)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> ObstacleGrid:
-        """Immutable, so a copy is itself."""
-        return self
-
-    def distance_and_gradient(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def distance_and_gradient(self, x: ArrayLike) -> tuple[Array, Array]:
         """Distances (m,) [m] and their gradients (m, 3) at points x (m, 3) [m].
 
         Outside the grid nothing is known, and nothing near: ``max_distance`` with gradient zero.
@@ -72,8 +66,8 @@ class MovingObject(NamedTuple):
     """
 
     grid: ObstacleGrid
-    X_WO: FloatArray
-    V_WO: FloatArray
+    X_WO: Array
+    V_WO: Array
 
 
 @njit(cache=True)

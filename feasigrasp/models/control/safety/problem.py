@@ -1,7 +1,7 @@
 """Compiled: the matrices of the safety QP, and rounding of its solution."""
 
-import numba as nb
 import numpy as np
+from numba import njit
 
 from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel, rows_kernel
 from feasigrasp.models.control.safety.speed_bounds import bounds_kernel
@@ -12,7 +12,7 @@ _UNBOUNDED = 1e30
 _LARGEST_REQUEST = 1e3
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _write_request(  # type: ignore[no-untyped-def]
     qd_preferred, J, V, rotation_weight, damping, H, f
 ):
@@ -40,7 +40,7 @@ def _write_request(  # type: ignore[no-untyped-def]
     return np.isfinite(total)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def stop_kernel(H, f):  # type: ignore[no-untyped-def]
     """Writes the objective of standing still."""
     f[:] = 0.0
@@ -49,7 +49,7 @@ def stop_kernel(H, f):  # type: ignore[no-untyped-def]
             H[i, j] = 1.0 if i == j else 0.0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def problem_kernel(  # type: ignore[no-untyped-def]
     q,
     qd_preferred,
@@ -132,7 +132,7 @@ def problem_kernel(  # type: ignore[no-untyped-def]
     return m, total
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def clip_kernel(qd, vector):  # type: ignore[no-untyped-def]
     """Rounds a solution into the joints' bounds; false if it is not finite."""
     total = 0.0
@@ -142,7 +142,7 @@ def clip_kernel(qd, vector):  # type: ignore[no-untyped-def]
     return np.isfinite(total)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def brake_kernel(qd_last, acceleration_scale, period):  # type: ignore[no-untyped-def]
     """The next velocity (7,) if only the last one is known: slower; zero where not finite."""
     qd = np.zeros(7)

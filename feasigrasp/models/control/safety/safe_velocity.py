@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import ControlError
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.problem import (
@@ -46,8 +47,6 @@ from feasigrasp.models.control.safety.speed_bounds import bounds_kernel
 from feasigrasp.models.robot.capsules import capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
-
-FloatArray = NDArray[np.float64]
 
 _SOFT = 8  # DAQP's flag of a constraint that may be violated at a price
 _NONE, _NO_ROWS = np.empty(0), np.empty((0, 7))
@@ -117,7 +116,7 @@ class SafetyOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Safety:
+class Safety(Frozen):
     """The safety QP of an arm with a hand.
 
     Attributes:
@@ -144,21 +143,17 @@ class Safety:
         object.__setattr__(self, "_senses", (hard, soft))
         self.velocity(np.zeros(7), np.zeros(7), np.zeros((6, 7)), np.zeros(6))
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Safety:
-        """Immutable, so a copy is itself."""
-        return self
-
     def velocity(
         self,
-        q: FloatArray,
-        qd_preferred: FloatArray,
-        J: FloatArray | None = None,
-        V: FloatArray | None = None,
+        q: Array,
+        qd_preferred: Array,
+        J: Array | None = None,
+        V: Array | None = None,
         *,
-        qd_last: FloatArray | None = None,
+        qd_last: Array | None = None,
         obstacles: ObstacleGrid | None = None,
         moving: MovingObject | None = None,
-    ) -> FloatArray:
+    ) -> Array:
         """The admissible joint velocity closest to what is asked for.
 
         Args:
@@ -200,15 +195,15 @@ class Safety:
 
     def problem(
         self,
-        q: FloatArray,
-        qd_preferred: FloatArray,
-        J: FloatArray | None = None,
-        V: FloatArray | None = None,
+        q: Array,
+        qd_preferred: Array,
+        J: Array | None = None,
+        V: Array | None = None,
         *,
-        qd_last: FloatArray | None = None,
+        qd_last: Array | None = None,
         obstacles: ObstacleGrid | None = None,
         moving: MovingObject | None = None,
-    ) -> tuple[FloatArray, FloatArray, int]:
+    ) -> tuple[Array, Array, int]:
         """The QP that `velocity` solves, for its arguments.
 
         Returns:
@@ -248,19 +243,19 @@ def _safety(options: SafetyOptions) -> Safety:
 
 
 def safe_velocity(
-    q: FloatArray,
-    qd_preferred: FloatArray,
-    J: FloatArray | None = None,
-    V: FloatArray | None = None,
+    q: Array,
+    qd_preferred: Array,
+    J: Array | None = None,
+    V: Array | None = None,
     options: SafetyOptions | None = None,
-) -> FloatArray:
+) -> Array:
     """`Safety.velocity` with the default hand, neither acceleration limits nor obstacles."""
     return _safety(options or SafetyOptions()).velocity(q, qd_preferred, J, V)
 
 
 def velocity_bounds(
-    q: FloatArray, options: SafetyOptions, qd_last: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray]:
+    q: Array, options: SafetyOptions, qd_last: Array | None = None
+) -> tuple[Array, Array]:
     """Lower and upper joint velocity bounds at ``q``, shape (7,) each [rad/s].
 
     Args:

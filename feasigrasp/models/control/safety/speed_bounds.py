@@ -18,13 +18,13 @@ empty. Should it be all the same (a joint that was pushed, or that begins outsid
 limits come first.
 """
 
-import numba as nb
 import numpy as np
+from numba import njit
 
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def braking_speed(room, deceleration, period):  # type: ignore[no-untyped-def]
     """The fastest approach that steps of ``deceleration * period`` stop within ``room`` > 0."""
     unit = deceleration * period**2
@@ -33,7 +33,7 @@ def braking_speed(room, deceleration, period):  # type: ignore[no-untyped-def]
     return deceleration * period * (0.5 * n + room / (unit * (n + 1.0)))
 
 
-@nb.njit(cache=True, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _approach(room, gain, speed, deceleration, period):  # type: ignore[no-untyped-def]
     """Bound on the velocity towards a limit; beyond the limit it is negative and leads back."""
     if room <= 0.0:
@@ -41,7 +41,7 @@ def _approach(room, gain, speed, deceleration, period):  # type: ignore[no-untyp
     return min(gain * room, braking_speed(room, deceleration, period), speed)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def bounds_kernel(  # type: ignore[no-untyped-def]
     q, qd_last, margin, gain, velocity_scale, acceleration_scale, period, lower, upper
 ):

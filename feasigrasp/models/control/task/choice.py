@@ -20,17 +20,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.task.strands import Costs, strands_kernel
 from feasigrasp.models.control.task.transfers import stay_kernel, transfer_kernel
 from feasigrasp.models.grasps.funnel import Funnel, grasp_errors
 from feasigrasp.models.reach.reachability import Reachability
-
-FloatArray = NDArray[np.float64]
 
 #: A grasp this close to the chosen one is taken for it when grasps are sampled anew [m, rad].
 SAME_GRASP = np.array([0.012, 0.25])
@@ -89,7 +86,7 @@ class ChoiceOptions:
         return cls(times=times, outlook=3.0, waiting=0.3)
 
     @cached_property
-    def instants(self) -> FloatArray:
+    def instants(self) -> Array:
         """``times`` as an array."""
         return np.array(self.times)
 
@@ -113,7 +110,7 @@ class ChoiceOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class GraspChoice:
+class GraspChoice(Frozen):
     """The strand that the arm is on, or on its way to.
 
     Attributes:
@@ -127,7 +124,7 @@ class GraspChoice:
         cost: Of the plan [m s].
     """
 
-    X_OG: FloatArray = field(default_factory=lambda: np.eye(4))
+    X_OG: Array = field(default_factory=lambda: np.eye(4))
     branch: int = -1
     psi: float = 0.0
     due: float = 0.0
@@ -139,17 +136,13 @@ class GraspChoice:
         """Whether there is a choice."""
         return self.branch >= 0
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> GraspChoice:
-        """Immutable, so a copy is itself."""
-        return self
-
 
 def choose_grasp(
     choice: GraspChoice,
     t: float,
-    q: FloatArray,
-    X_OG: FloatArray,
-    X_WO: FloatArray,
+    q: Array,
+    X_OG: Array,
+    X_WO: Array,
     reachability: Reachability,
     options: ChoiceOptions,
 ) -> GraspChoice:
@@ -210,7 +203,7 @@ def choose_grasp(
     )
 
 
-def _present(choice: GraspChoice, X_OG: FloatArray) -> int:
+def _present(choice: GraspChoice, X_OG: Array) -> int:
     """Index of the grasp that was chosen, -1 if it is not among them any more."""
     if not choice:
         return -1

@@ -11,19 +11,15 @@ a medoid stays as long as it is about as plausible as the best member.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.funnel import grasp_errors_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.mixtures.fit import fit_best_mixture
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 #: Metres that count as much as one radian in comparing hand poses.
 LENGTH_PER_RADIAN = 0.1
@@ -39,7 +35,7 @@ EXPLAINED = 30.0
 MEDOID_HYSTERESIS = 1.0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def closest_members_kernel(X_OG, component, X_OH, member):  # type: ignore[no-untyped-def]
     """Writes the index of the grasp of each component that is closest to the hand; -1 for none."""
     closest = np.full(len(member), np.inf)
@@ -54,7 +50,7 @@ def closest_members_kernel(X_OG, component, X_OH, member):  # type: ignore[no-un
 
 
 @dataclass(frozen=True, eq=False)
-class GraspMixture:
+class GraspMixture(Frozen):
     """A mixture, the grasps it was fitted to, and which component each of them belongs to.
 
     Attributes:
@@ -68,10 +64,10 @@ class GraspMixture:
     """
 
     mixture: RiemannianMixture
-    X_OG: FloatArray
-    component: IntArray
-    medoid: IntArray | None = None
-    identity: IntArray | None = None
+    X_OG: Array
+    component: Indices
+    medoid: Indices | None = None
+    identity: Indices | None = None
     targets: RiemannianMixture = field(init=False)
 
     def __post_init__(self) -> None:
@@ -85,17 +81,13 @@ class GraspMixture:
         )
         object.__setattr__(self, "targets", targets)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> GraspMixture:
-        """Immutable, so a copy is itself."""
-        return self
-
-    def transformed(self, X_PO: FloatArray) -> GraspMixture:
+    def transformed(self, X_PO: Array) -> GraspMixture:
         """The same grasps and components in another frame P: means moved, covariances as before."""
         X_PG = np.asarray(X_PO) @ self.X_OG
         moved = self.mixture.transformed(X_PO)
         return GraspMixture(moved, X_PG, self.component, self.medoid, self.identity)
 
-    def closest_members(self, X_OH: FloatArray) -> tuple[IntArray, IntArray]:
+    def closest_members(self, X_OH: Array) -> tuple[Indices, Indices]:
         """The grasp of each component that is closest to the hand.
 
         Args:
@@ -154,14 +146,14 @@ def fit_grasp_mixture(
     return GraspMixture(mixture, grasps.X_OG, component, np.argmax(plausible, axis=0), identity)
 
 
-def _explains(mixture: RiemannianMixture, X_OG: FloatArray) -> bool:
+def _explains(mixture: RiemannianMixture, X_OG: Array) -> bool:
     """Whether at least half of the grasps are where the mixture expects some."""
     log_normalisers = mixture.parameters[4]
     squares = 2.0 * (log_normalisers - mixture.component_log_densities(X_OG))
     return bool(np.median(squares.min(axis=1)) < EXPLAINED)
 
 
-def _identities(mixture: RiemannianMixture, previous: GraspMixture) -> tuple[IntArray, IntArray]:
+def _identities(mixture: RiemannianMixture, previous: GraspMixture) -> tuple[Indices, Indices]:
     """Identities (K,) of components, and which one of the previous each of them was; -1 for none.
 
     The closest pairs of means are matched first; what is left gets new numbers.

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice, choose_grasp
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-
-FloatArray = NDArray[np.float64]
 
 #: How long a grasp can still be followed after it has left the set [s]. It mostly leaves because
 #: it will be out of reach before long, which is no reason to drop everything at once.
@@ -21,7 +18,7 @@ GRACE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class TaskMemory:
+class TaskMemory(Frozen):
     """The mixture over the present grasps, and the grasp that is followed.
 
     Attributes:
@@ -35,10 +32,6 @@ class TaskMemory:
     choice: GraspChoice = field(default_factory=GraspChoice)
     last: GraspMixture | None = None
     seen: float = -np.inf
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> TaskMemory:
-        """Immutable, so a copy is itself."""
-        return self
 
     def with_grasps(self, grasps: GraspSet, max_components: int, seed: int) -> TaskMemory:
         """The same with the mixture over ``grasps``, fitted anew only if they are others.
@@ -60,8 +53,8 @@ class TaskMemory:
     def with_choice(
         self,
         time: float,
-        q: FloatArray,
-        X_WO_ahead: FloatArray,
+        q: Array,
+        X_WO_ahead: Array,
         reachability: Reachability,
         options: ChoiceOptions,
     ) -> TaskMemory:

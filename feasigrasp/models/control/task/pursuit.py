@@ -16,15 +16,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.task.reference import StrandReference
 from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,13 +50,13 @@ class PursuitOptions:
 
 
 def pursuit_velocity(
-    q: FloatArray,
+    q: Array,
     reference: StrandReference,
-    X_WO: FloatArray,
-    V_WO: FloatArray,
-    X_FG: FloatArray,
+    X_WO: Array,
+    V_WO: Array,
+    X_FG: Array,
     options: PursuitOptions,
-) -> FloatArray:
+) -> Array:
     """Joint velocity towards and along a strand, limits of position and clearance not considered.
 
     Args:
@@ -93,7 +91,7 @@ def pursuit_velocity(
     return qd
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _pursue_kernel(  # type: ignore[no-untyped-def]
     q,
     q_ref,

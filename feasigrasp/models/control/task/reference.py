@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_exp_kernel
 from feasigrasp.models.grasps.funnel import standoff_kernel
@@ -24,8 +24,6 @@ from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
-
-FloatArray = NDArray[np.float64]
 
 #: The arm angle changes no faster than this [rad/s], and in no less time than this [s].
 _ARM_ANGLE_SPEED, _SHORTEST = 0.8, 0.6
@@ -46,18 +44,18 @@ class StrandReference:
         on_strand: Whether the arm is in the strand's branch already.
     """
 
-    q: FloatArray
-    qd: FloatArray
-    X_OT: FloatArray
+    q: Array
+    qd: Array
+    X_OT: Array
     on_strand: bool
 
 
 def strand_reference(
     choice: GraspChoice,
     t: float,
-    q: FloatArray,
-    X_WO: FloatArray,
-    V_WO: FloatArray,
+    q: Array,
+    X_WO: Array,
+    V_WO: Array,
     reachability: Reachability,
     options: ChoiceOptions,
 ) -> StrandReference | None:
@@ -100,7 +98,7 @@ def strand_reference(
     return None if status < 0 else StrandReference(q_ref, qd_ref, X_OT, status == 1)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _continue(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
     """Writes the configuration of a branch and arm angle; whether there is one."""
     circle = arm_circle_kernel(X_WF)
@@ -109,7 +107,7 @@ def _continue(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
     return circle.reached
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _reference_kernel(  # type: ignore[no-untyped-def]
     q, X_WO, V_WO, X_OG, branch, psi, remaining, X_FG, margin, funnel, q_ref, qd_ref, X_OT
 ):

@@ -20,10 +20,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
@@ -36,8 +36,6 @@ from feasigrasp.models.mixtures.ascent import ascent_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ class TaskControlOptions:
         return self.gain, self.max_angular, self.max_linear
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):  # type: ignore[no-untyped-def]
     """Twist of the hand in the world [angular; linear] from one relative to the object.
 
@@ -97,7 +95,7 @@ def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):  # type: 
     return V
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, J_WH):  # type: ignore[no-untyped-def]
     """Writes the hand's Jacobian (6, 7); returns the twist (6,) that leads it to pose T."""
     gain, max_angular, max_linear = gains
@@ -108,19 +106,19 @@ def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, J_WH):  # type: ignore[no-un
 
 
 def task_space_velocity(
-    q: FloatArray,
+    q: Array,
     choice: GraspChoice,
-    X_WO: FloatArray,
-    V_WO: FloatArray,
+    X_WO: Array,
+    V_WO: Array,
     reachability: Reachability,
     safety: Safety,
     options: TaskControlOptions,
     *,
     time: float = 0.0,
-    qd_last: FloatArray | None = None,
+    qd_last: Array | None = None,
     obstacles: ObstacleGrid | None = None,
     surface: ObstacleGrid | None = None,
-) -> FloatArray:
+) -> Array:
     """Joint velocity of the safe task-space controller.
 
     Args:
@@ -169,7 +167,7 @@ def task_space_velocity(
     )
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains, damping):  # type: ignore[no-untyped-def]
     gain, max_angular, max_linear = gains
     X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, 7)), np.empty(6)
@@ -181,13 +179,13 @@ def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains, damping):  # type: ign
 
 
 def paper_task_space_velocity(
-    q: FloatArray,
+    q: Array,
     grasps: GraspMixture,
-    X_WO: FloatArray,
-    V_WO: FloatArray,
-    X_FG: FloatArray,
+    X_WO: Array,
+    V_WO: Array,
+    X_FG: Array,
     options: TaskControlOptions,
-) -> FloatArray:
+) -> Array:
     """The paper's law with its corrections: ``qd = J^+ V`` (damped), nothing enforced.
 
     The twist V is the preconditioned direction of the log density, whose maxima are the medoids of
@@ -206,5 +204,5 @@ def paper_task_space_velocity(
         Joint velocity [rad/s], shape (7,); zero if anything is not finite.
     """
     parameters = grasps.targets.parameters
-    qd: FloatArray = _paper_kernel(q, X_FG, X_WO, V_WO, parameters, options.gains, options.damping)
+    qd: Array = _paper_kernel(q, X_FG, X_WO, V_WO, parameters, options.gains, options.damping)
     return qd

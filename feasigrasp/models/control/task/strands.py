@@ -8,10 +8,10 @@ backwards in time, over steps that the joints' speed limits allow.
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
 from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
@@ -19,8 +19,6 @@ from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import manipulability_kernel
-
-FloatArray = NDArray[np.float64]
 
 #: Distance of hand and object once a strand has ended [m].
 _LOST = 0.1
@@ -56,13 +54,13 @@ class Strands(NamedTuple):
         following: Arm angle at the next instant, -1 where the strand ends.
     """
 
-    q: FloatArray
-    rate: FloatArray
-    to_go: FloatArray
-    following: NDArray[np.int64]
+    q: Array
+    rate: Array
+    to_go: Array
+    following: Indices
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _rate(q, offset, costs):  # type: ignore[no-untyped-def]
     """What it costs per second to hold a grasp in a configuration."""
     lack = max(0.0, 1.0 - manipulability_kernel(q) / costs.manipulability)
@@ -74,7 +72,7 @@ def _rate(q, offset, costs):  # type: ignore[no-untyped-def]
     return rate
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate):  # type: ignore[no-untyped-def]
     """Writes configurations (8, P, 7) of one grasp at one instant, and what they cost."""
     rate[:] = np.inf
@@ -99,7 +97,7 @@ def _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate):  # type:
                 rate[branch, lane % P] = _rate(node, offset, costs)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _end_cost(q_before, q, dt, horizon, costs):  # type: ignore[no-untyped-def]
     """Cost of being at ``q`` when the plan ends, with the limits that the joints are going to."""
     time = np.inf
@@ -110,7 +108,7 @@ def _end_cost(q_before, q, dt, horizon, costs):  # type: ignore[no-untyped-def]
     return costs.end * max(0.0, 1.0 - (horizon + time) / costs.outlook)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _go_backwards(strands, times, costs):  # type: ignore[no-untyped-def]
     """Writes ``to_go`` and ``following``."""
     K, n, P = len(times) - 1, strands.rate.shape[1], strands.rate.shape[3]
@@ -144,7 +142,7 @@ def _go_backwards(strands, times, costs):  # type: ignore[no-untyped-def]
                     to_go[k, i, b, j] = best if best < np.inf else lost
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def strands_kernel(q, X_WO, times, X_OG, X_GF, search, costs):  # type: ignore[no-untyped-def]
     """The `Strands` of grasps (n, 4, 4) for an object at poses (K + 1, 4, 4)."""
     K, n, P = len(times) - 1, len(X_OG), len(search.psis)

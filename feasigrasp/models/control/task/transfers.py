@@ -5,8 +5,8 @@ Strands, nodes and costs are those of `feasigrasp.models.control.task.strands`.
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
+from numba import njit
 
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import standoff_kernel
@@ -43,7 +43,7 @@ class Transfer(NamedTuple):
 _NO_TRANSFER = Transfer(np.inf, -1, -1, -1, -1)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _way_cost(q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG, costs):  # type: ignore[no-untyped-def]
     """Mean distance of hand and object on the straight way in joint space, times its duration."""
     total, hits = 0.5 * (start + standoff), 0
@@ -69,7 +69,7 @@ def _way_cost(q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG
     return travel * total / (_ON_THE_WAY + 1.0) + costs.collision * hits
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def transfer_kernel(  # type: ignore[no-untyped-def]
     q, k0, only, skipped, strands, X_WO, times, X_OG, X_FG, funnel, search, costs
 ):
@@ -123,7 +123,7 @@ def transfer_kernel(  # type: ignore[no-untyped-def]
     return best
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def stay_kernel(q, grasp, branch, strands, X_WO, times, X_OG, X_FG, funnel, search, costs):  # type: ignore[no-untyped-def]
     """What it costs to go on with a strand, and to leave it at the best moment.
 

@@ -2,13 +2,11 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.simd import wide_vectors
 from feasigrasp.models.shape.gpdf_kernels import newton_step
 from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at
-
-Array = NDArray[np.float64]
 
 #: Walls thinner than this have no chord [m].
 _MIN_CHORD = 1.5e-3

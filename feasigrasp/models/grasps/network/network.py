@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from feasigrasp.errors import FeasigraspError
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.grasps.network.architectures import (
     ContactNetwork,
     Contacts,
@@ -30,8 +31,6 @@ from feasigrasp.models.grasps.network.contact_features import ContactFeatures, c
 from feasigrasp.models.grasps.network.inference import FusedContactNetwork
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.robot.gripper import ParallelGripper
-
-Array = NDArray[np.float64]
 
 #: Architectures by preset.
 ARCHITECTURES: dict[str, type[nn.Module]] = {"default": ContactNetwork, "paper": PaperNetwork}
@@ -51,7 +50,7 @@ class GraspWeightsError(FeasigraspError, ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class GraspProposals:
+class GraspProposals(Frozen):
     """What a network proposes at each of n points, in the frame O of its input.
 
     Attributes:
@@ -73,15 +72,11 @@ class GraspProposals:
 
     def __post_init__(self) -> None:
         """Makes the arrays read-only."""
-        for name in (field.name for field in fields(self)):
-            getattr(self, name).flags.writeable = False
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> GraspProposals:
-        return self
+        self._freeze(**vars(self))
 
 
 @dataclass(frozen=True, eq=False)
-class GraspNetwork:
+class GraspNetwork(Frozen):
     """A grasp network, ready to propose.
 
     Attributes:
@@ -93,9 +88,6 @@ class GraspNetwork:
     preset: str
     network: nn.Module
     gripper: ParallelGripper
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> GraspNetwork:
-        return self
 
     @classmethod
     def untrained(cls, preset: str = "default", seed: int = 0) -> GraspNetwork:

@@ -9,12 +9,12 @@ and what a finger opposite would meet.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.chords import chords
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -22,7 +22,6 @@ from feasigrasp.models.shape.completion import CompletedField
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 from feasigrasp.models.shape.surface_error import surface_deviation
 
-Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 #: Names of the invariant features of a point, in the order of `GraspInput.scalars`.
@@ -41,7 +40,7 @@ _AGREE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class GraspInput:
+class GraspInput(Frozen):
     """Points on the surface of an object, in its frame O.
 
     Attributes:
@@ -75,16 +74,11 @@ class GraspInput:
                 )
             if not np.isfinite(array).all():
                 raise GraspError(f"GraspInput.{name} holds NaN or infinity; drop those points")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            self._freeze(**{name: array})
 
     def __len__(self) -> int:
         """Number of points."""
         return len(self.points)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> GraspInput:
-        """Immutable, so a copy is itself."""
-        return self
 
 
 def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) -> GraspInput:
@@ -127,7 +121,7 @@ def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) 
     return GraspInput(points, normals, scalars)  # type: ignore[arg-type]
 
 
-def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array, Mask]:
     """Points of the surface, their normals, and which of these are smoothed or missing yet.
 
     The others are the field's own, known from when the surface was completed.

@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 import pytest
-from feasigrasp.models.grasps.network import network as grasp_network
 
+from feasigrasp.models.grasps.network import network as grasp_network
 from feasigrasp.models.grasps.network.network import (
     PRESETS,
     GraspNetwork,
