@@ -14,7 +14,8 @@ import pydot
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.runs.run import run, write_result
-from feasigrasp.scenario.schema import Scenario, load_scenario
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
 SCENARIO_FILE = Path(__file__).with_name("dynamic.scenarios.yaml")

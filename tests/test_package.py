@@ -1,10 +1,12 @@
 """The shape of the package: what may import what, and what every module must say of itself."""
 
 import ast
+import graphlib
 import importlib.metadata
 import re
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -14,18 +16,43 @@ import feasigrasp
 PACKAGE = Path(feasigrasp.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-#: Folder of the package -> prefixes that nothing inside may import. diagrams -> evaluation ->
-#: systems -> models: each may use what stands after it, never before.
-FORBIDDEN = {
-    "models": (
-        "pydrake",
-        "feasigrasp.systems",
-        "feasigrasp.evaluation",
-        "feasigrasp.scenario.schema",
-    ),
-    "systems": ("feasigrasp.evaluation",),
-    "evaluation": ("feasigrasp.cli",),
-}
+#: The order of imports: a package may import from its own row's packages' predecessors only, that
+#: is, from what stands in a row above, and within itself. Subpackages not listed belong to the
+#: package that they lie in.
+ORDER = (
+    ("errors", "models.arrays"),
+    ("resources",),
+    ("models.numerics",),
+    ("models.geometry",),
+    ("models.robot", "models.objects", "models.clouds", "models.mixtures"),
+    ("models.ik", "models.shape"),
+    ("models.grasps.network",),
+    ("models.grasps",),
+    ("models.reach",),
+    ("models.control.safety",),
+    ("models.control.task", "models.control.joint"),
+    ("scenario",),
+    ("systems.station",),
+    ("systems",),
+    ("results",),
+    ("training.data", "training.reachability"),
+    ("training",),
+    ("evaluation.measures", "evaluation.peers", "evaluation.runs"),
+    ("evaluation.pictures", "evaluation.report"),
+    ("evaluation.bench", "evaluation.studies"),
+    ("cli",),
+)
+ROW = {package: row for row, packages in enumerate(ORDER) for package in packages}
+
+#: What the numerics never load.
+FORBIDDEN = {"models": ("pydrake",)}
+
+
+def package_of(name: str) -> str | None:
+    """The entry of `ORDER` that a dotted name belongs to; None for other people's packages."""
+    parts = name.removeprefix("feasigrasp.").split(".")
+    found = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
+    return next((p for p in found if p in ROW), None) if name.startswith("feasigrasp.") else None
 
 
 def module_name(path: Path) -> str:
@@ -44,21 +71,84 @@ def imported_names(path: Path) -> set[str]:
     return names
 
 
+def upward_imports(module: str, names: set[str]) -> list[str]:
+    """What a module must not import: packages that do not stand above its own in `ORDER`."""
+    own = package_of(module)
+    layer = module.split(".")[1] if "." in module else ""
+    forbidden = (*FORBIDDEN.get(layer, ()), "diagrams", "pydrake.all")
+    wrong = [n for n in names if n.startswith(tuple(f"{p}." for p in forbidden)) or n in forbidden]
+    if own is None:  # the faces of feasigrasp, models, training ... themselves
+        return wrong
+    others = {name: package_of(name) for name in names}
+    return wrong + [n for n, p in others.items() if p not in (None, own) and ROW[p] >= ROW[own]]
+
+
 @pytest.mark.parametrize("path", MODULES, ids=module_name)
 def test_dependencies_point_one_way(path):
-    layer = path.relative_to(PACKAGE).parts[0]
-    forbidden = (*FORBIDDEN.get(layer, ()), "diagrams", "pydrake.all")
-    wrong = [
-        name
-        for name in imported_names(path)
-        if any(name == prefix or name.startswith(f"{prefix}.") for prefix in forbidden)
-    ]
+    wrong = upward_imports(module_name(path), imported_names(path))
     assert not wrong, f"{module_name(path)} imports {wrong}"
+
+
+def test_every_folder_has_its_place_in_the_order():
+    folders = {module_name(path.parent) for path in MODULES if path.name != "__init__.py"}
+    unknown = [f for f in folders - {"feasigrasp", "feasigrasp.models"} if package_of(f) is None]
+    assert not unknown
+
+
+def test_no_module_imports_itself_in_a_circle():
+    names = {module_name(path).removesuffix(".__init__"): path for path in MODULES}
+    graph = {
+        name: {m for n in imported_names(path) for m in (n, n.rpartition(".")[0]) if m in names}
+        for name, path in names.items()
+        if path.name != "__init__.py"
+    }
+    list(graphlib.TopologicalSorter(graph).static_order())
+
+
+def test_folders_are_small():
+    counts = Counter(path.parent for path in MODULES)
+    assert not [f"{module_name(f)}: {n} files" for f, n in counts.items() if n > 18]
 
 
 @pytest.mark.parametrize("path", MODULES, ids=module_name)
 def test_every_module_says_what_it_is_for(path):
     assert ast.get_docstring(ast.parse(path.read_text())), f"{path} has no docstring"
+
+
+def is_compiled(function: ast.FunctionDef) -> bool:
+    return any(
+        "njit" in ast.unparse(d) or "intrinsic" in ast.unparse(d) for d in function.decorator_list
+    )
+
+
+def untyped_functions(source: str) -> list[str]:
+    """Functions with a parameter or a result that has no type; compiled ones need none."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef) and not is_compiled(node):
+            of_method = node.args.args and node.args.args[0].arg in ("self", "cls")
+            parameters = [*node.args.args[1 if of_method else 0 :], *node.args.kwonlyargs]
+            if node.returns is None or any(p.annotation is None for p in parameters):
+                found.append(f"{node.name}, line {node.lineno}")
+    return found
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "models").rglob("*.py")), ids=module_name)
+def test_the_mathematics_is_typed(path):
+    """Mypy lets functions without types pass, for the sake of compiled ones; others have some."""
+    assert not untyped_functions(path.read_text())
+
+
+def test_an_untyped_function_is_found():
+    assert untyped_functions("def f(x, y: int) -> int: ...") == ["f, line 1"]
+    assert untyped_functions("@njit(cache=True)\ndef f(x): ...") == []
+
+
+def test_an_upward_import_is_found():
+    assert upward_imports("feasigrasp.models.geometry.se3", {"feasigrasp.models.ik.flow.IkFlow"})
+    assert upward_imports("feasigrasp.models.geometry.se3", {"pydrake.math.RigidTransform"})
+    assert upward_imports("feasigrasp.models.robot.iiwa", {"feasigrasp.models.objects.mesh.Mesh"})
+    assert not upward_imports("feasigrasp.models.ik.flow", {"feasigrasp.models.robot.iiwa.X"})
 
 
 def test_the_one_way_rule_can_fail(tmp_path):

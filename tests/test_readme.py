@@ -5,7 +5,8 @@ import re
 import pytest
 import yaml
 
-from feasigrasp.scenario.schema import load_scenario, make_motion
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import make_motion
 
 
 @pytest.fixture(scope="module")

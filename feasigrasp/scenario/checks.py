@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +12,7 @@ from feasigrasp.models.control.joint.sources import SOURCES
 from feasigrasp.models.grasps.samplers import METHODS as SAMPLERS
 from feasigrasp.models.reach.judge import METHODS
 from feasigrasp.models.shape.completion import PRESETS
-
-if TYPE_CHECKING:
-    from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import Scenario
 
 _CHOICES = {
     "control.controller": ("task", "joint"),

@@ -6,24 +6,16 @@ keys by name, and what ran is written back with `dump_scenario`.
 
 import dataclasses as dc
 import typing
-from pathlib import Path
 
 import numpy as np
-import yaml
-from pydrake.common import RandomGenerator
-from pydrake.common.schema import Rotation, Sample, Transform, Uniform
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.common.schema import Rotation, Uniform
 from pydrake.multibody.parsing import ModelDirective
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.sensors import CameraConfig
 
-from feasigrasp.errors import ScenarioError
-from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
-from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.systems.object_tracker import TrackerConfig
+from feasigrasp.models.objects.tracker_config import TrackerConfig
 
 
 @dc.dataclass
@@ -206,93 +198,3 @@ class Scenario:
     reachability: ReachabilityConfig = dc.field(default_factory=ReachabilityConfig)
     control: ControlConfig = dc.field(default_factory=ControlConfig)
     grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
-
-
-_YAML_ERRORS = (RuntimeError, ValueError, TypeError, KeyError, yaml.YAMLError)
-
-
-def scenario_names(filename: str | Path) -> list[str]:
-    """The names of the scenarios in a file; those that start with ``_`` are shared anchors.
-
-    Raises:
-        ScenarioError: There is no such file, or it is not YAML.
-    """
-    try:
-        content = yaml.load(Path(filename).read_text(), Loader=yaml.BaseLoader)
-    except FileNotFoundError as error:
-        raise ScenarioError(f"no scenario file {filename}; check --scenario_file") from error
-    except yaml.YAMLError as error:
-        raise ScenarioError(f"{filename} is not valid YAML: {error}") from error
-    return [name for name in content or {} if not name.startswith("_")]
-
-
-def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Scenario:
-    """Reads one scenario of a file.
-
-    Args:
-        filename: YAML file that maps names to scenarios.
-        name: Which one.
-        *overrides: YAML texts that are applied on top, one after the other, e.g.
-            ``"{object: {model: mug}}"``.
-
-    Raises:
-        ScenarioError: Unknown file, scenario, key or value.
-    """
-    names = scenario_names(filename)
-    if name not in names:
-        raise ScenarioError(f"no scenario {name!r} in {filename}; it has {', '.join(names)}")
-    try:
-        scenario = yaml_load_typed(
-            schema=Scenario, filename=str(filename), child_name=name, defaults=Scenario()
-        )
-        for text in filter(None, overrides):
-            scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
-    except _YAML_ERRORS as error:
-        raise ScenarioError(f"scenario {name!r} in {filename}: {error}") from error
-    check_scenario(scenario)
-    return scenario
-
-
-def dump_scenario(scenario: Scenario) -> str:
-    """The scenario as YAML text, complete; `parse_scenario` reads it."""
-    return str(yaml_dump_typed(scenario, schema=Scenario))
-
-
-def parse_scenario(text: str) -> Scenario:
-    """Reads what `dump_scenario` wrote, e.g. the ``scenario_yaml`` of a result file.
-
-    Raises:
-        ScenarioError: Unknown key or value.
-    """
-    try:
-        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
-    except _YAML_ERRORS as error:
-        raise ScenarioError(f"not a scenario: {error}") from error
-    check_scenario(scenario)
-    return scenario
-
-
-def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
-    """The errors of the scenario's depth cameras, by camera; none for a camera that sees truly."""
-    return {name: DepthNoise(**changes) for name, changes in scenario.camera_noise.items()}
-
-
-def make_motion(scenario: Scenario) -> HarmonicMotion:
-    """The object's motion, with everything random drawn from the scenario's seed."""
-    generator = RandomGenerator(scenario.random_seed)
-    config = scenario.motion
-    start_phase = Sample(config.start_phase, generator)
-    orientation = Transform()
-    orientation.rotation = scenario.object.rotation
-    R_WO = orientation.Sample(generator).rotation().matrix()
-    return HarmonicMotion(
-        center=np.asarray(config.center, dtype=float),
-        amplitude=np.asarray(config.amplitude, dtype=float),
-        harmonic=np.asarray(config.harmonic, dtype=float),
-        offset_deg=np.asarray(config.offset_deg, dtype=float),
-        rate=config.rate,
-        start_phase=start_phase,
-        spin_axis=np.asarray(config.spin_axis, dtype=float),
-        spin=config.spin,
-        R_WO=R_WO,
-    )

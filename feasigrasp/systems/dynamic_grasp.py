@@ -20,7 +20,8 @@ from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.scenario.schema import Scenario, make_camera_noise, make_motion
+from feasigrasp.scenario.sampling import make_camera_noise, make_motion
+from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.grasp_visualizer import GraspVisualizer

@@ -98,7 +98,7 @@ class GPJointController(LeafSystem):
         found: Solutions = context.get_abstract_state(int(self._solutions)).get_value()
         return found
 
-    def _find(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+    def _find(self, context: Context, state) -> None:
         solutions = self._control.update(
             self.solutions(context),
             context.get_time(),
@@ -110,7 +110,7 @@ class GPJointController(LeafSystem):
         )
         state.get_mutable_abstract_state(int(self._solutions)).set_value(solutions)
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         qd = self._control.velocity(
             self._position.Eval(context),
             self.solutions(context),

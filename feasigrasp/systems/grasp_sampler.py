@@ -67,17 +67,17 @@ class GraspSampler(LeafSystem):
             {self._now.ticket()},
         )
 
-    def _calc_history(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_history(self, context: Context, output) -> None:
         before: GraspHistory = context.get_abstract_state(int(self._before)).get_value()
         gpdf = self._gpdf.Eval(context)
         if gpdf is not None and gpdf is not before.gpdf:
             before = before.followed_by(gpdf, self._sampler(gpdf), self._recheck)
         output.set_value(before)
 
-    def _remember(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+    def _remember(self, context: Context, state) -> None:
         state.get_mutable_abstract_state(int(self._before)).set_value(self._now.Eval(context))
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         history: GraspHistory = self._now.Eval(context)
         seen = history.gpdf is not None
         output.set_value(history.grasps if seen else GraspSet.empty({"object not seen": 1}))

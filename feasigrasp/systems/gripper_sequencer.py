@@ -98,7 +98,7 @@ class GripperSequencer(LeafSystem):
         state: GraspState = context.get_abstract_state(int(self._index)).get_value()
         return state
 
-    def _advance(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+    def _advance(self, context: Context, state) -> None:
         advanced = self.state(context).advanced(
             context.get_time(),
             forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
@@ -110,7 +110,7 @@ class GripperSequencer(LeafSystem):
         )
         state.get_mutable_abstract_state(int(self._index)).set_value(advanced)
 
-    def _target(self, context: Context):  # type: ignore[no-untyped-def]
+    def _target(self, context: Context):
         return self.state(context).target(
             context.get_time(),
             self._pose.Eval(context).GetAsMatrix4(),
@@ -118,21 +118,21 @@ class GripperSequencer(LeafSystem):
             self._config,
         )
 
-    def _calc_grasps(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_grasps(self, context: Context, output) -> None:
         committed = self.state(context).grasp
         output.set_value(self._grasps.Eval(context) if committed is None else committed)
 
-    def _calc_gpdf(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_gpdf(self, context: Context, output) -> None:
         approaching = self.state(context).grasp is None
         output.set_value(eval_optional(self._gpdf, context) if approaching else None)
 
-    def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_pose(self, context: Context, output) -> None:
         output.set_value(RigidTransform(self._target(context)[0]))
 
-    def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_velocity(self, context: Context, output) -> None:
         output.set_value(SpatialVelocity(self._target(context)[1]))
 
-    def _calc_gripper(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_gripper(self, context: Context, output) -> None:
         state = self.state(context)
         opening = self._gripper.max_opening
         if state.phase == Phase.CLOSE:
@@ -142,8 +142,8 @@ class GripperSequencer(LeafSystem):
             opening = self.CLOSED
         output.SetAtIndex(0, opening)
 
-    def _calc_hold(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_hold(self, context: Context, output) -> None:
         output.SetAtIndex(0, float(not self.state(context).released))
 
-    def _calc_phase(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_phase(self, context: Context, output) -> None:
         output.SetAtIndex(0, float(self.state(context).phase))

@@ -76,7 +76,7 @@ class Metrics(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), self._calc)
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         q, v = np.split(self._state.Eval(context), 2)
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         X_OH = se3.inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG)

@@ -1,7 +1,5 @@
 """What a motion-capture system would tell: the object's pose, late and noisy, and its motion."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
@@ -18,34 +16,9 @@ from feasigrasp.models.objects.pose_filter import (
     twist_kernel,
 )
 from feasigrasp.models.objects.prediction import MotionEstimate, predict_kernel
+from feasigrasp.models.objects.tracker_config import TrackerConfig
 
 _ROW = 13  # time, then the upper three rows of a pose
-
-
-@dataclass
-class TrackerConfig:
-    """A motion-capture system; the default is a perfect one.
-
-    Attributes:
-        period: Time between measurements [s].
-        latency: Age of a measurement when it arrives [s], rounded to periods.
-        position_noise: Standard deviation [m].
-        rotation_noise: Standard deviation [rad].
-        dropout: Probability that a measurement is lost.
-        jerk: How quickly the object's acceleration is expected to change, see
-            `feasigrasp.models.objects.prediction.Noise`: lower is smoother, higher follows sooner.
-        angular_jerk: The same for its angular acceleration.
-        seed: Seed of noise and losses.
-    """
-
-    period: float = 0.005
-    latency: float = 0.0
-    position_noise: float = 0.0
-    rotation_noise: float = 0.0
-    dropout: float = 0.0
-    jerk: float = 0.4
-    angular_jerk: float = 0.3
-    seed: int = 0
 
 
 class ObjectTracker(LeafSystem):
@@ -108,7 +81,7 @@ class ObjectTracker(LeafSystem):
             {self.discrete_state_ticket(self._state), self.time_ticket()},
         )
 
-    def _measure(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
+    def _measure(self, context: Context, discrete_state) -> None:
         config = self._config
         state = context.get_discrete_state_vector().value().copy()
         tick, motion, rows = state[0], state[1 : 1 + STATE_SIZE], state[1 + STATE_SIZE :]
@@ -141,13 +114,13 @@ class ObjectTracker(LeafSystem):
             twist_kernel(motion, context.get_time(), V_WO)
         value.set_value((X_WO, V_WO))
 
-    def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_pose(self, context: Context, output) -> None:
         output.set_value(RigidTransform(self._estimated.Eval(context)[0]))
 
-    def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_velocity(self, context: Context, output) -> None:
         output.set_value(SpatialVelocity(self._estimated.Eval(context)[1]))
 
-    def _calc_motion(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_motion(self, context: Context, output) -> None:
         motion = context.get_discrete_state_vector().value()[1 : 1 + STATE_SIZE].copy()
         output.set_value(MotionEstimate(motion, context.get_time()))
 

@@ -53,7 +53,7 @@ class ObstacleDistance(LeafSystem):
         )
         self.DeclareVectorOutputPort("distance", 1, self._calc)
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         query = self._query.Eval(context)
         nearest = np.inf
         for a in self._moving:

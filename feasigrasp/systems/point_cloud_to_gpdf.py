@@ -105,7 +105,7 @@ class PointCloudToGPDF(LeafSystem):
         self.DeclareAbstractOutputPort("gpdf", Value[object], self._calc_gpdf, seen)
         self.DeclareStateOutputPort("perceived", self._state)
 
-    def _look(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+    def _look(self, context: Context, state) -> None:
         X_OW = self._object_pose.Eval(context).inverse()
         p_OC = X_OW @ self._camera_pose.Eval(context).translation()
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
@@ -130,5 +130,5 @@ class PointCloudToGPDF(LeafSystem):
         perceived = Perceived(cloud, gpdf, seen.views.extended(p_OC, time))
         state.get_mutable_abstract_state(int(self._state)).set_value(perceived)
 
-    def _calc_gpdf(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_gpdf(self, context: Context, output) -> None:
         output.set_value(context.get_abstract_state(int(self._state)).get_value().gpdf)

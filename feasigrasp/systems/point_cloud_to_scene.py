@@ -73,7 +73,7 @@ class PointCloudToScene(LeafSystem):
             "scene", Value[object], self._calc, {self.abstract_state_ticket(self._state)}
         )
 
-    def _look(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+    def _look(self, context: Context, state) -> None:
         xyz = self._cloud.Eval(context).xyzs()
         labels = self._labels.Eval(context).data.reshape(-1)
         seen = np.isfinite(xyz).all(axis=0) & ~np.isin(labels, self._ignored)
@@ -87,7 +87,7 @@ class PointCloudToScene(LeafSystem):
             scene = fit_scene(cloud.points, cloud.directions, resolution=self._resolution)
         state.get_mutable_abstract_state(int(self._state)).set_value(_Surroundings(cloud, scene))
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         output.set_value(context.get_abstract_state(int(self._state)).get_value().scene)
 
 
@@ -132,7 +132,7 @@ class SceneFilter(LeafSystem):
             {self._grasps.ticket(), self._pose.ticket(), self._scene.ticket()},
         )
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         grasps: GraspSet = self._grasps.Eval(context)
         scene: SceneField | None = self._scene.Eval(context)
         if scene is not None and len(grasps) > 0:

@@ -98,10 +98,10 @@ class ReachabilityFilter(LeafSystem):
         )
         value.set_value(judged)
 
-    def _calc_grasps(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_grasps(self, context: Context, output) -> None:
         judged: JudgedGrasps = self._judged.Eval(context)
         output.set_value(judged.grasps)
 
-    def _calc_verdicts(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_verdicts(self, context: Context, output) -> None:
         judged: JudgedGrasps = self._judged.Eval(context)
         output.set_value(judged.verdicts)

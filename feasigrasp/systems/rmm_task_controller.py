@@ -101,7 +101,7 @@ class RMMTaskController(LeafSystem):
         memory: TaskMemory = context.get_abstract_state(int(self._memory)).get_value()
         return memory
 
-    def _update(self, context: Context, state) -> None:  # type: ignore[no-untyped-def]
+    def _update(self, context: Context, state) -> None:
         memory = self._advanced(
             self.memory(context),
             self._grasps.Eval(context),
@@ -113,7 +113,7 @@ class RMMTaskController(LeafSystem):
         )
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
-    def _advanced(  # type: ignore[no-untyped-def]
+    def _advanced(
         self, memory: TaskMemory, grasps: GraspSet, time, q, X_WO, V_WO, motion
     ) -> TaskMemory:
         memory = memory.with_grasps(grasps, self._max_components, self._seed)
@@ -123,7 +123,7 @@ class RMMTaskController(LeafSystem):
         ahead = future_poses(motion, X_WO, V_WO, choice.instants)
         return memory.with_choice(time, q, ahead, self._reachability, choice)
 
-    def _calc_safe(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_safe(self, context: Context, output) -> None:
         qd = task_space_velocity(
             self._position.Eval(context),
             self.memory(context).choice,
@@ -139,7 +139,7 @@ class RMMTaskController(LeafSystem):
         )
         output.SetFromVector(qd)
 
-    def _calc_paper(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_paper(self, context: Context, output) -> None:
         mixture = self.memory(context).mixture
         if mixture is None:
             output.SetFromVector(np.zeros(NUM_JOINTS))

@@ -53,7 +53,7 @@ class SegmentPointCloud(LeafSystem):
             "point_cloud", lambda: AbstractValue.Make(PointCloud()), self._calc
         )
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         xyz = self._cloud_input.Eval(context).xyzs()
         labels = self._label_input.Eval(context).data[:, :, 0]
         if xyz.shape[1] != labels.size:

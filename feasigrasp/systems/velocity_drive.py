@@ -53,14 +53,14 @@ class VelocityDrive(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    def _initialize(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
+    def _initialize(self, context: Context, discrete_state) -> None:
         q = self._position.Eval(context)
         discrete_state.get_mutable_vector().SetFromVector(np.concatenate([q, np.zeros(NUM_JOINTS)]))
 
-    def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_velocity(self, context: Context, output) -> None:
         output.SetFromVector(context.get_discrete_state_vector().value()[NUM_JOINTS:])
 
-    def _update(self, context: Context, discrete_state) -> None:  # type: ignore[no-untyped-def]
+    def _update(self, context: Context, discrete_state) -> None:
         desired = context.get_discrete_state_vector().value()
         q, v = desired[:NUM_JOINTS], desired[NUM_JOINTS:]
         command = self._velocity.Eval(context)

@@ -7,15 +7,9 @@ from scipy.spatial.transform import Rotation
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import (
-    Scenario,
-    dump_scenario,
-    load_scenario,
-    make_camera_noise,
-    make_motion,
-    parse_scenario,
-    scenario_names,
-)
+from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
+from feasigrasp.scenario.sampling import make_camera_noise, make_motion
+from feasigrasp.scenario.schema import Scenario
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 NAMES = (

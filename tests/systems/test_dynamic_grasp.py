@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import dump_scenario, load_scenario
+from feasigrasp.scenario.files import dump_scenario, load_scenario
 from feasigrasp.systems import (
     dynamic_grasp,
     gp_joint_controller,
@@ -21,7 +21,7 @@ from feasigrasp.systems.dynamic_grasp import make_controller, make_dynamic_grasp
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
-from feasigrasp.systems.station.station import object_servo
+from feasigrasp.systems.station import object_servo
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 DURATION = 1.0

@@ -9,7 +9,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.systems.object_tracker import ObjectTracker, TrackerConfig
+from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.systems.object_tracker import ObjectTracker
 
 STILL = HarmonicMotion(
     center=np.array([0.5, -0.2, 0.3]),

@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import load_scenario
+from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_station
 from feasigrasp.systems.obstacle_distance import ObstacleDistance
 

@@ -11,7 +11,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import load_scenario
+from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene, SceneFilter
 

@@ -15,7 +15,7 @@ from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import load_scenario
+from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 
 REACH = Reachability()

@@ -60,7 +60,7 @@ FULL, QUICK = Sizes(20_000, 1000, 1000), Sizes(2000, 200, 1000)
 
 
 @njit(cache=True)
-def _closed_form_kernel(X_WF, psi, choice, q):  # type: ignore[no-untyped-def]
+def _closed_form_kernel(X_WF, psi, choice, q):
     """Writes for each pose a random branch inside the limits at the first arm angle with any."""
     candidates = np.empty((8, 7))
     inside = np.empty(8, dtype=np.int64)

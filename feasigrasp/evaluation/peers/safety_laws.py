@@ -75,7 +75,7 @@ def clamped_pseudo_inverse(damping: float = 0.05) -> Law:
 
 
 @njit(cache=True)
-def _saturate(J, V, qd_preferred, lower, upper):  # type: ignore[no-untyped-def]
+def _saturate(J, V, qd_preferred, lower, upper):
     """Saturation in the null space (Flacco, De Luca, Khatib, ICRA 2012, algorithm 1)."""
     free, fixed = np.ones(7), qd_preferred.copy()
     best_scale, best = -1.0, np.minimum(np.maximum(np.zeros(7), lower), upper)

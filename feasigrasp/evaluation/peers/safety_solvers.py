@@ -36,7 +36,7 @@ def _stacked(A: Array) -> Array:
 def _quadprog() -> Solver:
     quadprog = import_module("quadprog")
 
-    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+    def solve(H, f, A, lower, upper):
         C = np.vstack([np.eye(7), -np.eye(7), A])
         b = np.concatenate([lower[:7], -upper[:7], lower[7:]])
         try:
@@ -50,7 +50,7 @@ def _quadprog() -> Solver:
 def _proxqp() -> Solver:
     dense = import_module("proxsuite").proxqp.dense
 
-    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+    def solve(H, f, A, lower, upper):
         result = dense.solve(
             H, f, None, None, _stacked(A), lower, upper, eps_abs=_TOLERANCE, eps_rel=0.0
         )
@@ -63,7 +63,7 @@ def _proxqp() -> Solver:
 def _piqp() -> Solver:
     piqp = import_module("piqp")
 
-    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+    def solve(H, f, A, lower, upper):
         solver = piqp.DenseSolver()
         solver.settings.eps_abs = _TOLERANCE
         solver.setup(H, f, None, None, A, lower[7:], upper[7:], lower[:7], upper[:7])
@@ -75,7 +75,7 @@ def _piqp() -> Solver:
 def _osqp() -> Solver:
     osqp, sparse = import_module("osqp"), import_module("scipy.sparse")
 
-    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+    def solve(H, f, A, lower, upper):
         solver = osqp.OSQP()
         matrices = sparse.triu(H, format="csc"), sparse.csc_matrix(_stacked(A))
         solver.setup(
@@ -93,7 +93,7 @@ def _clarabel() -> Solver:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
 
-    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+    def solve(H, f, A, lower, upper):
         G = sparse.csc_matrix(np.vstack([np.eye(7), -np.eye(7), -A]))
         h = np.concatenate([upper[:7], -lower[:7], -lower[7:]])
         cones = [clarabel.NonnegativeConeT(len(h))]
@@ -110,7 +110,7 @@ def _drake(solver: Any, options: dict[str, float]) -> Solver:
     for name, value in options.items():
         settings.SetOption(solver.solver_id(), name, value)
 
-    def solve(H, f, A, lower, upper):  # type: ignore[no-untyped-def]
+    def solve(H, f, A, lower, upper):
         program = MathematicalProgram()
         x = program.NewContinuousVariables(7)
         program.AddQuadraticCost(H, f, x, is_convex=True)

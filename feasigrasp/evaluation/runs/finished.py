@@ -9,7 +9,7 @@ from typing import Any
 
 from feasigrasp.evaluation.runs.plan import PlannedRun
 from feasigrasp.results.provenance import versions
-from feasigrasp.scenario.schema import dump_scenario
+from feasigrasp.scenario.files import dump_scenario
 
 Record = dict[str, Any]
 

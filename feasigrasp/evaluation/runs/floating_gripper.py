@@ -145,7 +145,7 @@ class FloatingGripper:
             return Trial(False, "solver failed")
         return trial
 
-    def _verdict(self, context, X_GO: RigidTransform, closing: bool) -> Trial:  # type: ignore[no-untyped-def]
+    def _verdict(self, context, X_GO: RigidTransform, closing: bool) -> Trial:
         opening = sum(joint.get_translation(context) for joint in self._joints)
         # The point of the object that was between the pads, which is the origin.
         X_GO_now = self._plant.EvalBodyPoseInWorld(context, self._body)
@@ -180,7 +180,7 @@ def _make_hydroelastic(
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
     hand,
-    friction: float,  # type: ignore[no-untyped-def]
+    friction: float,
 ) -> None:
     """Gives every part of the hand a compliant surface with one friction.
 

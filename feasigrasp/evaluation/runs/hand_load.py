@@ -106,7 +106,7 @@ class HandLoad(LeafSystem):
         speed = -CLOSING_SPEED if closing else 0.0
         output.SetFromVector([0.5 * max(opening, CLOSED), 0.5 * speed])
 
-    def _calc_force(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_force(self, context: Context, output) -> None:
         wrench = np.zeros(6)
         since = context.get_time() - closing_time(self._opening)
         if since < 0.0:

@@ -21,7 +21,8 @@ from typing import Any
 
 from feasigrasp.evaluation.runs.run import crash_record, run, write_result
 from feasigrasp.results.rows import write_json
-from feasigrasp.scenario.schema import Scenario, dump_scenario, parse_scenario
+from feasigrasp.scenario.files import dump_scenario, parse_scenario
+from feasigrasp.scenario.schema import Scenario
 
 
 def run_isolated(

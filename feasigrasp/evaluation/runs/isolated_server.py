@@ -19,7 +19,7 @@ os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))  # before the libraries
 from feasigrasp.evaluation.runs.run import run  # noqa: E402
 from feasigrasp.resources import diagram_path  # noqa: E402
 from feasigrasp.results.provenance import git_revision  # noqa: E402
-from feasigrasp.scenario.schema import load_scenario  # noqa: E402
+from feasigrasp.scenario.files import load_scenario  # noqa: E402
 
 git_revision()  # remembered: that of the code which has just been loaded
 file = diagram_path("dynamic.scenarios.yaml")

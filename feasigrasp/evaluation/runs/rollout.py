@@ -37,7 +37,8 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.scenario.schema import Scenario, make_motion
+from feasigrasp.scenario.sampling import make_motion
+from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_controller
 from feasigrasp.systems.metrics import Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
@@ -80,7 +81,7 @@ class _ObjectPose(LeafSystem):
             "pose", Value[RigidTransform], self._calc, {self.time_ticket()}
         )
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         output.set_value(RigidTransform(self._motion.pose(context.get_time())))
 
 

@@ -20,7 +20,8 @@ from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.results.rows import write_json
-from feasigrasp.scenario.schema import Scenario, dump_scenario
+from feasigrasp.scenario.files import dump_scenario
+from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_dynamic_grasp
 
 

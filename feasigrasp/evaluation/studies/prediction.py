@@ -29,7 +29,8 @@ from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.row_table import format_rows
 from feasigrasp.results.rows import Row, write_summary
 from feasigrasp.results.statistics import mean
-from feasigrasp.scenario.schema import load_scenario, make_motion
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import make_motion
 
 SCENARIOS = "PaperCircular,PaperLinear,PaperSinusoidal,ReachCircular,ReachLinear,ReachSinusoidal"
 #: Time between measurements, and over which the difference is taken that is the peer [s].

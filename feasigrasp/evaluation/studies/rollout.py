@@ -22,7 +22,8 @@ from feasigrasp.results.provenance import git_revision, versions
 from feasigrasp.results.row_table import format_rows
 from feasigrasp.results.rows import Row, write_json, write_summary
 from feasigrasp.results.statistics import mean
-from feasigrasp.scenario.schema import Scenario, dump_scenario, load_scenario, parse_scenario
+from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp.scenario.schema import Scenario
 
 Record = dict[str, Any]
 

@@ -42,7 +42,7 @@ def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _raise_to_free(points, X_OC, pixel, edge, picture, best):  # type: ignore[no-untyped-def]
+def _raise_to_free(points, X_OC, pixel, edge, picture, best):
     """Raises ``best`` (n,) to how deep the points (n, 3) lie in the free space of one view."""
     mask, front, beside = picture
     for i in range(len(points)):

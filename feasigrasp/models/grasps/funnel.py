@@ -55,7 +55,7 @@ class Funnel:
 
 
 @njit(cache=True)
-def _angle_between(X_OA, X_OB):  # type: ignore[no-untyped-def]
+def _angle_between(X_OA, X_OB):
     """Angle of the rotation from one pose to another [rad]."""
     trace = 0.0
     for i in range(3):
@@ -65,7 +65,7 @@ def _angle_between(X_OA, X_OB):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _closing_axis_factor(X_OA, X_OB, share):  # type: ignore[no-untyped-def]
+def _closing_axis_factor(X_OA, X_OB, share):
     """By what the angle between poses shrinks if its part about the x-axis of A counts less."""
     x = y = z = 0.0
     for i in range(3):
@@ -78,7 +78,7 @@ def _closing_axis_factor(X_OA, X_OB, share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
+def standoff_kernel(X_OG, X_OH, funnel):
     """How far hand H must stay behind grasp G along its approach direction [m]."""
     px = py = 0.0
     for i in range(3):
@@ -94,7 +94,7 @@ def standoff_kernel(X_OG, X_OH, funnel):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def funnel_targets_kernel(X_OG, X_OH, funnel, targets):  # type: ignore[no-untyped-def]
+def funnel_targets_kernel(X_OG, X_OH, funnel, targets):
     """Writes the poses (n, 4, 4) that a hand at ``X_OH`` should steer to on its way into grasps."""
     for k in range(len(X_OG)):
         standoff = standoff_kernel(X_OG[k], X_OH, funnel)
@@ -104,7 +104,7 @@ def funnel_targets_kernel(X_OG, X_OH, funnel, targets):  # type: ignore[no-untyp
 
 
 @njit(cache=True)
-def grasp_errors_kernel(X_OG, X_OH, errors):  # type: ignore[no-untyped-def]
+def grasp_errors_kernel(X_OG, X_OH, errors):
     """Writes position [m] and angle [rad] error of the hand to every grasp, shape (n, 2)."""
     for k in range(len(X_OG)):
         square = 0.0
@@ -122,7 +122,7 @@ def grasp_errors(X_OG: Array, X_OH: Array) -> Array:
 
 
 @njit(cache=True)
-def steering_kernel(X_OG, X_OH, funnel, weight, u):  # type: ignore[no-untyped-def]
+def steering_kernel(X_OG, X_OH, funnel, weight, u):
     """Writes the body twist (6,) that leads the hand along the geodesics into weighted grasps.
 
     ``u = -sum_i w_i log(target_i^-1 X_OH)`` with the funnel target of every grasp.

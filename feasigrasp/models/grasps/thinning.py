@@ -41,7 +41,7 @@ def distinct(grasps: GraspSet, count: int) -> Indices:
 
 
 @njit(cache=True)
-def _distinct_kernel(X_OG, chosen):  # type: ignore[no-untyped-def]
+def _distinct_kernel(X_OG, chosen):
     """Writes the indices and returns their number; a grasp and its flip about z are the same."""
     n = 0
     for i in range(len(X_OG)):

@@ -54,7 +54,7 @@ class Segments(NamedTuple):
 
 
 @njit(cache=True)
-def make_segments(margin):  # type: ignore[no-untyped-def]
+def make_segments(margin):
     """Room for the segments of one pose, ``margin`` [rad] inside the joint limits."""
     limit = np.minimum(POSITION_LIMITS - margin, np.pi)
     start, branches = np.empty(_MAX_ZEROS + 1), np.empty(_MAX_ZEROS + 1, dtype=np.int64)
@@ -62,7 +62,7 @@ def make_segments(margin):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _write_coefficients(circle, F):  # type: ignore[no-untyped-def]
+def _write_coefficients(circle, F):
     c_a, s_a, c_g, s_g = circle.c_a, circle.s_a, circle.c_g, circle.s_g
     c_b, s_b, c_d, s_d = circle.c_b, circle.s_b, circle.c_d, circle.s_d
     w00, w01, w02, w10, w11, w12, w20, w21, w22 = circle.W
@@ -79,7 +79,7 @@ def _write_coefficients(circle, F):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _add_zeros(a, b, c, zeros, count):  # type: ignore[no-untyped-def]
+def _add_zeros(a, b, c, zeros, count):
     """Appends the zeros of ``a sin + b cos + c`` in [0, 2 pi); returns how many there are now."""
     amplitude = np.sqrt(a * a + b * b)
     if not abs(c) < amplitude:
@@ -93,7 +93,7 @@ def _add_zeros(a, b, c, zeros, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _cut(segments):  # type: ignore[no-untyped-def]
+def _cut(segments):
     """Writes all zeros, ascending, those that coincide once; returns how many."""
     F, zeros, count = segments.coefficients, segments.start, 0
     for k in range(4):
@@ -120,7 +120,7 @@ def _cut(segments):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _inside(segments, phi):  # type: ignore[no-untyped-def]
+def _inside(segments, phi):
     """The branches that are inside the limits at an elbow angle, joint 4 apart, as bits."""
     F, c_limit = segments.coefficients, segments.c_limit
     s, c = fast_sincos(phi)
@@ -153,7 +153,7 @@ def _inside(segments, phi):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def segments_kernel(circle, segments):  # type: ignore[no-untyped-def]
+def segments_kernel(circle, segments):
     """Writes the segments of a pose, at least one; returns how many, or 0 where no branch is in."""
     if not circle.reached or circle.q4 > segments.limit[3]:
         return 0

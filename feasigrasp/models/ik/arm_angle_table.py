@@ -46,7 +46,7 @@ class Lanes(NamedTuple):
 
 
 @njit(cache=True)
-def lanes_kernel(psis, extra):  # type: ignore[no-untyped-def]
+def lanes_kernel(psis, extra):
     """The `Lanes` of the arm angles ``psis`` and, unless it is NaN, one more."""
     n = len(psis) + (0 if np.isnan(extra) else 1)
     m = 2 * n
@@ -61,7 +61,7 @@ def lanes_kernel(psis, extra):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _arguments(circle, sine, cosine, elbow, y, x):  # type: ignore[no-untyped-def]
+def _arguments(circle, sine, cosine, elbow, y, x):
     """Writes sines and cosines, up to a factor, of the angles of the positive branches."""
     m = len(sine)
     c_a, s_a, c_g, s_g = circle.c_a, circle.s_a, circle.c_g, circle.s_g
@@ -83,19 +83,19 @@ def _arguments(circle, sine, cosine, elbow, y, x):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _arctangents(y, x, angle):  # type: ignore[no-untyped-def]
+def _arctangents(y, x, angle):
     for k in range(len(y)):
         angle[k] = fast_atan2(y[k], x[k])
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
-def _joint_time(angle, near, limit, speed):  # type: ignore[no-untyped-def]
+def _joint_time(angle, near, limit, speed):
     time = abs(angle - near) / speed
     return time if abs(angle) <= limit else np.inf
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _triple_times(angle, q, first, margin, plus, minus):  # type: ignore[no-untyped-def]
+def _triple_times(angle, q, first, margin, plus, minus):
     """Writes the times of three joints from ``first`` on, for both signs of the middle one."""
     m = len(plus)
     n1, n2, n3 = q[first], q[first + 1], q[first + 2]
@@ -113,7 +113,7 @@ def _triple_times(angle, q, first, margin, plus, minus):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def travel_times_kernel(circle, q, margin, lanes):  # type: ignore[no-untyped-def]
+def travel_times_kernel(circle, q, margin, lanes):
     """Writes the travel time from ``q`` of every lane and branch into ``lanes.time``.
 
     Branches that are not ``margin`` [rad] inside the limits get infinity. Next to a singularity
@@ -135,7 +135,7 @@ def travel_times_kernel(circle, q, margin, lanes):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _branch_times(s0, s1, w0, w1, elbow_plus, elbow_minus, time):  # type: ignore[no-untyped-def]
+def _branch_times(s0, s1, w0, w1, elbow_plus, elbow_minus, time):
     n = len(s0) // 2
     for half in range(2):
         elbow = elbow_plus if half == 0 else elbow_minus

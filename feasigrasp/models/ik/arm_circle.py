@@ -72,7 +72,7 @@ _NO_CIRCLE = ArmCircle(False, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, (0.0,
 
 
 @njit(cache=True)
-def arm_circle_kernel(X_WF):  # type: ignore[no-untyped-def]
+def arm_circle_kernel(X_WF):
     """The `ArmCircle` of a flange pose (4, 4); not ``reached`` if it is too far, or no pose."""
     r00, r01, r02 = X_WF[0, 0], X_WF[0, 1], X_WF[0, 2]
     r10, r11, r12 = X_WF[1, 0], X_WF[1, 1], X_WF[1, 2]
@@ -113,13 +113,13 @@ def arm_circle_kernel(X_WF):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _turned(angle):  # type: ignore[no-untyped-def]
+def _turned(angle):
     """Half a turn further, in [-pi, pi]."""
     return angle - np.pi if angle > 0.0 else angle + np.pi
 
 
 @njit(cache=True)
-def configuration_kernel(circle, s_psi, c_psi, branch, q):  # type: ignore[no-untyped-def]
+def configuration_kernel(circle, s_psi, c_psi, branch, q):
     """Writes the configuration (7,) of an arm angle, given by sine and cosine, and a branch.
 
     Branches are ``4 elbow + 2 shoulder + wrist``, each 0 where joint 4, 2 or 6 is positive and 1
@@ -171,7 +171,7 @@ def configuration_kernel(circle, s_psi, c_psi, branch, q):  # type: ignore[no-un
 
 
 @njit(cache=True)
-def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
+def closed_form_kernel(X_WF, psi, out):
     """Writes eight configurations (8, 7) for a flange pose and an arm angle; 8, or 0 if none."""
     circle = arm_circle_kernel(X_WF)
     if not circle.reached or not np.isfinite(psi):
@@ -183,7 +183,7 @@ def closed_form_kernel(X_WF, psi, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def arm_angle_kernel(q):  # type: ignore[no-untyped-def]
+def arm_angle_kernel(q):
     """Arm angle of a configuration [rad]."""
     s1, c1, s2, c2 = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
     s3, c3, s4, c4 = np.sin(q[2]), np.cos(q[2]), np.sin(q[3]), np.cos(q[3])

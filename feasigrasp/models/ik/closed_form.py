@@ -23,7 +23,7 @@ from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 
 
 @njit(cache=True)
-def inside_limits_kernel(q, margin):  # type: ignore[no-untyped-def]
+def inside_limits_kernel(q, margin):
     """Whether every joint stays ``margin`` [rad] away from its limits."""
     for i in range(7):  # noqa: SIM110 - numba compiles the loop, not all()
         if not abs(q[i]) <= POSITION_LIMITS[i] - margin:
@@ -32,7 +32,7 @@ def inside_limits_kernel(q, margin):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def travel_time_kernel(q_a, q_b):  # type: ignore[no-untyped-def]
+def travel_time_kernel(q_a, q_b):
     """max_j |dq_j| / v_j: the least time from one configuration to the other [s]."""
     worst = 0.0
     for i in range(7):
@@ -41,7 +41,7 @@ def travel_time_kernel(q_a, q_b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def next_nearest_kernel(circle, lanes, q):  # type: ignore[no-untyped-def]
+def next_nearest_kernel(circle, lanes, q):
     """Takes the least travel time out of the lanes and writes its configuration (7,).
 
     Returns that time [s], infinite if nothing is left.
@@ -62,7 +62,7 @@ def next_nearest_kernel(circle, lanes, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _nearest_batch(X_WF, q_near, psis, margin, q, times):  # type: ignore[no-untyped-def]
+def _nearest_batch(X_WF, q_near, psis, margin, q, times):
     lanes = lanes_kernel(psis, np.nan)
     candidate = np.empty(7)
     for n in range(len(X_WF)):

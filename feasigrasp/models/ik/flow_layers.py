@@ -100,18 +100,18 @@ class FlowShape:
 
 
 @njit(cache=True)
-def wrapped(angle):  # type: ignore[no-untyped-def]
+def wrapped(angle):
     """The same angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @njit(cache=True)
-def _sigmoid(x):  # type: ignore[no-untyped-def]
+def _sigmoid(x):
     return 1.0 / (1.0 + math.exp(-x)) if x >= 0.0 else 1.0 - 1.0 / (1.0 + math.exp(x))
 
 
 @njit(cache=True)
-def features_kernel(target, joint, features, azimuth):  # type: ignore[no-untyped-def]
+def features_kernel(target, joint, features, azimuth):
     """Moves targets (n, 3, 4) to a joint; writes features (n, 8) and azimuths (n,) about it."""
     a, b, c = PLANES[joint]
     column = REFERENCES[joint]
@@ -130,7 +130,7 @@ def features_kernel(target, joint, features, azimuth):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def turn_kernel(target, joint, q):  # type: ignore[no-untyped-def]
+def turn_kernel(target, joint, q):
     """Moves targets (n, 3, 4) to the frames behind a joint at angles q (n,)."""
     a, b, _ = PLANES[joint]
     for n in range(len(target)):
@@ -146,7 +146,7 @@ _WEIGHT, _CENTRE, _SCALE, _FIRST, _START, _WHOLE, _INSIDE = range(7)
 
 
 @njit(cache=True)
-def _mixture(head, narrowest, azimuth, limit, mixture):  # type: ignore[no-untyped-def]
+def _mixture(head, narrowest, azimuth, limit, mixture):
     """Writes the mixture (7, k) of a joint; returns the weight of its uniform background."""
     k = mixture.shape[1]
     largest = -np.inf
@@ -174,7 +174,7 @@ def _mixture(head, narrowest, azimuth, limit, mixture):  # type: ignore[no-untyp
 
 
 @njit(cache=True)
-def _cdf(q, limit, background, mixture):  # type: ignore[no-untyped-def]
+def _cdf(q, limit, background, mixture):
     """Cumulative distribution and density [1/rad] of a joint's mixture at an angle."""
     u = background * (q + limit) / (2.0 * limit)
     density = background / (2.0 * limit)
@@ -190,7 +190,7 @@ def _cdf(q, limit, background, mixture):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _first_guess(u, limit, mixture, order):  # type: ignore[no-untyped-def]
+def _first_guess(u, limit, mixture, order):
     """About the angle where the distribution is u: exact if the components lie apart."""
     k = mixture.shape[1]
     for i in range(k):  # by insertion, from low to high centres
@@ -215,7 +215,7 @@ def _first_guess(u, limit, mixture, order):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def quantile_kernel(head, narrowest, azimuth, joint, u, q):  # type: ignore[no-untyped-def]
+def quantile_kernel(head, narrowest, azimuth, joint, u, q):
     """From latents to angles of a joint: Newton's method, kept between bounds by bisection.
 
     Args:
@@ -252,7 +252,7 @@ def quantile_kernel(head, narrowest, azimuth, joint, u, q):  # type: ignore[no-u
 
 
 @njit(cache=True)
-def latent_kernel(head, narrowest, azimuth, joint, q, u, log_density):  # type: ignore[no-untyped-def]
+def latent_kernel(head, narrowest, azimuth, joint, q, u, log_density):
     """The way back: from angles q (n,) to latents u (n,), and log densities (n,)."""
     limit = POSITION_LIMITS[joint]
     mixture = np.empty((7, head.shape[1] // 4))

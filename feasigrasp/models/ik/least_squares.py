@@ -21,7 +21,7 @@ _IDENTITY = np.eye(4)
 
 
 @njit(cache=True, error_model="numpy")
-def damped_velocity_kernel(J, V, damping, A, y, qd):  # type: ignore[no-untyped-def]
+def damped_velocity_kernel(J, V, damping, A, y, qd):
     """Writes ``qd = J^T (J J^T + damping^2 I)^-1 V``, shape (7,).
 
     ``A`` (6, 6) and ``y`` (6,) are scratch. The matrix is positive definite for any ``damping`` > 0
@@ -53,7 +53,7 @@ def damped_velocity_kernel(J, V, damping, A, y, qd):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def pose_error_kernel(X, X_target, error):  # type: ignore[no-untyped-def]
+def pose_error_kernel(X, X_target, error):
     """Writes the twist (6,) from one pose to the other; returns position [m] and angle [rad]."""
     ex = ey = ez = trace = 0.0
     for j in range(3):
@@ -70,7 +70,7 @@ def pose_error_kernel(X, X_target, error):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf):  # type: ignore[no-untyped-def]
+def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf):
     """Moves ``q`` in place by damped least-squares steps towards the flange pose.
 
     After every step the joints are clamped to ``limit_margin`` [rad] inside their limits; minus
@@ -91,7 +91,7 @@ def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf): 
 
 
 @njit(cache=True)
-def _refine_batch(X_WF, q, steps, damping, limit_margin, position, angle):  # type: ignore[no-untyped-def]
+def _refine_batch(X_WF, q, steps, damping, limit_margin, position, angle):
     for n in range(len(q)):
         position[n], angle[n] = damped_least_squares_kernel(
             X_WF[n], q[n], steps, damping, limit_margin

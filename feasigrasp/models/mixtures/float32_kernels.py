@@ -84,7 +84,7 @@ def pack(mixture: RiemannianMixture) -> Float32Array:
 
 
 @njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
-def tangents_kernel(x, c, out):  # type: ignore[no-untyped-def]
+def tangents_kernel(x, c, out):
     """Writes Log(mu^-1 x), shape (6, BLOCK), of a block (7, BLOCK) for one packed component."""
     wide_vectors()
     mw, mx, my, mz = c[0], c[1], c[2], c[3]
@@ -120,7 +120,7 @@ def tangents_kernel(x, c, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
-def log2_density_kernel(v, c, largest, out):  # type: ignore[no-untyped-def]
+def log2_density_kernel(v, c, largest, out):
     """Writes log2 densities (BLOCK,) of tangents (6, BLOCK); raises ``largest`` (BLOCK,)."""
     wide_vectors()
     v0, v1, v2, v3, v4, v5 = v[0], v[1], v[2], v[3], v[4], v[5]
@@ -139,7 +139,7 @@ def log2_density_kernel(v, c, largest, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True, inline="always")
-def _exp2(x):  # type: ignore[no-untyped-def]
+def _exp2(x):
     """2^x for x <= 0; 2^-126 below that."""
     x = max(x, _LOWEST)
     k = np.floor(x + _HALF)
@@ -150,7 +150,7 @@ def _exp2(x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
-def exponentials_kernel(log2, largest, total):  # type: ignore[no-untyped-def]
+def exponentials_kernel(log2, largest, total):
     """Turns one component's log2 densities (BLOCK,) into their ratios to the largest of a pose.
 
     Adds them to ``total`` (BLOCK,). Ratios below the tolerance become zero; returns False, and
@@ -172,7 +172,7 @@ def exponentials_kernel(log2, largest, total):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _log_densities(X, packed, out):  # type: ignore[no-untyped-def]
+def _log_densities(X, packed, out):
     """Log densities (n,) of poses (n, 4, 4), block by block."""
     K = len(packed)
     block, v = np.empty((7, BLOCK), np.float32), np.empty((6, BLOCK), np.float32)

@@ -62,7 +62,7 @@ def fast_sincos(x: float) -> tuple[float, float]:
 
 
 @njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def sincos_kernel(x, sine, cosine):  # type: ignore[no-untyped-def]
+def sincos_kernel(x, sine, cosine):
     """Writes the sines and cosines of an array (n,)."""
     for i in range(len(x)):
         sine[i], cosine[i] = fast_sincos(x[i])

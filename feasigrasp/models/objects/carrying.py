@@ -8,7 +8,7 @@ from feasigrasp.models.objects.motion import motion_kernel
 
 
 @njit(cache=True)
-def rotation_kernel(wxyz, R):  # type: ignore[no-untyped-def]
+def rotation_kernel(wxyz, R):
     """Writes the rotation of a quaternion, of any length, into the upper left of a matrix."""
     w, x, y, z = wxyz[0], wxyz[1], wxyz[2], wxyz[3]
     s = 2.0 / (w * w + x * x + y * y + z * z)
@@ -18,7 +18,7 @@ def rotation_kernel(wxyz, R):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
+def carrying_wrench_kernel(
     state, X_WR, V_WR, acceleration, gravity, mass, I_BBcm, frequency, wrench
 ):
     """Writes torque and force [Nm; N] in the world, to be applied at the centre of mass.
@@ -55,7 +55,7 @@ def carrying_wrench_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def motion_wrench_kernel(  # type: ignore[no-untyped-def]
+def motion_wrench_kernel(
     state, parameters, t, gravity, mass, I_BBcm, frequency, max_force, max_torque, wrench
 ):
     """The wrench of `carrying_wrench_kernel` towards a `HarmonicMotion` at time t [s].
@@ -74,7 +74,7 @@ def motion_wrench_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def body_pose_kernel(state):  # type: ignore[no-untyped-def]
+def body_pose_kernel(state):
     """Pose (4, 4) out of a floating body's state (quaternion wxyz, position, velocities)."""
     X_WB = np.eye(4)
     rotation_kernel(state, X_WB)

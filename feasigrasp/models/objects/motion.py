@@ -77,7 +77,7 @@ class HarmonicMotion:
 
 
 @njit(cache=True)
-def motion_kernel(parameters, t):  # type: ignore[no-untyped-def]
+def motion_kernel(parameters, t):
     """Pose, twist and acceleration of `HarmonicMotion.state` from its parameters."""
     center, amplitude, harmonic = parameters[0:3], parameters[3:6], parameters[6:9]
     offset, rate, start_phase = parameters[9:12], parameters[12], parameters[13]

@@ -64,13 +64,13 @@ def empty_state() -> Array:
 
 
 @njit(cache=True)
-def _start(covariance, sigma):  # type: ignore[no-untyped-def]
+def _start(covariance, sigma):
     covariance[:] = 0.0
     covariance[0], covariance[4], covariance[8] = sigma**2, _PRIOR_V**2, _PRIOR_A**2
 
 
 @njit(cache=True)
-def _propagate(covariance, dt, jerk):  # type: ignore[no-untyped-def]
+def _propagate(covariance, dt, jerk):
     """Covariance (9,) of position, velocity and acceleration after ``dt``."""
     F = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
     C = F @ covariance.reshape(3, 3) @ F.T
@@ -87,7 +87,7 @@ def _propagate(covariance, dt, jerk):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _gain(covariance, sigma):  # type: ignore[no-untyped-def]
+def _gain(covariance, sigma):
     """Gain of a measured position; updates the covariance (9,) in Joseph's form."""
     C = covariance.reshape(3, 3)
     K = C[:, 0] / (C[0, 0] + sigma * sigma)
@@ -99,7 +99,7 @@ def _gain(covariance, sigma):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def pose_kernel(state, t, X):  # type: ignore[no-untyped-def]
+def pose_kernel(state, t, X):
     """Writes the pose (4, 4) that the filter expects at time t, by constant acceleration."""
     dt = t - state[0]
     turn = np.empty(3)
@@ -112,7 +112,7 @@ def pose_kernel(state, t, X):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def twist_kernel(state, t, V):  # type: ignore[no-untyped-def]
+def twist_kernel(state, t, V):
     """Writes the twist (6,) [angular; linear] that the filter expects at time t."""
     dt = t - state[0]
     for i in range(3):
@@ -121,7 +121,7 @@ def twist_kernel(state, t, V):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _restart(state, t, X, noise):  # type: ignore[no-untyped-def]
+def _restart(state, t, X, noise):
     state[:] = 0.0
     state[0] = t
     state[_P : _P + 3] = X[:3, 3]
@@ -132,7 +132,7 @@ def _restart(state, t, X, noise):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _remember(state, t):  # type: ignore[no-untyped-def]
+def _remember(state, t):
     """Stores points of the path up to time t, newest first."""
     X = np.empty((4, 4))
     while state[_NEXT] <= t + 1e-9:
@@ -146,7 +146,7 @@ def _remember(state, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def measure_kernel(state, t, X, noise):  # type: ignore[no-untyped-def]
+def measure_kernel(state, t, X, noise):
     """Takes in the pose ``X`` (4, 4), measured at time ``t``; changes ``state``.
 
     A pose that is not finite, or not later than the last one, is ignored. One that is far from

@@ -43,7 +43,7 @@ _DYING = 1.5
 
 
 @njit(cache=True)
-def _oscillator(state, axis):  # type: ignore[no-untyped-def]
+def _oscillator(state, axis):
     """omega^2 [1/s^2] and mean acceleration term b of ``a = b - omega^2 p``, one axis.
 
     ``p`` is taken relative to the newest point of the path.
@@ -74,7 +74,7 @@ def _oscillator(state, axis):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def predict_kernel(state, now, ahead, X):  # type: ignore[no-untyped-def]
+def predict_kernel(state, now, ahead, X):
     """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s]."""
     start, V = np.empty((4, 4)), np.empty(6)
     pose_kernel(state, now, start)

@@ -81,7 +81,7 @@ class Room(NamedTuple):
 
 
 @njit(cache=True)
-def make_room(search, q_near):  # type: ignore[no-untyped-def]
+def make_room(search, q_near):
     """Room for a search; the arm angle of ``q_near`` is tried beside those of ``search``.
 
     So the nearest solution moves smoothly with the pose.
@@ -95,7 +95,7 @@ def make_room(search, q_near):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def hand_verdict_kernel(X_WF, search, ends):  # type: ignore[no-untyped-def]
+def hand_verdict_kernel(X_WF, search, ends):
     """What the flange pose alone decides: TABLE, SELF_COLLISION with what is fixed, or REACHABLE.
 
     Writes the ends of the hand's capsules into ``ends``.
@@ -124,14 +124,14 @@ def hand_verdict_kernel(X_WF, search, ends):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _is_admissible(q, model, search, table_height):  # type: ignore[no-untyped-def]
+def _is_admissible(q, model, search, table_height):
     return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
         q, model, search.clearance, table_height
     )
 
 
 @njit(cache=True, forceinline=True)
-def _parts(segments, k, spacing):  # type: ignore[no-untyped-def]
+def _parts(segments, k, spacing):
     """Into how many equal parts, each tried in its middle, segment k is divided; and their size."""
     if segments.branches[k] == 0:
         return 0, 0.0
@@ -141,14 +141,14 @@ def _parts(segments, k, spacing):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _write_candidate(circle, phi, branch, q):  # type: ignore[no-untyped-def]
+def _write_candidate(circle, phi, branch, q):
     s, c = fast_sincos(phi)
     sign = 1.0 if branch < 4 else -1.0  # from the elbow angle to the arm angle
     configuration_kernel(circle, sign * s, sign * c, branch, q)
 
 
 @njit(cache=True)
-def _first_in_segments(circle, search, room):  # type: ignore[no-untyped-def]
+def _first_in_segments(circle, search, room):
     """REACHABLE, with the configuration in ``room.q``, as soon as one is admissible; or why not."""
     verdict, segments = LIMITS, room.segments
     for k in range(segments_kernel(circle, segments)):
@@ -168,7 +168,7 @@ def _first_in_segments(circle, search, room):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _all_candidates(circle, search, room):  # type: ignore[no-untyped-def]
+def _all_candidates(circle, search, room):
     """All admissible configurations (n, 7) that are tried inside the exact intervals."""
     segments = room.segments
     count = segments_kernel(circle, segments)
@@ -189,7 +189,7 @@ def _all_candidates(circle, search, room):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def verdict_kernel(X_WF, search, room):  # type: ignore[no-untyped-def]
+def verdict_kernel(X_WF, search, room):
     """Whether a flange pose can be reached: REACHABLE, or why not.
 
     SELF_COLLISION: every configuration inside the limits collides with itself. TABLE: not every
@@ -205,7 +205,7 @@ def verdict_kernel(X_WF, search, room):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def nearest_kernel(X_WF, q_near, search, room, q_best):  # type: ignore[no-untyped-def]
+def nearest_kernel(X_WF, q_near, search, room, q_best):
     """Writes the admissible configuration that is soonest reached from ``q_near``.
 
     It is the best of the arm angles of ``search`` and that of ``q_near``; if none of them is
@@ -230,7 +230,7 @@ def nearest_kernel(X_WF, q_near, search, room, q_best):  # type: ignore[no-untyp
 
 
 @njit(cache=True)
-def nearest_batch_kernel(X_WF, q_near, search, q, times):  # type: ignore[no-untyped-def]
+def nearest_batch_kernel(X_WF, q_near, search, q, times):
     """`nearest_kernel` of poses (n, 4, 4)."""
     room = make_room(search, q_near)
     for k in range(len(X_WF)):
@@ -238,7 +238,7 @@ def nearest_batch_kernel(X_WF, q_near, search, q, times):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def verdict_batch_kernel(X_WF, search, verdicts):  # type: ignore[no-untyped-def]
+def verdict_batch_kernel(X_WF, search, verdicts):
     """`verdict_kernel` of poses (n, 4, 4)."""
     room = make_room(search, np.zeros(7))
     for k in range(len(X_WF)):
@@ -246,14 +246,14 @@ def verdict_batch_kernel(X_WF, search, verdicts):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
-def admissible_batch_kernel(Q, search, admissible):  # type: ignore[no-untyped-def]
+def admissible_batch_kernel(Q, search, admissible):
     """Whether configurations (n, 7) are inside the limits and clear of arm, hand and table."""
     for k in range(len(Q)):
         admissible[k] = _is_admissible(Q[k], search.capsules, search, search.table_height)
 
 
 @njit(cache=True)
-def diverse_kernel(X_WF, q_near, search, chosen):  # type: ignore[no-untyped-def]
+def diverse_kernel(X_WF, q_near, search, chosen):
     """Writes up to ``len(chosen)`` admissible configurations by farthest-point selection.
 
     The first one is the nearest to ``q_near``. Returns how many there are.

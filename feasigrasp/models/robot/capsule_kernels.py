@@ -23,14 +23,14 @@ _Y_SIGN = np.ascontiguousarray(JOINT_AXES[:, 1])
 
 
 @njit(cache=True, forceinline=True)
-def _write_frame(R, p, k, x, y, z, origin):  # type: ignore[no-untyped-def]
+def _write_frame(R, p, k, x, y, z, origin):
     for i in range(3):
         R[k, i, 0], R[k, i, 1], R[k, i, 2] = x[i], y[i], z[i]
         p[k, i] = origin[i]
 
 
 @njit(cache=True)
-def link_poses_kernel(q, R, p):  # type: ignore[no-untyped-def]
+def link_poses_kernel(q, R, p):
     """Writes rotations (8, 3, 3) and origins (8, 3) of the link frames 0 to 7 in the world."""
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     _write_frame(R, p, 0, x, y, z, (0.0, 0.0, 0.0))
@@ -64,13 +64,13 @@ def link_poses_kernel(q, R, p):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def end_point(ends, c, e):  # type: ignore[no-untyped-def]
+def end_point(ends, c, e):
     """One end of a capsule."""
     return ends[c, e, 0], ends[c, e, 1], ends[c, e, 2]
 
 
 @njit(cache=True, forceinline=True)
-def place(R, p, k, a):  # type: ignore[no-untyped-def]
+def place(R, p, k, a):
     """The point ``a`` of link k in the world."""
     return (
         R[k, 0, 0] * a[0] + R[k, 0, 1] * a[1] + R[k, 0, 2] * a[2] + p[k, 0],
@@ -80,7 +80,7 @@ def place(R, p, k, a):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def capsule_ends_kernel(q, model, R, p, ends):  # type: ignore[no-untyped-def]
+def capsule_ends_kernel(q, model, R, p, ends):
     """Writes the link poses and the capsules' end points (c, 2, 3) in the world."""
     link_poses_kernel(q, R, p)
     for c in range(len(model.link)):
@@ -90,7 +90,7 @@ def capsule_ends_kernel(q, model, R, p, ends):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def closest_parameters(a0, a1, b0, b1):  # type: ignore[no-untyped-def]
+def closest_parameters(a0, a1, b0, b1):
     """Where two segments are closest: fractions of their lengths, and the vector from b to a.
 
     Clamped solution of the 2x2 normal equations (Ericson, Real-Time Collision Detection, 5.1.9).
@@ -112,7 +112,7 @@ def closest_parameters(a0, a1, b0, b1):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def add_lever(point, normal, low, high, R, p, gradient):  # type: ignore[no-untyped-def]
+def add_lever(point, normal, low, high, R, p, gradient):
     """Writes how joints low+1 to high move a point along a direction into ``gradient`` (7,)."""
     for j in range(low, high):
         # The joint's axis is a column of its link's rotation, which the joint leaves as it is.
@@ -126,7 +126,7 @@ def add_lever(point, normal, low, high, R, p, gradient):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def distances_kernel(q, model, distance):  # type: ignore[no-untyped-def]
+def distances_kernel(q, model, distance):
     """Writes the signed distance of every pair (p,)."""
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     ends = np.empty(model.ends.shape)
@@ -144,7 +144,7 @@ def distances_kernel(q, model, distance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def gradients_kernel(q, model, distance, gradient):  # type: ignore[no-untyped-def]
+def gradients_kernel(q, model, distance, gradient):
     """Writes signed distances (p,) and their gradients in q (p, 7).
 
     With the closest points ``c1`` (lower link) and ``c2`` and ``n = (c2 - c1)/|c2 - c1|``, only
@@ -174,7 +174,7 @@ def gradients_kernel(q, model, distance, gradient):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def table_kernel(q, model, height, clearance, gradient):  # type: ignore[no-untyped-def]
+def table_kernel(q, model, height, clearance, gradient):
     """Writes clearances above ``z = height`` (m, 2) of the movers' ends; their gradients (m, 2, 7).
 
     Both ends, since of a level capsule either is the lower one after the next motion.

@@ -34,13 +34,13 @@ _L2, _L3, _L4, _L5, _L6 = np.diff(JOINT_HEIGHTS[1:])
 
 
 @njit(cache=True, forceinline=True)
-def _closer(squared, distance):  # type: ignore[no-untyped-def]
+def _closer(squared, distance):
     """Whether ``sqrt(squared) < distance``, without the root; True for NaN."""
     return not squared >= (distance * distance if distance > 0.0 else 0.0)
 
 
 @njit(cache=True, forceinline=True)
-def _segments_closer(a0, a1, b0, b1, reach, distance):  # type: ignore[no-untyped-def]
+def _segments_closer(a0, a1, b0, b1, reach, distance):
     """Whether segments are closer than ``distance``; not if their middles are not within reach."""
     apart = minus(step(a0, 1.0, a1), step(b0, 1.0, b1))  # twice the way between the middles
     if not _closer(dot(apart, apart), 2.0 * reach):
@@ -50,7 +50,7 @@ def _segments_closer(a0, a1, b0, b1, reach, distance):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def _group_collides(R, p, model, g, margin):  # type: ignore[no-untyped-def]
+def _group_collides(R, p, model, g, margin):
     """Whether any pair of a group is closer than ``margin``, from the link frames."""
     pairs, ends, reach, radius = model.pairs, model.ends, model.reach, model.radius
     low, high = model.groups[g, 0], model.groups[g, 1]
@@ -66,19 +66,19 @@ def _group_collides(R, p, model, g, margin):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _write_centre(rows, stride, b, link, origin, x, y, z, ball):  # type: ignore[no-untyped-def]
+def _write_centre(rows, stride, b, link, origin, x, y, z, ball):
     centre = step(step(step(origin, ball[0], x), ball[1], y), ball[2], z)
     for i in range(3):
         rows[(_CENTRES + 3 * link + i) * stride + b] = centre[i]
 
 
 @njit(cache=True, forceinline=True)
-def _sine_cosine(rows, stride, b, joint):  # type: ignore[no-untyped-def]
+def _sine_cosine(rows, stride, b, joint):
     return rows[(joint - 1) * stride + b], rows[(_COSINES + joint - 1) * stride + b]
 
 
 @njit(cache=True, forceinline=True)
-def _write_centres(rows, stride, b, balls):  # type: ignore[no-untyped-def]
+def _write_centres(rows, stride, b, balls):
     """Writes the centres of the links' balls in lane b, from its sines and cosines."""
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     _write_centre(rows, stride, b, 0, (0.0, 0.0, 0.0), x, y, z, balls[0])
@@ -112,12 +112,12 @@ def _write_centres(rows, stride, b, balls):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _ball(balls, k):  # type: ignore[no-untyped-def]
+def _ball(balls, k):
     return balls[k, 0], balls[k, 1], balls[k, 2]
 
 
 @njit(cache=True, forceinline=True)
-def _centres_of(balls):  # type: ignore[no-untyped-def]
+def _centres_of(balls):
     # As a tuple, which the compiler knows that no loop changes.
     return (
         _ball(balls, 0), _ball(balls, 1), _ball(balls, 2), _ball(balls, 3),
@@ -126,7 +126,7 @@ def _centres_of(balls):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _write_one(q, rows, balls):  # type: ignore[no-untyped-def]
+def _write_one(q, rows, balls):
     """Writes the rows of a single configuration."""
     for j in range(7):
         rows[j], rows[_COSINES + j] = fast_sincos(q[j])
@@ -134,7 +134,7 @@ def _write_one(q, rows, balls):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _balls_closer(rows, balls, groups, g, margin):  # type: ignore[no-untyped-def]
+def _balls_closer(rows, balls, groups, g, margin):
     """Whether the balls of a group's two links are closer than ``margin``, single configuration."""
     low, high = groups[g, 0], groups[g, 1]
     i, j = _CENTRES + 3 * low, _CENTRES + 3 * high
@@ -143,7 +143,7 @@ def _balls_closer(rows, balls, groups, g, margin):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def doubts_kernel(q, balls, groups, margin, height, first, end):  # type: ignore[no-untyped-def]
+def doubts_kernel(q, balls, groups, margin, height, first, end):
     """What the balls about whole links leave open: 0 if nothing.
 
     1 if links ``first`` to ``end - 1`` may reach below ``height``, 2 if pairs may be closer than
@@ -163,7 +163,7 @@ def doubts_kernel(q, balls, groups, margin, height, first, end):  # type: ignore
 
 
 @njit(cache=True)
-def _collides(q, model, margin):  # type: ignore[no-untyped-def]
+def _collides(q, model, margin):
     """Whether any pair is closer than ``margin``."""
     rows, R, p = np.empty(_ROWS), np.empty((8, 3, 3)), np.empty((8, 3))
     _write_one(q, rows, model.balls)
@@ -177,7 +177,7 @@ def _collides(q, model, margin):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _reaches_below(q, model, height):  # type: ignore[no-untyped-def]
+def _reaches_below(q, model, height):
     """Whether a mover reaches below ``z = height``."""
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
@@ -192,14 +192,14 @@ def _reaches_below(q, model, height):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def in_collision_kernel(q, model, margin):  # type: ignore[no-untyped-def]
+def in_collision_kernel(q, model, margin):
     """Whether any pair is closer than ``margin`` [m]."""
     doubts = doubts_kernel(q, model.balls, model.groups, margin, 0.0, 0, 0)
     return doubts >= 2 and _collides(q, model, margin)
 
 
 @njit(cache=True, forceinline=True)
-def is_clear_kernel(q, model, clearance, table_height):  # type: ignore[no-untyped-def]
+def is_clear_kernel(q, model, clearance, table_height):
     """Whether all pairs are ``clearance`` [m] apart, and all movers from ``z = table_height``."""
     first, end, height = 0, 0, table_height + clearance
     if len(model.movers) > 0:  # in the order of their links
@@ -211,7 +211,7 @@ def is_clear_kernel(q, model, clearance, table_height):  # type: ignore[no-untyp
 
 
 @njit(cache=True, fastmath={"contract", "nsz"})
-def _load(Q, first, rows, doubt):  # type: ignore[no-untyped-def]
+def _load(Q, first, rows, doubt):
     """Writes sines and cosines of a block, and 0 (NaN for a bad configuration) to ``doubt``."""
     for b in range(LANES):
         q = Q[min(first + b, len(Q) - 1)]  # the last block is filled up
@@ -223,14 +223,14 @@ def _load(Q, first, rows, doubt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _write_lanes(rows, balls):  # type: ignore[no-untyped-def]
+def _write_lanes(rows, balls):
     centres = _centres_of(balls)
     for b in range(LANES):
         _write_centres(rows, LANES, b, centres)
 
 
 @njit(cache=True, fastmath={"contract"})
-def _test_lanes(rows, model, margin, doubt):  # type: ignore[no-untyped-def]
+def _test_lanes(rows, model, margin, doubt):
     """Adds to ``doubt`` how many pairs of links have balls that are closer than ``margin``."""
     for g in range(len(model.groups)):
         low, high = model.groups[g, 0], model.groups[g, 1]
@@ -244,7 +244,7 @@ def _test_lanes(rows, model, margin, doubt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def in_collision_batch_kernel(Q, model, margin, hit):  # type: ignore[no-untyped-def]
+def in_collision_batch_kernel(Q, model, margin, hit):
     """Writes whether configurations (n, 7) have a pair closer than ``margin`` [m]; True for NaN."""
     rows, doubt = np.empty(_ROWS * LANES), np.empty(LANES)
     for first in range(0, len(Q), LANES):

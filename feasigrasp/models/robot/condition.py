@@ -10,7 +10,7 @@ from feasigrasp.models.robot.kinematics import manipulability_kernel
 
 
 @njit(cache=True)
-def arm_condition_kernel(q, v, model, all_pairs_model):  # type: ignore[no-untyped-def]
+def arm_condition_kernel(q, v, model, all_pairs_model):
     """Five figures of one state of the arm.
 
     Args:

@@ -27,7 +27,7 @@ _IDENTITY = np.eye(4)
 
 
 @njit(cache=True, fastmath={"contract"}, forceinline=True)
-def _axes(s, c):  # type: ignore[no-untyped-def]
+def _axes(s, c):
     """Axes of joints 2 to 7, and the x- and y-axis of link 7, from the sines and cosines."""
     x, y = (c[0] * c[1], s[0] * c[1], -s[1]), (-s[0], c[0], 0.0)
     z = (c[0] * s[1], s[0] * s[1], c[1])
@@ -44,14 +44,14 @@ def _axes(s, c):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _write_column(J, i, axis, lever):  # type: ignore[no-untyped-def]
+def _write_column(J, i, axis, lever):
     """Writes column i: the axis, and what it does to the end of a lever that starts on it."""
     J[0, i], J[1, i], J[2, i] = axis
     J[3, i], J[4, i], J[5, i] = cross(axis, lever)
 
 
 @njit(cache=True, fastmath={"contract"}, forceinline=True)
-def _pose_jacobian(s, c, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
+def _pose_jacobian(s, c, X_FT, X_WT, J_WT):
     """As `pose_jacobian_kernel`, from sines and cosines; no Jacobian where ``J_WT`` is None."""
     a2, a3, a4, a5, a6, a7, x7, y7 = _axes(s, c)
     for j in range(4):
@@ -79,7 +79,7 @@ def _pose_jacobian(s, c, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath={"contract"}, forceinline=True)
-def _manipulability(s, c):  # type: ignore[no-untyped-def]
+def _manipulability(s, c):
     r"""sqrt(det J J^T) by Cauchy and Binet: the sum of the squares of the seven 6 x 6 minors.
 
     The determinant is that of any tool point. With the wrist for tool, ``J = [A B; L 0]`` (the
@@ -103,7 +103,7 @@ def _manipulability(s, c):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _sincos(q):  # type: ignore[no-untyped-def]
+def _sincos(q):
     s1, c1 = fast_sincos(q[0])
     s2, c2 = fast_sincos(q[1])
     s3, c3 = fast_sincos(q[2])
@@ -115,26 +115,26 @@ def _sincos(q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def pose_jacobian_kernel(q, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
+def pose_jacobian_kernel(q, X_FT, X_WT, J_WT):
     """Writes the tool pose and the Jacobian ``V_WT = J_WT v`` at the tool origin, in the world."""
     s, c = _sincos(q)
     _pose_jacobian(s, c, X_FT, X_WT, J_WT)
 
 
 @njit(cache=True)
-def manipulability_kernel(q):  # type: ignore[no-untyped-def]
+def manipulability_kernel(q):
     """Yoshikawa's measure at any tool point, see `manipulability`."""
     s, c = _sincos(q)
     return _manipulability(s, c)
 
 
 @njit(cache=True, forceinline=True)
-def _row(a, k):  # type: ignore[no-untyped-def]
+def _row(a, k):
     return a[k, 0], a[k, 1], a[k, 2], a[k, 3], a[k, 4], a[k, 5], a[k, 6]
 
 
 @njit(cache=True)
-def _all_sincos(q):  # type: ignore[no-untyped-def]
+def _all_sincos(q):
     # In one loop over all of them, which vectorises; the matrices after it do not need to.
     sine, cosine = np.empty(q.shape), np.empty(q.shape)
     sincos_kernel(q.reshape(-1), sine.reshape(-1), cosine.reshape(-1))
@@ -142,21 +142,21 @@ def _all_sincos(q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _batch_kernel(q, X_FT, X_WT, J_WT):  # type: ignore[no-untyped-def]
+def _batch_kernel(q, X_FT, X_WT, J_WT):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], J_WT[k])
 
 
 @njit(cache=True, nogil=True)
-def _pose_batch_kernel(q, X_FT, X_WT):  # type: ignore[no-untyped-def]
+def _pose_batch_kernel(q, X_FT, X_WT):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], None)
 
 
 @njit(cache=True, nogil=True)
-def _manipulability_batch_kernel(q, out):  # type: ignore[no-untyped-def]
+def _manipulability_batch_kernel(q, out):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         out[k] = _manipulability(_row(sine, k), _row(cosine, k))

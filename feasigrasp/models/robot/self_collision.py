@@ -22,13 +22,13 @@ IIWA_CAPSULES = capsule_model()
 
 
 @njit(cache=True, nogil=True)
-def _distances_batch(q, model, distance):  # type: ignore[no-untyped-def]
+def _distances_batch(q, model, distance):
     for n in range(len(q)):
         distances_kernel(q[n], model, distance[n])
 
 
 @njit(cache=True, nogil=True)
-def _gradients_batch(q, model, distance, gradient):  # type: ignore[no-untyped-def]
+def _gradients_batch(q, model, distance, gradient):
     for n in range(len(q)):
         gradients_kernel(q[n], model, distance[n], gradient[n])
 

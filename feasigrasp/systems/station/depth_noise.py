@@ -34,7 +34,7 @@ class NoisyDepth(LeafSystem):
         self._input = self.DeclareAbstractInputPort("depth_image", image)
         self.DeclareAbstractOutputPort("depth_image", image.Clone, self._calc)
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         depth = self._input.Eval(context).data[:, :, 0]
         rng = np.random.default_rng([self._seed, round(1e6 * context.get_time())])
         noisy = self._noise.apply(depth, self._intrinsics, rng)

@@ -70,7 +70,7 @@ class ObjectServo(LeafSystem):
             self._calc,
         )
 
-    def _calc(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc(self, context: Context, output) -> None:
         if self._hold.Eval(context)[0] < 0.5:
             output.set_value([])
             return

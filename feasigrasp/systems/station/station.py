@@ -80,10 +80,10 @@ class _BodyState(LeafSystem):
         self.DeclareAbstractOutputPort("pose", Value[RigidTransform], self._calc_pose)
         self.DeclareAbstractOutputPort("velocity", Value[SpatialVelocity], self._calc_velocity)
 
-    def _calc_pose(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_pose(self, context: Context, output) -> None:
         output.set_value(RigidTransform(body_pose_kernel(self._state.Eval(context))))
 
-    def _calc_velocity(self, context: Context, output) -> None:  # type: ignore[no-untyped-def]
+    def _calc_velocity(self, context: Context, output) -> None:
         output.set_value(SpatialVelocity(self._state.Eval(context)[7:13]))
 
 

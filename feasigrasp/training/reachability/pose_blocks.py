@@ -79,7 +79,7 @@ class PoseBlocks:
 
 
 @njit(cache=True, error_model="numpy")
-def _keys(q, p, low, scale, out):  # type: ignore[no-untyped-def]
+def _keys(q, p, low, scale, out):
     """Cells of the poses: face of the quaternion cube, then 4 cells per dimension, interleaved."""
     cells = np.empty(6, np.int64)
     for j in range(len(q)):
@@ -100,7 +100,7 @@ def _keys(q, p, low, scale, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _gather(q, p, order, blocks):  # type: ignore[no-untyped-def]
+def _gather(q, p, order, blocks):
     for b in range(len(blocks)):
         for j in range(BLOCK):
             source = order[min(b * BLOCK + j, len(order) - 1)]
@@ -111,7 +111,7 @@ def _gather(q, p, order, blocks):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
-def _add_moments(r, v, first, second):  # type: ignore[no-untyped-def]
+def _add_moments(r, v, first, second):
     """Adds sum r v and the lower triangle of sum r v v^T of a block; returns sum r.
 
     Three loops, each with few enough sums to stay in registers.
@@ -173,7 +173,7 @@ def _add_moments(r, v, first, second):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}, nogil=True)
-def _normalise(log2, active, largest, total, valid):  # type: ignore[no-untyped-def]
+def _normalise(log2, active, largest, total, valid):
     """Turns the ratios of the active components into responsibilities; log likelihood.
 
     Poses from ``valid`` on only fill up the block: their responsibilities become zero.
@@ -192,7 +192,7 @@ def _normalise(log2, active, largest, total, valid):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True)
-def moments_of_blocks(blocks, start, stop, n, packed, mass, first, second):  # type: ignore[no-untyped-def]
+def moments_of_blocks(blocks, start, stop, n, packed, mass, first, second):
     """Adds the moments of the poses in ``blocks[start:stop]``; returns their log likelihood.
 
     Args:

@@ -15,7 +15,7 @@ from feasigrasp.models.arrays import Array, Mask
 
 
 @njit(cache=True, nogil=True)
-def _multiply(X, Y):  # type: ignore[no-untyped-def]
+def _multiply(X, Y):
     """X <- X Y for poses (4, 4)."""
     for i in range(3):
         a, b, c, d = X[i, 0], X[i, 1], X[i, 2], X[i, 3]
@@ -25,7 +25,7 @@ def _multiply(X, Y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def chain_kernel(q, X_PJ, axes, prismatic, X_JE, X, J):  # type: ignore[no-untyped-def]
+def chain_kernel(q, X_PJ, axes, prismatic, X_JE, X, J):
     """Writes the pose (4, 4) of the end frame and its Jacobian (6, n) for joint positions (n,).
 
     The Jacobian maps joint speeds to the end frame's [angular; linear] velocity, in the base frame.
@@ -75,7 +75,7 @@ def chain_kernel(q, X_PJ, axes, prismatic, X_JE, X, J):  # type: ignore[no-untyp
 
 
 @njit(cache=True, nogil=True)
-def _batch(Q, X_PJ, axes, prismatic, X_JE, X, J):  # type: ignore[no-untyped-def]
+def _batch(Q, X_PJ, axes, prismatic, X_JE, X, J):
     for k in range(len(Q)):
         chain_kernel(Q[k], X_PJ, axes, prismatic, X_JE, X[k], J[k])
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from feasigrasp.evaluation.runs import isolated
 from feasigrasp.evaluation.runs import run as run_module
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import Scenario, load_scenario
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.schema import Scenario
 
 
 def test_an_exception_in_the_process_becomes_its_record(tmp_path):

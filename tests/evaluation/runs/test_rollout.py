@@ -15,7 +15,8 @@ from feasigrasp.evaluation.studies.prediction import MEASUREMENTS, motion_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, NUM_JOINTS
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import load_scenario, make_motion
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import make_motion
 
 SPEED = np.array([0.3, -0.2, 0.1, 0.25, -0.1, 0.2, 0.4])
 

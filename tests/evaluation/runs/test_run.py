@@ -10,7 +10,7 @@ import pytest
 from feasigrasp.evaluation.runs.run import crash_record, run, write_result
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import load_scenario, parse_scenario, scenario_names
+from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
 from feasigrasp.systems import dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 

@@ -6,7 +6,7 @@ from pydrake.systems.sensors import CameraInfo, ImageDepth32F
 
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.schema import load_scenario
+from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_station
 from feasigrasp.systems.station.depth_noise import NoisyDepth
 

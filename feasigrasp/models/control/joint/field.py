@@ -34,7 +34,7 @@ _FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def distances_kernel(q, r):  # type: ignore[no-untyped-def]
+def distances_kernel(q, r):
     """Writes the distances |q_i - q_j|, i > j, into the lower triangle of ``r`` (n, n)."""
     n = len(q)
     columns = np.empty((7, n))
@@ -55,7 +55,7 @@ def distances_kernel(q, r):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def length_scale_kernel(r):  # type: ignore[no-untyped-def]
+def length_scale_kernel(r):
     """The length scale for distances (n, n), of which the lower triangle is read."""
     n = len(r)
     if n < 2:
@@ -69,7 +69,7 @@ def length_scale_kernel(r):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def lowest_costs_kernel(r, cost, lowest):  # type: ignore[no-untyped-def]
+def lowest_costs_kernel(r, cost, lowest):
     """Writes ``min_j (c_j + |q_i - q_j|)``; returns the least cost."""
     n = len(cost)
     least = np.inf
@@ -86,7 +86,7 @@ def lowest_costs_kernel(r, cost, lowest):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _exponentials(r, length_scale):  # type: ignore[no-untyped-def]
+def _exponentials(r, length_scale):
     """Replaces the distances by the kernel's values."""
     scale = -1.0 / length_scale
     for i in range(len(r)):
@@ -96,7 +96,7 @@ def _exponentials(r, length_scale):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _solve(K, diagonal, x):  # type: ignore[no-untyped-def]
+def _solve(K, diagonal, x):
     """Replaces x by ``(K + diagonal I)^-1 x``; K (n, n), lower triangle, becomes its factor.
 
     By rows, so that the inner loops run over contiguous memory: up to a hundred solutions this is
@@ -126,7 +126,7 @@ def _solve(K, diagonal, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):  # type: ignore[no-untyped-def]
+def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):
     """Fits the field to solutions at distances ``r`` (n, n), which are used up.
 
     Writes the costs as they count, ``lowest`` (n,), and the weights ``beta`` (n,):
@@ -143,7 +143,7 @@ def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):  # type: ig
 
 
 @njit(cache=True)
-def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):  # type: ignore[no-untyped-def]
+def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
     """Writes grad d (7,) and the weights (n,) of the solutions; returns d and the way left.
 
     All terms are relative to the largest one (log-sum-exp). The way left is ``d`` less the cost of

@@ -67,7 +67,7 @@ class JointControlOptions:
 
 
 @njit(cache=True)
-def _descent_kernel(left, gradient, gain, max_speed, qd):  # type: ignore[no-untyped-def]
+def _descent_kernel(left, gradient, gain, max_speed, qd):
     """Writes ``-k d grad d`` (7,), within the speed limits and so that it can be stopped in time.
 
     Half of the acceleration limits is taken to suffice for the way left along every joint.
@@ -89,7 +89,7 @@ def _descent_kernel(left, gradient, gain, max_speed, qd):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def field_velocity_kernel(  # type: ignore[no-untyped-def]
+def field_velocity_kernel(
     q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, gains
 ):
     """Joint velocity (7,) of the field: inverse kinematics of all solutions, fit, and gradient."""

@@ -84,7 +84,7 @@ class Outlook:
 
 
 @njit(cache=True)
-def posture_cost_kernel(q, prices):  # type: ignore[no-untyped-def]
+def posture_cost_kernel(q, prices):
     """Cost of a configuration by itself: joints near limits, low manipulability."""
     cost = 0.0
     share = prices[1]
@@ -99,7 +99,7 @@ def posture_cost_kernel(q, prices):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def outlook_kernel(X_WO, X_OG, standoff, X_GF, branch, psi, search, prices, X_WF, q):  # type: ignore[no-untyped-def]
+def outlook_kernel(X_WO, X_OG, standoff, X_GF, branch, psi, search, prices, X_WF, q):
     """Cost [rad] of a solution along the object's poses (k, 4, 4); ``X_WF``, ``q`` are scratch."""
     n = len(X_WO)
     total, past = 0.0, 0
@@ -121,7 +121,7 @@ def outlook_kernel(X_WO, X_OG, standoff, X_GF, branch, psi, search, prices, X_WF
 
 
 @njit(cache=True)
-def way_cost_kernel(q, q_i, X_FG, p_WO, search, prices, scratch, X_WH):  # type: ignore[no-untyped-def]
+def way_cost_kernel(q, q_i, X_FG, p_WO, search, prices, scratch, X_WH):
     """What the straight way from ``q`` to ``q_i`` costs: its time, times how far the hand is off.
 
     The distance of hand and object is taken in the middle of each of ``_PARTS`` parts of the way,
@@ -144,7 +144,7 @@ def way_cost_kernel(q, q_i, X_FG, p_WO, search, prices, scratch, X_WH):  # type:
 
 
 @njit(cache=True)
-def _apart(X_WH, p_WO):  # type: ignore[no-untyped-def]
+def _apart(X_WH, p_WO):
     square = 0.0
     for k in range(3):
         square += (X_WH[k, 3] - p_WO[k]) ** 2

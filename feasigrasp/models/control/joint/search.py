@@ -118,7 +118,7 @@ class _Items(NamedTuple):
 
 
 @njit(cache=True)
-def _outlook(  # type: ignore[no-untyped-def]
+def _outlook(
     q_now, X_FG, X_WO, X_OG, standoffs, X_GF, branch, psi, search, prices, q, reached, cost, better
 ):
     """Writes configuration now, outlook, and the way to a better arm angle, of every solution.
@@ -220,8 +220,16 @@ class SolutionSearch:
             int((previous.turn + len(looked_at)) % max(len(X_OG), 1)),
         )
 
-    def _items(  # type: ignore[no-untyped-def]
-        self, X_OG, grasp, branch, psi, rate, cost, X_WO, q
+    def _items(
+        self,
+        X_OG: Array,
+        grasp: Indices,
+        branch: Indices,
+        psi: Array,
+        rate: Array,
+        cost: Array | None,
+        X_WO: Array,
+        q: Array,
     ) -> _Items:
         """Solutions with their configurations and their outlook; cost: the outlook if None."""
         n, X_FG = len(branch), self.reachability.gripper.X_FG
@@ -236,8 +244,8 @@ class SolutionSearch:
         cost = target.copy() if cost is None else cost
         return _Items(X_OG, grasp, branch, psi, rate, cost, target, better, configurations, reached)
 
-    def _new_items(  # type: ignore[no-untyped-def]
-        self, old: _Items, X_OG, looked_at, X_WO, q
+    def _new_items(
+        self, old: _Items, X_OG: Array, looked_at: Indices, X_WO: Array, q: Array
     ) -> _Items:
         """Solutions of some of the grasps that are apart from those there are."""
         X_GF = se3.inverse(self.reachability.gripper.X_FG)

@@ -94,7 +94,7 @@ def branches_of(q: Array) -> Indices:
 
 
 @njit(cache=True, forceinline=True)
-def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):  # type: ignore[no-untyped-def]
+def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):
     """Writes the flange pose (4, 4) of a hand that keeps ``standoff`` [m] behind a grasp."""
     for i in range(3):
         for j in range(3):
@@ -119,7 +119,7 @@ def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):  # type: ignore[no-unt
 
 
 @njit(cache=True, forceinline=True)
-def solve_kernel(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
+def solve_kernel(X_WF, branch, psi, q):
     """Writes the configuration (7,); False if the wrist is out of reach."""
     circle = arm_circle_kernel(X_WF)
     if not circle.reached:
@@ -130,7 +130,7 @@ def solve_kernel(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index):  # type: ignore[no-untyped-def]
+def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index):
     """Writes the flange poses and configurations of all solutions inside the joint limits.
 
     ``X_WF`` (n, 4, 4), ``q`` (n, 7) and ``index`` (n,), which solution each is, are filled from the
@@ -148,7 +148,7 @@ def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index)
 
 
 @njit(cache=True)
-def solution_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):  # type: ignore[no-untyped-def]
+def solution_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):
     """Writes the velocity (7,) of a solution whose target moves with the object.
 
     The closed form's derivative along the twist and the arm angle: the inverse of the Jacobian with
@@ -174,7 +174,7 @@ def solution_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, 
 
 
 @njit(cache=True)
-def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, qd):  # type: ignore[no-untyped-def]
+def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, qd):
     """Writes the mean velocity (7,) of the solutions that count, no faster than the joints are."""
     moved, one = np.empty((4, 4)), np.empty(7)
     moved[3] = 0.0

@@ -38,7 +38,7 @@ _POSITION_TOLERANCE, _ANGLE_TOLERANCE = 1e-3, 0.02
 
 
 @njit(cache=True)
-def distance_kernel(a, b):  # type: ignore[no-untyped-def]
+def distance_kernel(a, b):
     """Euclidean distance of two configurations (7,) [rad]."""
     square = 0.0
     for k in range(7):
@@ -47,7 +47,7 @@ def distance_kernel(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _select(candidates, scores, known, search, found):  # type: ignore[no-untyped-def]
+def _select(candidates, scores, known, search, found):
     """Writes candidates (n, 7), best score first, clear and apart; uses the scores (n,) up."""
     count = 0
     while count < len(found):
@@ -69,7 +69,7 @@ def _select(candidates, scores, known, search, found):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def _closed_form(X_WF, q_now, known, search, prices, found):  # type: ignore[no-untyped-def]
+def _closed_form(X_WF, q_now, known, search, prices, found):
     """All branches at the arm angles of the search and at that of now; returns how many."""
     circle = arm_circle_kernel(X_WF)
     if not circle.reached or len(found) == 0:
@@ -90,7 +90,7 @@ def _closed_form(X_WF, q_now, known, search, prices, found):  # type: ignore[no-
 
 
 @njit(cache=True)
-def _drawn(q, q_now, known, search, prices, found):  # type: ignore[no-untyped-def]
+def _drawn(q, q_now, known, search, prices, found):
     """Of drawn configurations (n, 7), those that are any good; returns how many."""
     scores = np.full(len(q), np.inf)
     for i in range(len(q)):

@@ -26,7 +26,7 @@ _UP = (0.0, 0.0, 1.0)
 
 
 @njit(cache=True, forceinline=True)
-def _keep(row, lower, upper, bound):  # type: ignore[no-untyped-def]
+def _keep(row, lower, upper, bound):
     """Whether some velocity between the bounds breaks ``row . qd >= bound``."""
     slowest, moves = 0.0, False
     for j in range(7):
@@ -36,7 +36,7 @@ def _keep(row, lower, upper, bound):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def rows_kernel(  # type: ignore[no-untyped-def]
+def rows_kernel(
     q,
     lower,
     upper,
@@ -123,7 +123,7 @@ def rows_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def object_rows_kernel(  # type: ignore[no-untyped-def]
+def object_rows_kernel(
     q, lower, upper, clearance, gain, hand, grid, frame, X_WO, V_WO, rows, bounds
 ):
     """Writes rows (m, 7) and bounds (m,) that keep the hand off a moving object; returns m.

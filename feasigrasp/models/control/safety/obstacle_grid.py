@@ -71,7 +71,7 @@ class MovingObject(NamedTuple):
 
 
 @njit(cache=True)
-def grid_kernel(x, values, frame):  # type: ignore[no-untyped-def]
+def grid_kernel(x, values, frame):
     """Distance and gradient (a tuple of 3) at one point: trilinear between the nodes."""
     nx, ny, nz = values.shape
     per_metre = 1.0 / frame[3]
@@ -101,14 +101,14 @@ def grid_kernel(x, values, frame):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _lookup(x, values, frame, distance, gradient):  # type: ignore[no-untyped-def]
+def _lookup(x, values, frame, distance, gradient):
     for m in range(len(x)):
         distance[m], g = grid_kernel((x[m, 0], x[m, 1], x[m, 2]), values, frame)
         gradient[m, 0], gradient[m, 1], gradient[m, 2] = g
 
 
 @njit(cache=True)
-def _nearest_point_kernel(points, low, size, squares):  # type: ignore[no-untyped-def]
+def _nearest_point_kernel(points, low, size, squares):
     """Lowers ``squares`` (nx, ny, nz) to the squared distance of each node's nearest point.
 
     Points tell the nodes around them; nodes tell their neighbours which point they took, in sweeps
@@ -139,7 +139,7 @@ def _nearest_point_kernel(points, low, size, squares):  # type: ignore[no-untype
 
 
 @njit(cache=True, forceinline=True)
-def _take(points, m, low, size, i, j, k, taken, squares):  # type: ignore[no-untyped-def]
+def _take(points, m, low, size, i, j, k, taken, squares):
     """Lets node i, j, k take point m if it is nearer than the one it has."""
     x, y, z = low[0] + size * i, low[1] + size * j, low[2] + size * k
     square = (x - points[m, 0]) ** 2 + (y - points[m, 1]) ** 2 + (z - points[m, 2]) ** 2

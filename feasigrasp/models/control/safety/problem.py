@@ -13,9 +13,7 @@ _LARGEST_REQUEST = 1e3
 
 
 @njit(cache=True)
-def _write_request(  # type: ignore[no-untyped-def]
-    qd_preferred, J, V, rotation_weight, damping, H, f
-):
+def _write_request(qd_preferred, J, V, rotation_weight, damping, H, f):
     """Writes the quadratic objective, H (7, 7) and f (7,); false if the request is not finite."""
     H[:] = 0.0
     weight = damping if len(V) > 0 else 1.0
@@ -41,7 +39,7 @@ def _write_request(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def stop_kernel(H, f):  # type: ignore[no-untyped-def]
+def stop_kernel(H, f):
     """Writes the objective of standing still."""
     f[:] = 0.0
     for i in range(7):
@@ -50,7 +48,7 @@ def stop_kernel(H, f):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def problem_kernel(  # type: ignore[no-untyped-def]
+def problem_kernel(
     q,
     qd_preferred,
     J,
@@ -133,7 +131,7 @@ def problem_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def clip_kernel(qd, vector):  # type: ignore[no-untyped-def]
+def clip_kernel(qd, vector):
     """Rounds a solution into the joints' bounds; false if it is not finite."""
     total = 0.0
     for i in range(7):
@@ -143,7 +141,7 @@ def clip_kernel(qd, vector):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def brake_kernel(qd_last, acceleration_scale, period):  # type: ignore[no-untyped-def]
+def brake_kernel(qd_last, acceleration_scale, period):
     """The next velocity (7,) if only the last one is known: slower; zero where not finite."""
     qd = np.zeros(7)
     for i in range(len(qd_last)):

@@ -25,7 +25,7 @@ from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, V
 
 
 @njit(cache=True, forceinline=True)
-def braking_speed(room, deceleration, period):  # type: ignore[no-untyped-def]
+def braking_speed(room, deceleration, period):
     """The fastest approach that steps of ``deceleration * period`` stop within ``room`` > 0."""
     unit = deceleration * period**2
     # n whole steps of braking take n (n + 1) / 2 units of way; what is left is shared by them.
@@ -34,7 +34,7 @@ def braking_speed(room, deceleration, period):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _approach(room, gain, speed, deceleration, period):  # type: ignore[no-untyped-def]
+def _approach(room, gain, speed, deceleration, period):
     """Bound on the velocity towards a limit; beyond the limit it is negative and leads back."""
     if room <= 0.0:
         return max(gain * room, -speed)
@@ -42,7 +42,7 @@ def _approach(room, gain, speed, deceleration, period):  # type: ignore[no-untyp
 
 
 @njit(cache=True)
-def bounds_kernel(  # type: ignore[no-untyped-def]
+def bounds_kernel(
     q, qd_last, margin, gain, velocity_scale, acceleration_scale, period, lower, upper
 ):
     """Writes joint velocity bounds into the first seven entries of ``lower`` and ``upper``.

@@ -36,7 +36,7 @@ MEDOID_HYSTERESIS = 1.0
 
 
 @njit(cache=True)
-def closest_members_kernel(X_OG, component, X_OH, member):  # type: ignore[no-untyped-def]
+def closest_members_kernel(X_OG, component, X_OH, member):
     """Writes the index of the grasp of each component that is closest to the hand; -1 for none."""
     closest = np.full(len(member), np.inf)
     member[:] = -1

@@ -92,7 +92,7 @@ def pursuit_velocity(
 
 
 @njit(cache=True)
-def _pursue_kernel(  # type: ignore[no-untyped-def]
+def _pursue_kernel(
     q,
     q_ref,
     qd_ref,

@@ -99,7 +99,7 @@ def strand_reference(
 
 
 @njit(cache=True)
-def _continue(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
+def _continue(X_WF, branch, psi, q):
     """Writes the configuration of a branch and arm angle; whether there is one."""
     circle = arm_circle_kernel(X_WF)
     if circle.reached:
@@ -108,7 +108,7 @@ def _continue(X_WF, branch, psi, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _reference_kernel(  # type: ignore[no-untyped-def]
+def _reference_kernel(
     q, X_WO, V_WO, X_OG, branch, psi, remaining, X_FG, margin, funnel, q_ref, qd_ref, X_OT
 ):
     """Writes what `strand_reference` returns: 1 on the strand, 0 on the way, -1 if nowhere."""

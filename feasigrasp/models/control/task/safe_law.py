@@ -71,7 +71,7 @@ class TaskControlOptions:
 
 
 @njit(cache=True)
-def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):  # type: ignore[no-untyped-def]
+def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):
     """Twist of the hand in the world [angular; linear] from one relative to the object.
 
     ``u_H`` is the body twist relative to the object. It is shortened, direction kept, so that
@@ -96,7 +96,7 @@ def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):  # type: 
 
 
 @njit(cache=True)
-def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, J_WH):  # type: ignore[no-untyped-def]
+def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, J_WH):
     """Writes the hand's Jacobian (6, 7); returns the twist (6,) that leads it to pose T."""
     gain, max_angular, max_linear = gains
     X_WH = np.empty((4, 4))
@@ -168,7 +168,7 @@ def task_space_velocity(
 
 
 @njit(cache=True)
-def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains, damping):  # type: ignore[no-untyped-def]
+def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains, damping):
     gain, max_angular, max_linear = gains
     X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, 7)), np.empty(6)
     pose_jacobian_kernel(q, X_FG, X_WH, J_WH)

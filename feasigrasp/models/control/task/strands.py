@@ -61,7 +61,7 @@ class Strands(NamedTuple):
 
 
 @njit(cache=True)
-def _rate(q, offset, costs):  # type: ignore[no-untyped-def]
+def _rate(q, offset, costs):
     """What it costs per second to hold a grasp in a configuration."""
     lack = max(0.0, 1.0 - manipulability_kernel(q) / costs.manipulability)
     rate = offset + costs.manipulability_weight * lack
@@ -73,7 +73,7 @@ def _rate(q, offset, costs):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate):  # type: ignore[no-untyped-def]
+def _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate):
     """Writes configurations (8, P, 7) of one grasp at one instant, and what they cost."""
     rate[:] = np.inf
     circle = arm_circle_kernel(X_WF)
@@ -98,7 +98,7 @@ def _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate):  # type:
 
 
 @njit(cache=True)
-def _end_cost(q_before, q, dt, horizon, costs):  # type: ignore[no-untyped-def]
+def _end_cost(q_before, q, dt, horizon, costs):
     """Cost of being at ``q`` when the plan ends, with the limits that the joints are going to."""
     time = np.inf
     for i in range(7):
@@ -109,7 +109,7 @@ def _end_cost(q_before, q, dt, horizon, costs):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _go_backwards(strands, times, costs):  # type: ignore[no-untyped-def]
+def _go_backwards(strands, times, costs):
     """Writes ``to_go`` and ``following``."""
     K, n, P = len(times) - 1, strands.rate.shape[1], strands.rate.shape[3]
     to_go, following, rate = strands.to_go, strands.following, strands.rate
@@ -143,7 +143,7 @@ def _go_backwards(strands, times, costs):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def strands_kernel(q, X_WO, times, X_OG, X_GF, search, costs):  # type: ignore[no-untyped-def]
+def strands_kernel(q, X_WO, times, X_OG, X_GF, search, costs):
     """The `Strands` of grasps (n, 4, 4) for an object at poses (K + 1, 4, 4)."""
     K, n, P = len(times) - 1, len(X_OG), len(search.psis)
     strands = Strands(

@@ -44,7 +44,7 @@ _NO_TRANSFER = Transfer(np.inf, -1, -1, -1, -1)
 
 
 @njit(cache=True)
-def _way_cost(q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG, costs):  # type: ignore[no-untyped-def]
+def _way_cost(q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG, costs):
     """Mean distance of hand and object on the straight way in joint space, times its duration."""
     total, hits = 0.5 * (start + standoff), 0
     on_way, X, J = np.empty(7), np.empty((4, 4)), np.empty((6, 7))
@@ -70,9 +70,7 @@ def _way_cost(q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG
 
 
 @njit(cache=True)
-def transfer_kernel(  # type: ignore[no-untyped-def]
-    q, k0, only, skipped, strands, X_WO, times, X_OG, X_FG, funnel, search, costs
-):
+def transfer_kernel(q, k0, only, skipped, strands, X_WO, times, X_OG, X_FG, funnel, search, costs):
     """The best `Transfer` that leaves configuration ``q`` at instant ``k0``.
 
     ``only`` and ``skipped`` are the grasp and branch of the one strand that is looked at, or of the
@@ -124,7 +122,7 @@ def transfer_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def stay_kernel(q, grasp, branch, strands, X_WO, times, X_OG, X_FG, funnel, search, costs):  # type: ignore[no-untyped-def]
+def stay_kernel(q, grasp, branch, strands, X_WO, times, X_OG, X_FG, funnel, search, costs):
     """What it costs to go on with a strand, and to leave it at the best moment.
 
     Returns the `Transfer` onto the strand, its cost that of the whole plan, and the instant at

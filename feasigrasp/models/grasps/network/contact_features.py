@@ -127,7 +127,7 @@ def contact_features(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _assemble(  # type: ignore[no-untyped-def]
+def _assemble(
     centred, normals, scalars, sure, near, wide, far, count, wide_count, vectors, numbers
 ):
     """Writes vectors and numbers; numbers are logarithms where magnitudes differ widely."""
@@ -166,7 +166,7 @@ def _assemble(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _describe(mean, count, out):  # type: ignore[no-untyped-def]
+def _describe(mean, count, out):
     """The invariants of a neighbourhood: its weight, how flat it is, how sure."""
     out[0] = np.log1p(mean[0] * count)
     out[1] = np.sqrt(mean[1] ** 2 + mean[2] ** 2 + mean[3] ** 2)
@@ -174,7 +174,7 @@ def _describe(mean, count, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _reference_directions(centred, axes, across):  # type: ignore[no-untyped-def]
+def _reference_directions(centred, axes, across):
     """Writes unit directions across the axes that move with the cloud.
 
     Towards the centroid, or along the cloud's skewness, whichever lies more across the axis. Only

@@ -19,7 +19,7 @@ _NOTHING = 1.2e-38
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _relu(x, bias, zero):  # type: ignore[no-untyped-def]
+def _relu(x, bias, zero):
     """Adds a bias to every channel (C, m) and cuts at zero."""
     wide_vectors()
     for c in range(len(x)):
@@ -29,7 +29,7 @@ def _relu(x, bias, zero):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _half_space(p0, p1, p2, d0, d1, d2, zero, nothing):  # type: ignore[no-untyped-def]
+def _half_space(p0, p1, p2, d0, d1, d2, zero, nothing):
     """Takes from vectors p, in place, what points against directions d."""
     wide_vectors()
     for i in range(len(p0)):
@@ -43,21 +43,21 @@ def _half_space(p0, p1, p2, d0, d1, d2, zero, nothing):  # type: ignore[no-untyp
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _dot_rows(x0, x1, x2, y0, y1, y2, out):  # type: ignore[no-untyped-def]
+def _dot_rows(x0, x1, x2, y0, y1, y2, out):
     wide_vectors()
     for i in range(len(x0)):
         out[i] = x0[i] * y0[i] + x1[i] * y1[i] + x2[i] * y2[i]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _length_rows(x0, x1, x2, nothing, out):  # type: ignore[no-untyped-def]
+def _length_rows(x0, x1, x2, nothing, out):
     wide_vectors()
     for i in range(len(x0)):
         out[i] = np.sqrt(max(x0[i] * x0[i] + x1[i] * x1[i] + x2[i] * x2[i], nothing))
 
 
 @njit(cache=True, error_model="numpy")
-def cloud_kernel(vectors, numbers, encode, survey, survey_bias, zero):  # type: ignore[no-untyped-def]
+def cloud_kernel(vectors, numbers, encode, survey, survey_bias, zero):
     """Encoded vectors (3, C, n), their means (3, C), and the pooled survey of the cloud."""
     channels, n = len(encode) - 1, numbers.shape[1]
     nothing, share = numbers.dtype.type(_NOTHING), numbers.dtype.type(1.0 / n)
@@ -84,7 +84,7 @@ def cloud_kernel(vectors, numbers, encode, survey, survey_bias, zero):  # type: 
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _room_inputs(room, start, ringed):  # type: ignore[no-untyped-def]
+def _room_inputs(room, start, ringed):
     """Writes the room of every direction, and the less and the greater of its neighbours'."""
     wide_vectors()
     features, K, _ = room.shape
@@ -99,7 +99,7 @@ def _room_inputs(room, start, ringed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _side_inputs(vectors, frame, turns, uv, ringed):  # type: ignore[no-untyped-def]
+def _side_inputs(vectors, frame, turns, uv, ringed):
     """Writes the components of vectors (3, C, t) along and beside every direction (2 C, K, t)."""
     wide_vectors()
     sides, K = vectors.shape[1], ringed.shape[1]
@@ -119,7 +119,7 @@ def _side_inputs(vectors, frame, turns, uv, ringed):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _add_relu(x, y, zero):  # type: ignore[no-untyped-def]
+def _add_relu(x, y, zero):
     """Adds y (C, t) to every direction of x (C, K, t) and cuts at zero."""
     wide_vectors()
     for c in range(x.shape[0]):
@@ -129,7 +129,7 @@ def _add_relu(x, y, zero):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _greatest(x, bias, zero, out):  # type: ignore[no-untyped-def]
+def _greatest(x, bias, zero, out):
     """Greatest over the directions of (C, K, t), with a bias, cut at zero."""
     wide_vectors()
     for c in range(x.shape[0]):
@@ -143,7 +143,7 @@ def _greatest(x, bias, zero, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _mean_and_greatest(row, share):  # type: ignore[no-untyped-def]
+def _mean_and_greatest(row, share):
     """The mean of a row, and its greatest entry by folding, which overwrites it."""
     wide_vectors()
     total = share - share
@@ -159,7 +159,7 @@ def _mean_and_greatest(row, share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _mean(row, share):  # type: ignore[no-untyped-def]
+def _mean(row, share):
     wide_vectors()
     total = share - share
     for i in range(len(row)):
@@ -168,14 +168,14 @@ def _mean(row, share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _add_product(x, y, out):  # type: ignore[no-untyped-def]
+def _add_product(x, y, out):
     wide_vectors()
     for i in range(len(x)):
         out[i] += x[i] * y[i]
 
 
 @njit(cache=True, error_model="numpy")
-def contacts_kernel(  # type: ignore[no-untyped-def]
+def contacts_kernel(
     encoded, shift, numbers, room, frames, turns, context, weights, tilts, zero, said, tilt, free
 ):
     """Writes what is said of contacts, their tilts (3, n), and how free approaches are.
@@ -262,9 +262,7 @@ def contacts_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def grasps_kernel(  # type: ignore[no-untyped-def]
-    chords, frames, turns, said, tilt, free, closing, width, spread, approach, score
-):
+def grasps_kernel(chords, frames, turns, said, tilt, free, closing, width, spread, approach, score):
     """Writes grasps, in float64 so that unit vectors are unit; spreads before their softplus."""
     ring, modes = len(free), score.shape[1]
     logits = np.empty(ring)
@@ -291,12 +289,12 @@ def grasps_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _along(turns, k, u, v):  # type: ignore[no-untyped-def]
+def _along(turns, k, u, v):
     """A coordinate of direction k of the ring, from those of its axes."""
     return turns[0, k] * np.float64(u) + turns[1, k] * np.float64(v)
 
 
 @njit(cache=True, error_model="numpy")
-def _unit(x, y, z):  # type: ignore[no-untyped-def]
+def _unit(x, y, z):
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length

@@ -7,9 +7,7 @@ from feasigrasp.models.numerics.simd import wide_vectors
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def neighbourhood_kernel(  # type: ignore[no-untyped-def]
-    centers, facing, cloud, radii, axis, means
-):
+def neighbourhood_kernel(centers, facing, cloud, radii, axis, means):
     """Writes `neighbourhoods` (n, r, 8); the cloud (7, c) is sorted along an axis."""
     one, zero = cloud.dtype.type(1.0), cloud.dtype.type(0.0)
     for i in range(len(centers)):
@@ -31,9 +29,7 @@ def neighbourhood_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _neighbourhood(  # type: ignore[no-untyped-def]
-    x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out
-):
+def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out):
     wide_vectors()
     xs, ys, zs = cloud[0, start:stop], cloud[1, start:stop], cloud[2, start:stop]
     us, vs, ws = cloud[3, start:stop], cloud[4, start:stop], cloud[5, start:stop]
@@ -56,9 +52,7 @@ def _neighbourhood(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def room_kernel(  # type: ignore[no-untyped-def]
-    points, axes, across, widths, cloud, sure, turns, hand, reach, share, room
-):
+def room_kernel(points, axes, across, widths, cloud, sure, turns, hand, reach, share, room):
     """Writes `hand_room` (ROOM, K, n); ``hand`` holds the sizes that it gathers."""
     sums = np.empty((len(turns), room.shape[0]), dtype=points.dtype)
     scratch = np.empty((6, cloud.shape[1]), dtype=points.dtype)
@@ -80,7 +74,7 @@ def room_kernel(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _project(x, y, z, b, u, v, half, cloud, hand, scratch):  # type: ignore[no-untyped-def]
+def _project(x, y, z, b, u, v, half, cloud, hand, scratch):
     """The cloud across the axis, and its distances along the axis from each part of the hand."""
     wide_vectors()
     xs, ys, zs = cloud[0], cloud[1], cloud[2]
@@ -109,7 +103,7 @@ def _project(x, y, z, b, u, v, half, cloud, hand, scratch):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _directions(cos, sin, scratch, sure, hand, reach, out, opposite):  # type: ignore[no-untyped-def]
+def _directions(cos, sin, scratch, sure, hand, reach, out, opposite):
     """Sums of the fourth powers for an approach direction and its opposite.
 
     z lies along the approach and y across; for the opposite one both change sign.

@@ -1,0 +1,73 @@
+"""Reading scenarios from YAML, and writing them."""
+
+from pathlib import Path
+
+import yaml
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.scenario.checks import check_scenario
+from feasigrasp.scenario.schema import Scenario
+
+_YAML_ERRORS = (RuntimeError, ValueError, TypeError, KeyError, yaml.YAMLError)
+
+
+def scenario_names(filename: str | Path) -> list[str]:
+    """The names of the scenarios in a file; those that start with ``_`` are shared anchors.
+
+    Raises:
+        ScenarioError: There is no such file, or it is not YAML.
+    """
+    try:
+        content = yaml.load(Path(filename).read_text(), Loader=yaml.BaseLoader)
+    except FileNotFoundError as error:
+        raise ScenarioError(f"no scenario file {filename}; check --scenario_file") from error
+    except yaml.YAMLError as error:
+        raise ScenarioError(f"{filename} is not valid YAML: {error}") from error
+    return [name for name in content or {} if not name.startswith("_")]
+
+
+def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Scenario:
+    """Reads one scenario of a file.
+
+    Args:
+        filename: YAML file that maps names to scenarios.
+        name: Which one.
+        *overrides: YAML texts that are applied on top, one after the other, e.g.
+            ``"{object: {model: mug}}"``.
+
+    Raises:
+        ScenarioError: Unknown file, scenario, key or value.
+    """
+    names = scenario_names(filename)
+    if name not in names:
+        raise ScenarioError(f"no scenario {name!r} in {filename}; it has {', '.join(names)}")
+    try:
+        scenario = yaml_load_typed(
+            schema=Scenario, filename=str(filename), child_name=name, defaults=Scenario()
+        )
+        for text in filter(None, overrides):
+            scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
+    except _YAML_ERRORS as error:
+        raise ScenarioError(f"scenario {name!r} in {filename}: {error}") from error
+    check_scenario(scenario)
+    return scenario
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The scenario as YAML text, complete; `parse_scenario` reads it."""
+    return str(yaml_dump_typed(scenario, schema=Scenario))
+
+
+def parse_scenario(text: str) -> Scenario:
+    """Reads what `dump_scenario` wrote, e.g. the ``scenario_yaml`` of a result file.
+
+    Raises:
+        ScenarioError: Unknown key or value.
+    """
+    try:
+        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
+    except _YAML_ERRORS as error:
+        raise ScenarioError(f"not a scenario: {error}") from error
+    check_scenario(scenario)
+    return scenario
