@@ -21,7 +21,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 #: package that they lie in.
 ORDER = (
     ("errors", "models.arrays"),
-    ("resources",),
+    ("resources", "models.choices"),
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),
