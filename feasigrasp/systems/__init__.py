@@ -1,1 +1,54 @@
 """Thin Drake ``LeafSystem``s and ``Diagram``s around ``feasigrasp.models``."""
+
+from typing import TYPE_CHECKING
+
+from feasigrasp.lazy import hand_on
+
+if TYPE_CHECKING:
+    from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+    from feasigrasp.systems.gp_joint_controller import GPJointController
+    from feasigrasp.systems.grasp_sampler import GraspSampler
+    from feasigrasp.systems.gripper_sequencer import GripperSequencer
+    from feasigrasp.systems.metrics import Metrics
+    from feasigrasp.systems.object_tracker import ObjectTracker
+    from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
+    from feasigrasp.systems.reachability_filter import ReachabilityFilter
+    from feasigrasp.systems.rmm_task_controller import RMMTaskController
+    from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
+    from feasigrasp.systems.station.station import Station, StationConfig
+    from feasigrasp.systems.velocity_drive import VelocityDrive
+
+__all__ = [
+    "GPJointController",
+    "GraspSampler",
+    "GripperSequencer",
+    "Metrics",
+    "ObjectTracker",
+    "PointCloudToGPDF",
+    "RMMTaskController",
+    "ReachabilityFilter",
+    "SegmentPointCloud",
+    "Station",
+    "StationConfig",
+    "VelocityDrive",
+    "make_dynamic_grasp",
+]
+
+__getattr__ = hand_on(
+    __name__,
+    {
+        "Station": "station.station",
+        "StationConfig": "station.station",
+        "SegmentPointCloud": "segment_point_cloud",
+        "PointCloudToGPDF": "point_cloud_to_gpdf",
+        "GraspSampler": "grasp_sampler",
+        "ReachabilityFilter": "reachability_filter",
+        "GripperSequencer": "gripper_sequencer",
+        "RMMTaskController": "rmm_task_controller",
+        "GPJointController": "gp_joint_controller",
+        "VelocityDrive": "velocity_drive",
+        "ObjectTracker": "object_tracker",
+        "Metrics": "metrics",
+        "make_dynamic_grasp": "dynamic_grasp",
+    },
+)

@@ -1,0 +1,55 @@
+"""The front door: what packages hand on, and what importing them costs."""
+
+import importlib
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+from tools.make_docs import faces
+
+PROMISED = {
+    "feasigrasp.models.shape": "Gpdf CompletedField fit_gpdf complete_shape SceneField fit_scene",
+    "feasigrasp.models.clouds": "FusedCloud read_cloud prepare_cloud DepthNoise",
+    "feasigrasp.models.grasps": "GraspSet perceive make_sampler AntipodalSampler NetworkSampler "
+    "filter_grasps",
+    "feasigrasp.models.mixtures": "RiemannianMixture fit_riemannian_mixture fit_best_mixture",
+    "feasigrasp.models.robot": "ParallelGripper WSG_50 forward_kinematics pose_and_jacobian "
+    "manipulability",
+    "feasigrasp.models.ik": "closed_form IkFlow",
+    "feasigrasp.models.reach": "Reachability ReachableSpace judge_grasps",
+    "feasigrasp.models.control": "Safety SafetyOptions TaskControlOptions JointControlOptions",
+    "feasigrasp.models.objects": "RigidObject load_object HarmonicMotion",
+    "feasigrasp.scenario": "Scenario load_scenario dump_scenario make_motion",
+    "feasigrasp.systems": "Station StationConfig SegmentPointCloud PointCloudToGPDF GraspSampler "
+    "ReachabilityFilter GripperSequencer RMMTaskController GPJointController VelocityDrive "
+    "ObjectTracker Metrics make_dynamic_grasp",
+}
+
+
+@pytest.mark.parametrize("face", PROMISED)
+def test_a_face_hands_on_what_is_promised(face):
+    module = importlib.import_module(face)
+    for name in PROMISED[face].split():
+        assert name in module.__all__
+        assert not isinstance(getattr(module, name), ModuleType)
+        assert getattr(module, name).__doc__
+
+
+@pytest.mark.parametrize("face", faces())
+def test_all_public_names_exist(face):
+    module = importlib.import_module(face)
+    assert len(module.__all__) <= 16
+    assert list(module.__all__) == sorted(set(module.__all__))
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+    with pytest.raises(AttributeError, match="nothing_of_that_name"):
+        _ = module.nothing_of_that_name
+
+
+@pytest.mark.parametrize("face", [face for face in faces() if ".models" in face])
+def test_the_numerics_load_neither_drake_nor_torch(face):
+    code = f"import sys, {face}; print([m for m in ('pydrake', 'torch') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
