@@ -9,7 +9,7 @@ import pytest
 from feasigrasp.cli import main
 from feasigrasp.evaluation.studies import grasp_targets as study_grasp_targets
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
