@@ -26,7 +26,7 @@ from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.row_table import format_rows
 from feasigrasp.results.rows import Row, write_summary
 from feasigrasp.results.statistics import proportion
-from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture, rotations
+from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp.training.reachability.plots import plot_roc
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp.training.reachability.reachable_poses import (
@@ -170,7 +170,7 @@ def _reached(rng: np.random.Generator, draws: int, thin: bool) -> Array:
     reference = manipulability_reference(arm) if thin else None
     for start in range(0, draws, 250_000):
         part = sample_reachable_poses(arm, min(250_000, draws - start), rng, thin=reference)
-        parts.append(se3.make_pose(rotations(part.quaternions.astype(float)), part.positions))
+        parts.append(se3.make_pose(se3.rotations(part.quaternions), part.positions))
     return np.concatenate(parts)
 
 

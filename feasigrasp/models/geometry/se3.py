@@ -26,6 +26,7 @@ from feasigrasp.models.geometry.se3_kernels import (
     log_kernel,
     right_jacobian_inverse_kernel,
     right_jacobian_kernel,
+    rotation_kernel,
     so3_exp_kernel,
     so3_log_kernel,
 )
@@ -47,12 +48,14 @@ __all__ = [
     "log",
     "log_kernel",
     "make_pose",
+    "perpendiculars",
     "random_pose",
     "right_jacobian",
     "right_jacobian_inverse",
     "right_jacobian_inverse_kernel",
     "right_jacobian_kernel",
     "rotation_angle",
+    "rotations",
     "so3_exp",
     "so3_exp_kernel",
     "so3_log",
@@ -129,6 +132,21 @@ def hat(w: ArrayLike) -> Array:
     return _map(_hat, w, _VECTOR3, _MATRIX3)
 
 
+def rotations(wxyz: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length."""
+    return _map(_rotations, wxyz, (4,), _MATRIX3)
+
+
+def perpendiculars(z: Array) -> tuple[Array, Array]:
+    """Unit vectors x and y that make right-handed frames with unit vectors z, (..., 3) each.
+
+    x is perpendicular to the coordinate axis that is farthest from z, too.
+    """
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=-1)])
+    x /= np.linalg.norm(x, axis=-1, keepdims=True) if z.ndim > 1 else np.linalg.norm(x)
+    return x, np.cross(z, x)
+
+
 def make_pose(R: ArrayLike, p: ArrayLike) -> Array:
     """Poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3), broadcast together."""
     R, p = _checked(R, _MATRIX3), _checked(p, _VECTOR3)
@@ -143,10 +161,7 @@ def random_pose(rng: np.random.Generator, n: int) -> Array:
     """Poses (n, 4, 4) with uniform rotations and positions uniform in [-1, 1]^3 m."""
     # A 4-vector of normal variates is a uniform direction, hence a uniform unit quaternion.
     q = rng.standard_normal((n, 4))
-    w, xyz = q[:, :1, None], q[:, 1:]
-    turn = 2.0 * hat(xyz) @ (w * np.eye(3) + hat(xyz))
-    R = np.eye(3) + turn / np.sum(q**2, axis=1)[:, None, None]
-    return make_pose(R, rng.uniform(-1.0, 1.0, (n, 3)))
+    return make_pose(rotations(q), rng.uniform(-1.0, 1.0, (n, 3)))
 
 
 def extrapolate(X_WB: ArrayLike, V_WB: ArrayLike, dt: float) -> Array:
@@ -238,6 +253,12 @@ def _so3_exp(w: Array, out: Array) -> None:
 def _so3_log(R: Array, out: Array) -> None:
     for i in range(len(R)):
         out[i] = so3_log_kernel(R[i])
+
+
+@njit(cache=True)
+def _rotations(q: Array, out: Array) -> None:
+    for i in range(len(q)):
+        rotation_kernel(q[i], out[i])
 
 
 @njit(cache=True)

@@ -13,7 +13,6 @@ from feasigrasp.training.reachability.fit_mixture import (
     em_pass,
     fit_large_mixture,
     maximization_step,
-    rotations,
 )
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 
@@ -55,7 +54,7 @@ def single_precision(X):
     q = np.empty((len(X), 4))
     pose_quaternions(np.ascontiguousarray(X), q)
     q = q.astype(np.float32).astype(float)
-    return se3.make_pose(rotations(q), X[:, :3, 3].astype(np.float32).astype(float))
+    return se3.make_pose(se3.rotations(q), X[:, :3, 3].astype(np.float32).astype(float))
 
 
 @pytest.mark.parametrize("n", [1, 7, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK + 5])
