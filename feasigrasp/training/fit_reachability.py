@@ -18,6 +18,7 @@ from tqdm import tqdm
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
+from feasigrasp.models.mixtures.mixture import bic
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import positive
@@ -226,8 +227,7 @@ def _fit(
 
 def _bic(space: ReachableSpace) -> float:
     n = space.metadata["counts"]["fitted"]
-    likelihood = n * space.metadata["log_likelihood_per_pose"]
-    return float((28 * len(space.mixture) - 1) * np.log(n) - 2.0 * likelihood)
+    return bic(len(space.mixture), n, n * space.metadata["log_likelihood_per_pose"])
 
 
 def _write_bic(fits: list[ReachableSpace], out: Path) -> None:

@@ -14,6 +14,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 TARGETS = ["mean, K = 2", "mean, K by BIC", "ascent to means", "medoid", "ascent to medoids"]
+TARGETS += ["gradient to means"]
 
 
 def run(out, *objects):
