@@ -20,6 +20,7 @@ from feasigrasp.models.geometry.se3_kernels import (
     exp_kernel,
     inverse_kernel,
     log_kernel,
+    quaternion_kernel,
     right_jacobian_inverse_kernel,
     rotation_kernel,
     so3_exp_kernel,
@@ -74,6 +75,11 @@ def hat(w: ArrayLike) -> Array:
     """Cross-product matrices (..., 3, 3): ``hat(w) @ x = cross(w, x)``."""
     columns = np.cross(_checked(w, _VECTOR3)[..., None, :], np.eye(3))
     return np.asarray(columns.swapaxes(-1, -2))
+
+
+def quaternions(X: ArrayLike) -> Array:
+    """Unit quaternions wxyz (..., 4), ``w >= 0``, of poses (..., 4, 4)."""
+    return _map(_quaternions, X, _POSE, (4,))
 
 
 def rotations(wxyz: ArrayLike) -> Array:
@@ -185,6 +191,12 @@ def _so3_exp(w: Array, out: Array) -> None:
 def _so3_log(R: Array, out: Array) -> None:
     for i in range(len(R)):
         out[i] = so3_log_kernel(R[i])
+
+
+@njit(cache=True)
+def _quaternions(X: Array, out: Array) -> None:
+    for i in range(len(X)):
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = quaternion_kernel(X[i])
 
 
 @njit(cache=True)

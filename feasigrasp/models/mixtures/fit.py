@@ -12,13 +12,9 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.em import Samples, Stop, expectation_maximization
-from feasigrasp.models.mixtures.mixture import (
-    RiemannianMixture,
-    bic,
-    checked_poses,
-    unit_quaternions,
-)
+from feasigrasp.models.mixtures.mixture import RiemannianMixture, bic, checked_poses
 from feasigrasp.models.mixtures.seeding import seed_means
 
 
@@ -124,7 +120,7 @@ class _Fit:
         criterion = bic(len(self.weights), len(problem.X), self.log_likelihood)
         if max_rotation >= math.pi:
             return False, criterion
-        means = unit_quaternions(np.ascontiguousarray(self.means))
+        means = se3.quaternions(self.means)
         cosine = _smallest_cosine(problem.samples.quaternions, means)
         return cosine < math.cos(0.5 * max_rotation), criterion
 
@@ -150,7 +146,7 @@ class _Problem:
             if not (math.isfinite(value) and value > 0):
                 raise GraspError(f"fit_riemannian_mixture: {name} = {value} must be positive.")
         self.samples = Samples(
-            np.ascontiguousarray(unit_quaternions(self.X).T),
+            np.ascontiguousarray(se3.quaternions(self.X).T),
             np.ascontiguousarray(self.X[:, :3, 3].T),
             _checked_weights(self.sample_weights, len(self.X)),
         )

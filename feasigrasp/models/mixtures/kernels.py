@@ -89,13 +89,6 @@ def posterior_kernel(log_weights: Array, log_densities: Array, responsibilities:
 
 
 @njit(cache=True)
-def pose_quaternions(X: Array, out: Array) -> None:
-    """Unit quaternions (n, 4) of n poses."""
-    for i in range(len(X)):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = quaternion_kernel(X[i])
-
-
-@njit(cache=True)
 def evaluate_poses(
     X: Array, parameters: Parameters, tangents: Array, log: Array, r: Array, total: Array
 ) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.kernels import Parameters, evaluate_poses, pose_quaternions
+from feasigrasp.models.mixtures.kernels import Parameters, evaluate_poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class RiemannianMixture(Frozen):
         log_normalisers = -3.0 * math.log(2.0 * math.pi) - np.log(diagonal).sum(axis=1)
         whitening = np.tril(np.linalg.inv(factors))
         parameters = Parameters(
-            log_weights, means, unit_quaternions(means), whitening, log_normalisers
+            log_weights, means, se3.quaternions(means), whitening, log_normalisers
         )
         for array in parameters:
             array.flags.writeable = False
@@ -156,13 +156,6 @@ def checked_poses(X: ArrayLike, name: str) -> Array:
             "limit 1e-4, or a reflection); orthonormalise the rotations."
         )
     return X
-
-
-def unit_quaternions(X: Array) -> Array:
-    """Unit quaternions (n, 4) of poses (n, 4, 4)."""
-    out = np.empty((len(X), 4))
-    pose_quaternions(X, out)
-    return out
 
 
 def bic(components: int, poses: int, log_likelihood: float) -> float:
