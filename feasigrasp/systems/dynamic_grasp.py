@@ -13,7 +13,7 @@ from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object

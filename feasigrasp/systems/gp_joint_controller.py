@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.models.control.joint.law import JointControlOptions, JointSpaceControl
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.safety.obstacle_grid import object_grid, obstacle_grid
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import NUM_JOINTS

@@ -7,7 +7,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kernel
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.capsules import NON_ADJACENT_PAIRS, capsule_model
@@ -79,20 +79,20 @@ class Metrics(LeafSystem):
     def _calc(self, context: Context, output) -> None:
         q, v = np.split(self._state.Eval(context), 2)
         X_WO = self._pose.Eval(context).GetAsMatrix4()
-        X_OH = se3.inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
+        X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
         grasps: GraspSet = self._grasps.Eval(context)
         nearest = np.full(2, np.nan)
         if len(grasps) > 0:
             errors = grasp_errors(grasps.X_OG, X_OH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
-        p_HO = se3.inverse_kernel(X_OH)[:3, 3]
+        p_HO = inverse_kernel(X_OH)[:3, 3]
         output.SetFromVector(
             np.concatenate(
                 [
                     arm_condition_kernel(q, v, self._capsules, self._all_capsules),
                     nearest,
                     p_HO,
-                    se3.so3_log_kernel(np.ascontiguousarray(X_OH[:3, :3])),
+                    so3_log_kernel(np.ascontiguousarray(X_OH[:3, :3])),
                     X_WO[:3, 3],
                     self._phase.Eval(context),
                 ]

@@ -14,7 +14,7 @@ from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_record import ViewRecord
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 

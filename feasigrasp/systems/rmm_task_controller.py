@@ -16,7 +16,7 @@ from feasigrasp.models.control.task.safe_law import (
     paper_task_space_velocity,
     task_space_velocity,
 )
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import future_poses
 from feasigrasp.models.reach.reachability import Reachability

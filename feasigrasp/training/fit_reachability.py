@@ -18,12 +18,13 @@ from tqdm import tqdm
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
+from feasigrasp.models.mixtures.mixture import bic
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import positive
 from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.rows import Row, write_json, write_summary
-from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture, rotations
+from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp.training.reachability.plots import plot_bic
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp.training.reachability.reachable_poses import (
@@ -203,10 +204,7 @@ def split(reached: ReachedPoses, fit_poses: int, seed: int) -> FitData:
     rest = np.ones(n, dtype=bool)
     rest[held_out] = False
     chosen = np.flatnonzero(rest)[:fit_poses]  # draws are independent: the first are as good
-    X = se3.make_pose(
-        rotations(reached.quaternions[held_out].astype(float)),
-        reached.positions[held_out].astype(float),
-    )
+    X = se3.make_pose(se3.rotations(reached.quaternions[held_out]), reached.positions[held_out])
     return FitData(PoseBlocks.of(reached.quaternions[chosen], reached.positions[chosen]), X)
 
 
@@ -229,8 +227,7 @@ def _fit(
 
 def _bic(space: ReachableSpace) -> float:
     n = space.metadata["counts"]["fitted"]
-    likelihood = n * space.metadata["log_likelihood_per_pose"]
-    return float((28 * len(space.mixture) - 1) * np.log(n) - 2.0 * likelihood)
+    return bic(len(space.mixture), n, n * space.metadata["log_likelihood_per_pose"])
 
 
 def _write_bic(fits: list[ReachableSpace], out: Path) -> None:

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, LogVectorOutput
 
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions, velocity_bounds
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.reachability import Reachability

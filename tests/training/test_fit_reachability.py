@@ -51,9 +51,8 @@ def test_bic_is_that_of_the_poses(fitted):
     """From the samples on disk, in double precision."""
     space = ReachableSpace.load(fitted / "reachable_space_12.npz")
     stored = np.load(fitted / "samples" / "part-0000.npz")
-    from feasigrasp.training.reachability.fit_mixture import rotations
 
-    X = se3.make_pose(rotations(stored["quaternions"].astype(float)), stored["positions"])
+    X = se3.make_pose(se3.rotations(stored["quaternions"].astype(float)), stored["positions"])
     n = space.metadata["counts"]["fitted"]
     with (fitted / "bic.csv").open() as file:
         bic = float(list(csv.DictReader(file))[1]["bic"])

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.shape.completion import CompletedField
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -89,7 +90,7 @@ def sample_level_set(field: Gpdf, seeds: Iterable[Array] = (), cells: int = 40) 
     area = 1.0 / per_area
 
     spacing = float(np.prod(step) ** (1.0 / 3.0)) / 2.0
-    first, second = _tangents(normals)
+    first, second = perpendiculars(normals)
     spread = [points + spacing * side for side in (first, -first, second, -second)]
     more = _project(field, np.concatenate([*spread, *seeds]), steps=4)
     points, normals = np.concatenate([points, more[0]]), np.concatenate([normals, more[1]])
@@ -102,11 +103,3 @@ def _project(field: Gpdf, x: Array, steps: int = 5) -> tuple[Array, Array]:
     ends, normals = field.refine(x, steps)[1:]
     on = np.abs(field.distance(ends)) < _ON_SURFACE
     return ends[on], normals[on]
-
-
-def _tangents(normals: Array) -> tuple[Array, Array]:
-    """Two unit vectors perpendicular to each normal and to each other, (n, 3) each."""
-    other = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    first = np.cross(normals, other)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(normals, first)

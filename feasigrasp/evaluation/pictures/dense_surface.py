@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_points import SurfacePoints
 
@@ -31,10 +32,8 @@ def dense_surface(gpdf: Gpdf, across: int = 90) -> SurfacePoints:
     grown = gpdf.surface(_GRID)
     points, normals = _one_per_voxel(grown.points, grown.normals, spacing)
     for _ in range(_ROUNDS):
-        first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-        second = np.cross(normals, first)
-        beside = [points + spacing * sign * t for t in (first, second) for sign in (1.5, -1.5)]
+        tangents = perpendiculars(normals)
+        beside = [points + spacing * sign * t for t in tangents for sign in (1.5, -1.5)]
         _, ends, end_normals = gpdf.refine(np.concatenate(beside), steps=4)
         kept = np.abs(gpdf.distance(ends)) < _ON_SURFACE
         points, normals = _one_per_voxel(

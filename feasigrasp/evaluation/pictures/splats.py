@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry.se3 import perpendiculars
 
 #: Direction of the light from the viewer's place: from above, on the left.
 _LIGHT = np.array([-0.35, 0.55, 0.76])
@@ -47,8 +48,7 @@ class Viewer:
         level = back - (back @ z) * z
         climb = np.arctan2(back @ z, np.linalg.norm(level)) + raised
         if np.linalg.norm(level) < 1e-6 * np.linalg.norm(back):  # straight from above
-            level = np.eye(3)[np.argmin(np.abs(z))]
-            level = level - (level @ z) * z
+            level = -perpendiculars(z)[1]
         climb = np.clip(climb, -1.55, 1.55)
         level = level / np.linalg.norm(level)
         level = np.cos(turn) * level + np.sin(turn) * np.cross(z, level)

@@ -1,7 +1,8 @@
 """Are the means of a mixture over grasps grasps themselves?
 
 For every object a mixture is fitted to its grasps, and its means, medoids and the places where the
-preconditioned ascent comes to rest are put through the grasp filter on the object's whole surface.
+preconditioned ascent comes to rest, or the ascent along the gradient, are put through the grasp
+filter on the object's whole surface.
 A pose passes if it does with the width of any grasp of the set.
 """
 
@@ -34,6 +35,8 @@ from feasigrasp.results.statistics import mean
 
 _STARTS = 32  # hand poses from which the ascent is followed
 _STEPS = 300
+#: Variances of the narrowest component there can be: a step that long along the gradient is safe.
+_NARROWEST = np.square([0.05] * 3 + [0.005] * 3)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -95,6 +98,7 @@ def _shares(model: str, args: argparse.Namespace) -> dict[str, float]:
         "ascent to means": _climb(best.mixture, X_OH),
         "medoid": best.targets.means,
         "ascent to medoids": _climb(best.targets, X_OH),
+        "gradient to means": _climb_gradient(best.mixture, X_OH),
     }
     return {what: _valid_percent(field, X, best, grasps.width) for what, X in targets.items()}
 
@@ -102,6 +106,12 @@ def _shares(model: str, args: argparse.Namespace) -> dict[str, float]:
 def _climb(mixture: RiemannianMixture, X: Array) -> Array:
     for _ in range(_STEPS):
         X = X @ se3.exp(0.05 * ascent_direction(mixture, X))
+    return X
+
+
+def _climb_gradient(mixture: RiemannianMixture, X: Array) -> Array:
+    for _ in range(_STEPS):
+        X = X @ se3.exp(_NARROWEST * mixture.log_density_gradient(X))
     return X
 
 

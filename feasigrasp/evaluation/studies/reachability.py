@@ -18,7 +18,6 @@ from feasigrasp.evaluation.peers.reachability import FlatMixture, VoxelMap
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
-from feasigrasp.models.mixtures.kernels import pose_quaternions
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.results.arguments import add_common_arguments, positive
@@ -26,7 +25,7 @@ from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.row_table import format_rows
 from feasigrasp.results.rows import Row, write_summary
 from feasigrasp.results.statistics import proportion
-from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture, rotations
+from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp.training.reachability.plots import plot_roc
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp.training.reachability.reachable_poses import (
@@ -153,7 +152,7 @@ def _judge(name: str, space: ReachableSpace, args: argparse.Namespace) -> Judge:
     if name.startswith("gmm"):
         flat = FlatMixture.fit(X, len(space.mixture), rng)
         return _with_threshold(flat.log_density, held_out)
-    q = sample_quaternions(X)
+    q = se3.quaternions(X)
     fit = LargeFit(threads=args.jobs)
     mixture, _ = fit_large_mixture(PoseBlocks.of(q, X[:, :3, 3]), PAPER_COMPONENTS, rng, fit)
     packed = pack(mixture)
@@ -170,15 +169,8 @@ def _reached(rng: np.random.Generator, draws: int, thin: bool) -> Array:
     reference = manipulability_reference(arm) if thin else None
     for start in range(0, draws, 250_000):
         part = sample_reachable_poses(arm, min(250_000, draws - start), rng, thin=reference)
-        parts.append(se3.make_pose(rotations(part.quaternions.astype(float)), part.positions))
+        parts.append(se3.make_pose(se3.rotations(part.quaternions), part.positions))
     return np.concatenate(parts)
-
-
-def sample_quaternions(X: Array) -> Array:
-    """Unit quaternions wxyz, shape (n, 4), of poses (n, 4, 4)."""
-    out = np.empty((len(X), 4))
-    pose_quaternions(np.ascontiguousarray(X), out)
-    return out
 
 
 def _rows(name: str, score: Array, threshold: float, reachable: Mask) -> list[Row]:
@@ -205,7 +197,7 @@ def _write_poses(X: Array, reachable: Mask, scores: dict[str, Array], filename: 
     with filename.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["qw", "qx", "qy", "qz", "x", "y", "z", "reachable", *scores])
-        table = np.column_stack([sample_quaternions(X), X[:, :3, 3], reachable, *scores.values()])
+        table = np.column_stack([se3.quaternions(X), X[:, :3, 3], reachable, *scores.values()])
         writer.writerows([f"{value:.7g}" for value in row] for row in table)
 
 

@@ -12,6 +12,7 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_solve_kernel
 
 #: Neighbours that a patch is fitted to.
 NEIGHBOURS = 32
@@ -90,7 +91,8 @@ def _fit_patches(
             total = matrix[0, 0]
             for a in range(6):
                 matrix[a, a] += total * (_CURVATURE_PENALTY if a > 2 else 1e-6)
-            _solve(matrix, right)
+            cholesky_kernel(matrix, matrix, 1e-18)
+            cholesky_solve_kernel(matrix, right)
         if abs(right[0]) < _MAX_SHIFT:
             points[i] = at[i] + right[0] * z
         normal = z - (right[1] / size) * x - (right[2] / size) * y
@@ -104,23 +106,3 @@ def _dot(a: Array, b: Array) -> float:
     for j in range(len(a)):
         s += a[j] * b[j]
     return s
-
-
-@njit(cache=True, error_model="numpy")
-def _solve(matrix: Array, right: Array) -> None:
-    """Solves in place by Cholesky's method; only the lower triangle of the matrix is read."""
-    n = len(right)
-    for a in range(n):
-        for b in range(a + 1):
-            s = matrix[a, b]
-            for c in range(b):
-                s -= matrix[a, c] * matrix[b, c]
-            matrix[a, b] = np.sqrt(max(s, 1e-18)) if a == b else s / matrix[b, b]
-    for a in range(n):
-        for c in range(a):
-            right[a] -= matrix[a, c] * right[c]
-        right[a] /= matrix[a, a]
-    for a in range(n - 1, -1, -1):
-        for c in range(a + 1, n):
-            right[a] -= matrix[c, a] * right[c]
-        right[a] /= matrix[a, a]

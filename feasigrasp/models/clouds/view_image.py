@@ -15,6 +15,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.geometry.se3 import perpendiculars
 
 #: Pixels along each side.
 SIDE = 40
@@ -131,9 +132,7 @@ def view_image(points: Array, p_OC: Array) -> ViewImage:
 def _looking_along(direction: Array) -> Array:
     """A rotation whose z axis is along a direction, as columns, shape (3, 3)."""
     z = direction / np.linalg.norm(direction)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
+    return np.stack([*perpendiculars(z), z], axis=1)
 
 
 def _projected(points: Array, p_OC: Array, R: Array) -> tuple[Array, Array]:

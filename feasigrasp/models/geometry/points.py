@@ -1,10 +1,19 @@
-"""A choice of points that covers a cloud."""
+"""Points: evenly spread on a sphere, chosen to cover a cloud, and the distance to the nearest."""
 
 import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.numerics.simd import wide_vectors
+
+
+def sphere_points(n: int, radius: float) -> Array:
+    """The Fibonacci lattice: n points on a sphere round the origin, shape (n, 3)."""
+    i = np.arange(n) + 0.5
+    z = 1.0 - 2.0 * i / n
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * i
+    rho = np.sqrt(1.0 - z * z)
+    return radius * np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), z], axis=1)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -58,3 +67,23 @@ def farthest_points(points: Array, count: int, outward: int = 0) -> Indices:
             while best < n - 1 and nearest[best] != largest:
                 best += 1
     return chosen
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _least_square(xs: Array, ys: Array, zs: Array, x: float, y: float, z: float) -> float:
+    wide_vectors()
+    least = 1e30
+    for j in range(len(xs)):
+        a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
+        least = min(least, a * a + b * b + c * c)
+    return least
+
+
+@njit(cache=True, nogil=True)
+def nearest_distance(points: Array, others: Array) -> Array:
+    """Distance from each point (m, 3) to the nearest of the others (k, 3), shape (m,)."""
+    xs, ys, zs = others[:, 0].copy(), others[:, 1].copy(), others[:, 2].copy()
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        out[i] = np.sqrt(_least_square(xs, ys, zs, points[i, 0], points[i, 1], points[i, 2]))
+    return out

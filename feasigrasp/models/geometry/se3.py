@@ -1,12 +1,12 @@
-"""Rigid motions SE(3): exponential, logarithm, adjoint and Jacobians, over any leading axes.
+"""Rigid motions SE(3): exponential, logarithm and its derivative, over any leading axes.
 
 A tangent vector is ``v = [w; u]``, angular part first [rad; m]; a pose is a 4x4 matrix. The
 logarithm is that of the *group* (a screw), so ``exp(log(X)) = X`` for every pose, and a distance
 built from ``log(inverse(X) @ Y)`` does not change when both poses move together. Everything is
 accurate at rotation angle zero and up to pi inclusive.
 
-``name`` works on arrays ``(..., 6)`` or ``(..., 4, 4)`` and returns a new array; ``name_kernel``
-is the same for one element and can be called from other numba code.
+Functions work on arrays ``(..., 6)`` or ``(..., 4, 4)`` and return a new array; the same for one
+element, to be called from other numba code, is in `feasigrasp.models.geometry.se3_kernels`.
 """
 
 from collections.abc import Callable
@@ -17,48 +17,15 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import (
-    adjoint_kernel,
     exp_kernel,
-    hat_kernel,
     inverse_kernel,
-    left_jacobian_inverse_kernel,
-    left_jacobian_kernel,
     log_kernel,
+    quaternion_kernel,
     right_jacobian_inverse_kernel,
-    right_jacobian_kernel,
+    rotation_kernel,
     so3_exp_kernel,
     so3_log_kernel,
 )
-
-__all__ = [
-    "adjoint",
-    "adjoint_kernel",
-    "exp",
-    "exp_kernel",
-    "extrapolate",
-    "hat",
-    "hat_kernel",
-    "inverse",
-    "inverse_kernel",
-    "left_jacobian",
-    "left_jacobian_inverse",
-    "left_jacobian_inverse_kernel",
-    "left_jacobian_kernel",
-    "log",
-    "log_kernel",
-    "make_pose",
-    "random_pose",
-    "right_jacobian",
-    "right_jacobian_inverse",
-    "right_jacobian_inverse_kernel",
-    "right_jacobian_kernel",
-    "rotation_angle",
-    "so3_exp",
-    "so3_exp_kernel",
-    "so3_log",
-    "so3_log_kernel",
-]
-
 
 _VECTOR3, _VECTOR6, _MATRIX3, _POSE, _MATRIX6 = (3,), (6,), (3, 3), (4, 4), (6, 6)
 
@@ -81,32 +48,12 @@ def inverse(X: ArrayLike) -> Array:
     return _map(_inverse, X, _POSE, _POSE)
 
 
-def adjoint(X: ArrayLike) -> Array:
-    """Adjoints (..., 6, 6) of poses: ``X exp(v) X^-1 = exp(adjoint(X) v)``.
-
-    With X_AB it moves a body twist to the other frame: ``V_A = adjoint(X_AB) V_B``.
-    """
-    return _map(_adjoint, X, _POSE, _MATRIX6)
-
-
-def left_jacobian(v: ArrayLike) -> Array:
-    """J_l (..., 6, 6): ``exp(v + dv) = exp(J_l(v) dv) exp(v)`` to first order."""
-    return _map(_left_jacobian, v, _VECTOR6, _MATRIX6)
-
-
-def left_jacobian_inverse(v: ArrayLike) -> Array:
-    """Inverse (..., 6, 6) of the left Jacobian; singular at a rotation of 2 pi only."""
-    return _map(_left_jacobian_inverse, v, _VECTOR6, _MATRIX6)
-
-
-def right_jacobian(v: ArrayLike) -> Array:
-    """J_r (..., 6, 6): ``exp(v + dv) = exp(v) exp(J_r(v) dv)`` to first order."""
-    return left_jacobian(np.negative(v))
-
-
 def right_jacobian_inverse(v: ArrayLike) -> Array:
-    """Inverse (..., 6, 6) of the right Jacobian: ``log(exp(v) exp(e)) = v + J_r^-1(v) e``."""
-    return left_jacobian_inverse(np.negative(v))
+    """J_r^-1 (..., 6, 6): ``log(exp(v) exp(e)) = v + J_r^-1(v) e`` to first order.
+
+    Singular at a rotation of 2 pi only.
+    """
+    return _map(_right_jacobian_inverse, v, _VECTOR6, _MATRIX6)
 
 
 def so3_exp(w: ArrayLike) -> Array:
@@ -126,7 +73,28 @@ def rotation_angle(R: ArrayLike) -> Array:
 
 def hat(w: ArrayLike) -> Array:
     """Cross-product matrices (..., 3, 3): ``hat(w) @ x = cross(w, x)``."""
-    return _map(_hat, w, _VECTOR3, _MATRIX3)
+    columns = np.cross(_checked(w, _VECTOR3)[..., None, :], np.eye(3))
+    return np.asarray(columns.swapaxes(-1, -2))
+
+
+def quaternions(X: ArrayLike) -> Array:
+    """Unit quaternions wxyz (..., 4), ``w >= 0``, of poses (..., 4, 4)."""
+    return _map(_quaternions, X, _POSE, (4,))
+
+
+def rotations(wxyz: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length."""
+    return _map(_rotations, wxyz, (4,), _MATRIX3)
+
+
+def perpendiculars(z: Array) -> tuple[Array, Array]:
+    """Unit vectors x and y that make right-handed frames with unit vectors z, (..., 3) each.
+
+    x is perpendicular to the coordinate axis that is farthest from z, too.
+    """
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=-1)])
+    x /= np.linalg.norm(x, axis=-1, keepdims=True) if z.ndim > 1 else np.linalg.norm(x)
+    return x, np.cross(z, x)
 
 
 def make_pose(R: ArrayLike, p: ArrayLike) -> Array:
@@ -143,10 +111,7 @@ def random_pose(rng: np.random.Generator, n: int) -> Array:
     """Poses (n, 4, 4) with uniform rotations and positions uniform in [-1, 1]^3 m."""
     # A 4-vector of normal variates is a uniform direction, hence a uniform unit quaternion.
     q = rng.standard_normal((n, 4))
-    w, xyz = q[:, :1, None], q[:, 1:]
-    turn = 2.0 * hat(xyz) @ (w * np.eye(3) + hat(xyz))
-    R = np.eye(3) + turn / np.sum(q**2, axis=1)[:, None, None]
-    return make_pose(R, rng.uniform(-1.0, 1.0, (n, 3)))
+    return make_pose(rotations(q), rng.uniform(-1.0, 1.0, (n, 3)))
 
 
 def extrapolate(X_WB: ArrayLike, V_WB: ArrayLike, dt: float) -> Array:
@@ -211,21 +176,9 @@ def _inverse(X: Array, out: Array) -> None:
 
 
 @njit(cache=True)
-def _adjoint(X: Array, out: Array) -> None:
-    for i in range(len(X)):
-        out[i] = adjoint_kernel(X[i])
-
-
-@njit(cache=True)
-def _left_jacobian(v: Array, out: Array) -> None:
+def _right_jacobian_inverse(v: Array, out: Array) -> None:
     for i in range(len(v)):
-        out[i] = left_jacobian_kernel(v[i])
-
-
-@njit(cache=True)
-def _left_jacobian_inverse(v: Array, out: Array) -> None:
-    for i in range(len(v)):
-        out[i] = left_jacobian_inverse_kernel(v[i])
+        out[i] = right_jacobian_inverse_kernel(v[i])
 
 
 @njit(cache=True)
@@ -241,6 +194,12 @@ def _so3_log(R: Array, out: Array) -> None:
 
 
 @njit(cache=True)
-def _hat(w: Array, out: Array) -> None:
-    for i in range(len(w)):
-        out[i] = hat_kernel(w[i])
+def _quaternions(X: Array, out: Array) -> None:
+    for i in range(len(X)):
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = quaternion_kernel(X[i])
+
+
+@njit(cache=True)
+def _rotations(q: Array, out: Array) -> None:
+    for i in range(len(q)):
+        rotation_kernel(q[i], out[i])

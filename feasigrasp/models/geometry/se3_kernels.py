@@ -69,6 +69,16 @@ def quaternion_kernel(R: Array) -> tuple[float, float, float, float]:
     return w * scale, x * scale, y * scale, z * scale
 
 
+@njit(cache=True)
+def rotation_kernel(wxyz: Array, R: Array) -> None:
+    """Writes the rotation of a quaternion, of any length, into the upper left of a matrix."""
+    w, x, y, z = wxyz[0], wxyz[1], wxyz[2], wxyz[3]
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    R[0, 0], R[0, 1], R[0, 2] = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
+    R[1, 0], R[1, 1], R[1, 2] = s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)
+    R[2, 0], R[2, 1], R[2, 2] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
+
+
 @njit(cache=True, error_model="numpy", inline="always")
 def half_angle_kernel(w: float, s: float) -> tuple[float, float]:
     """(h / s, (1 - h w / s) / s^2) for the half angle ``h = atan2(s, w)``, ``w, s >= 0``.
@@ -127,14 +137,6 @@ def _add_angular(out: Array, row: int, column: int, w: Array, a: float, b: float
         out[row + i, column + i] += b * (w[i] * w[i] - t)
         out[row + i, column + j] += b * w[i] * w[j] - a * w[k]
         out[row + i, column + k] += b * w[i] * w[k] + a * w[j]
-
-
-@njit(cache=True)
-def hat_kernel(w: Array) -> Array:
-    """The matrix of the cross product, ``hat(w) @ x = w x x``, shape (3, 3)."""
-    out = np.zeros((3, 3))
-    _add_angular(out, 0, 0, w, 1.0, 0.0)
-    return out
 
 
 @njit(cache=True)
@@ -209,41 +211,23 @@ def compose_kernel(X: Array, Y: Array) -> Array:
     return out
 
 
-@njit(cache=True)
-def adjoint_kernel(X: Array) -> Array:
-    """Adjoint (6, 6) of a pose: ``X exp(v) X^-1 = exp(adjoint(X) v)``."""
-    out = np.zeros((6, 6))
-    for j in range(3):
-        a, b, c = X[0, j], X[1, j], X[2, j]
-        for i in range(3):
-            out[i, j] = out[3 + i, 3 + j] = X[i, j]
-        out[3, j] = X[1, 3] * c - X[2, 3] * b
-        out[4, j] = X[2, 3] * a - X[0, 3] * c
-        out[5, j] = X[0, 3] * b - X[1, 3] * a
-    return out
+@njit(cache=True, error_model="numpy")
+def right_jacobian_inverse_kernel(v: Array) -> Array:
+    """J_r^-1 (6, 6): ``log(exp(v) exp(e)) = v + J_r^-1(v) e`` to first order.
 
-
-@njit(cache=True)
-def _jacobian(v: Array, sign: float, a: float, b: float, da: float, db: float) -> Array:
-    """[[M, 0], [dM, M]] with M = I + a hat(w) + b hat(w)^2 and dM its derivative along u.
-
-    Here [w; u] = sign v, and ``da``, ``db`` are twice the derivatives of ``a``, ``b`` with
-    respect to t = |w|^2. For the left Jacobian dM is Barfoot's Q (eq. 8.91), for its inverse it
-    is -A^-1 Q A^-1; the right ones have sign = -1.
+    [[M, 0], [dM, M]] with M = I + hat(w) / 2 + b hat(w)^2 and dM its derivative along u, which is
+    -M Q M with Barfoot's Q (eq. 8.91). Singular at a rotation of 2 pi only.
     """
+    d = v[0] * v[3] + v[1] * v[4] + v[2] * v[5]
+    _, c2, c3, c4, c5, c6 = stumpff_kernel(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    b = (c3 - 2.0 * c4) / (2.0 * c2)
+    # Twice the derivative of b with respect to t = |w|^2.
+    db = (5.0 * c5 - c4 - 8.0 * c6) / (2.0 * c2) + 2.0 * b * b
     out = np.zeros((6, 6))
-    w, x = np.empty(3), np.empty(3)
-    d, t = 0.0, 0.0
-    for i in range(3):
-        w[i] = sign * v[i]
-        d += v[i] * v[3 + i]
-        t += v[i] * v[i]
-    for i in range(3):
-        x[i] = a * sign * v[3 + i] + da * d * w[i]
-    _add_angular(out, 0, 0, w, a, b)
-    _add_angular(out, 3, 3, w, a, b)
-    _add_angular(out, 3, 0, w, 0.0, db * d)
-    _add_angular(out, 3, 0, x, 1.0, 0.0)
+    _add_angular(out, 0, 0, v, 0.5, b)
+    _add_angular(out, 3, 3, v, 0.5, b)
+    _add_angular(out, 3, 0, v, 0.0, db * d)
+    _add_angular(out, 3, 0, v[3:], 0.5, 0.0)
     for i in range(3):
         out[i, i] += 1.0
         out[3 + i, 3 + i] += 1.0
@@ -251,41 +235,3 @@ def _jacobian(v: Array, sign: float, a: float, b: float, da: float, db: float) -
         for j in range(3):
             out[3 + i, j] += b * (v[i] * v[3 + j] + v[3 + i] * v[j])
     return out
-
-
-@njit(cache=True)
-def _left_jacobian(v: Array, sign: float) -> Array:
-    _, c2, c3, c4, c5, _ = stumpff_kernel(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    return _jacobian(v, sign, c2, c3, 2.0 * c4 - c3, 3.0 * c5 - c4)
-
-
-@njit(cache=True, error_model="numpy")
-def _left_jacobian_inverse(v: Array, sign: float) -> Array:
-    _, c2, c3, c4, c5, c6 = stumpff_kernel(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    b = (c3 - 2.0 * c4) / (2.0 * c2)
-    db = (5.0 * c5 - c4 - 8.0 * c6) / (2.0 * c2) + 2.0 * b * b
-    return _jacobian(v, sign, -0.5, b, 0.0, db)
-
-
-@njit(cache=True)
-def left_jacobian_kernel(v: Array) -> Array:
-    """J_l (6, 6): ``exp(v + dv) = exp(J_l(v) dv) exp(v)`` to first order."""
-    return _left_jacobian(v, 1.0)
-
-
-@njit(cache=True)
-def left_jacobian_inverse_kernel(v: Array) -> Array:
-    """Inverse (6, 6) of the left Jacobian; singular at a rotation of 2 pi only."""
-    return _left_jacobian_inverse(v, 1.0)
-
-
-@njit(cache=True)
-def right_jacobian_kernel(v: Array) -> Array:
-    """J_r (6, 6): ``exp(v + dv) = exp(v) exp(J_r(v) dv)`` to first order."""
-    return _left_jacobian(v, -1.0)
-
-
-@njit(cache=True)
-def right_jacobian_inverse_kernel(v: Array) -> Array:
-    """Inverse (6, 6) of the right Jacobian: ``log(exp(v) exp(e)) = v + J_r^-1(v) e``."""
-    return _left_jacobian_inverse(v, -1.0)

@@ -9,6 +9,7 @@ import numpy as np
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.hand_clearance import MARGIN
@@ -105,10 +106,7 @@ def _spread(first: Array, cosine: Array, count: int) -> Indices:
 
 def _frames(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:
     """Rotations [b, z x b, z] for approaches z evenly round b, shape (n, n_approaches, 3, 3)."""
-    helper = np.eye(3)[np.abs(b).argmin(axis=1)]
-    u = np.cross(b, helper)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(b, u)
+    u, v = perpendiculars(b)
     phase = rng.uniform(0.0, 2 * np.pi, (len(b), 1))
     angle = (phase + np.arange(n_approaches) * 2 * np.pi / n_approaches)[..., None]
     z = np.cos(angle) * u[:, None] + np.sin(angle) * v[:, None]

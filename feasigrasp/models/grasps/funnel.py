@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry.se3 import inverse_kernel, log_kernel
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel, log_kernel
 
 
 @dataclass(frozen=True)

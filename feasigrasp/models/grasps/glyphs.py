@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.geometry.se3 import make_pose, perpendiculars
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.robot.gripper import ParallelGripper
 
@@ -56,14 +57,8 @@ def disc(radius: float, corners: int = 6) -> tuple[Array, Indices]:
 
 def frames_along(points: ArrayLike, normals: ArrayLike) -> Array:
     """Frames at points whose z-axes are the unit normals, shape (n, 4, 4)."""
-    points, z = np.asarray(points, dtype=float), np.asarray(normals, dtype=float)
-    away = np.eye(3)[np.argmin(np.abs(z), axis=1)]  # an axis that is far from parallel to z
-    x = np.cross(away, z)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    X = np.tile(np.eye(4), (len(points), 1, 1))
-    X[:, :3, :3] = np.stack([x, np.cross(z, x), z], axis=2)
-    X[:, :3, 3] = points
-    return X
+    z = np.asarray(normals, dtype=float)
+    return make_pose(np.stack([*perpendiculars(z), z], axis=-1), points)
 
 
 def place_copies(X_OG: ArrayLike, vertices: Array, faces: Indices) -> tuple[Array, Indices]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.geometry.nearest_distance import nearest_distance
+from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.grasps.certainty import (
     FAR,
     clearance_certainty,

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.ik.arm_circle import ArmCircle, arm_circle_kernel
-from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 
 _TWO_PI = 2.0 * np.pi

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.numerics.fast_atan2 import fast_atan2
+from feasigrasp.models.numerics.fast_math import fast_atan2
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 
 _PI = float(np.pi)

@@ -37,10 +37,10 @@ def _length(v: Array) -> float:
 @njit(cache=True)
 def ascent_kernel(X: Array, parameters: Parameters, out: Array) -> None:
     """Writes the direction of :func:`ascent_direction` at one pose."""
-    n = len(parameters[0])
+    n = len(parameters.means)
     tangents, log_densities, r = np.empty((n, 6)), np.empty(n), np.empty(n)
     evaluate_kernel(X, parameters, tangents, log_densities)
-    here = posterior_kernel(parameters[0], log_densities, r)
+    here = posterior_kernel(parameters.log_weights, log_densities, r)
     out[:] = 0.0
     pull = 0.0
     for k in range(n):
@@ -79,7 +79,7 @@ def _disturb(
             for i in range(6):
                 step[i] = -tangents[sample - 12, i] * radius / length
         evaluate_kernel(compose_kernel(X, exp_kernel(step)), parameters, room, log_densities)
-        there = posterior_kernel(parameters[0], log_densities, r)
+        there = posterior_kernel(parameters.log_weights, log_densities, r)
         if there > best:
             best = there
             likeliest[:] = step

@@ -7,6 +7,7 @@ blocks, so that the compiler turns the inner loops into SIMD code.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,6 +19,7 @@ from feasigrasp.models.geometry.se3_kernels import (
     quaternion_log_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_exp
+from feasigrasp.models.numerics.small_cholesky import cholesky_kernel
 
 #: Poses per block: the tangents of a block to 64 components (400 kB) stay in the L2 cache.
 BLOCK = 128
@@ -25,6 +27,40 @@ BLOCK = 128
 #: the EM iterations it converges further.
 _MEAN_TOLERANCE = 1e-2
 _MEAN_ITERATIONS = 5
+
+
+class Samples(NamedTuple):
+    """Poses to fit to.
+
+    Attributes:
+        quaternions: Unit, wxyz, shape (4, n).
+        positions: Shape (3, n) [m].
+        weights: Weight of each pose, shape (n,); a component must collect 1 to survive.
+    """
+
+    quaternions: Array
+    positions: Array
+    weights: Array
+
+
+class Stop(NamedTuple):
+    """When EM ends.
+
+    Attributes:
+        max_iterations: Bound on the number of E steps.
+        tolerance: Least gain of the log likelihood per unit of sample weight.
+    """
+
+    max_iterations: int
+    tolerance: float
+
+
+class _Estimate(NamedTuple):
+    """The mixture of an E step; ``constants`` are log normalisers plus log weights, shape (K,)."""
+
+    means: Array
+    whitening: Array
+    constants: Array
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -113,7 +149,8 @@ def _add_moments(r: Array, v: Array, first: Array, second: Array) -> float:
 
 @njit(cache=True)
 def _pass(
-    posterior: tuple[Array, Array, Array, Array, Array, Array],
+    samples: Samples,
+    estimate: _Estimate,
     targets: Array,
     moved: bool,
     mass: Array,
@@ -122,11 +159,10 @@ def _pass(
 ) -> float:
     """Moments about ``targets`` under the responsibilities of the given mixture.
 
-    ``posterior`` holds the poses (quaternions, positions, weights) and the mixture (means,
-    whitening, log normalisers plus log weights). ``targets`` are the means themselves unless
-    ``moved``. Returns the log likelihood.
+    ``targets`` are the means themselves unless ``moved``. Returns the log likelihood.
     """
-    quaternions, positions, weights, means, whitening, constants = posterior
+    quaternions, positions, weights = samples
+    means, whitening, constants = estimate
     n, k = len(weights), len(means)
     tangents, log_density = np.empty((k, 6 * BLOCK)), np.empty((k, BLOCK))
     block, w = np.empty(7 * BLOCK), np.empty(BLOCK)
@@ -157,14 +193,10 @@ def _pass(
 @njit(cache=True, error_model="numpy")
 def _whiten(covariance: Array, W: Array) -> float:
     """Writes the inverse Cholesky factor of a covariance; returns log((2 pi)^-3 |S|^-1/2)."""
-    L = np.zeros((6, 6))
+    L = np.empty((6, 6))
+    cholesky_kernel(covariance, L, 0.0)
     constant = -3.0 * math.log(2.0 * math.pi)
     for i in range(6):
-        for j in range(i + 1):
-            s = covariance[i, j]
-            for m in range(j):
-                s -= L[i, m] * L[j, m]
-            L[i, j] = math.sqrt(s) if i == j else s / L[j, j]
         constant -= math.log(L[i, i])
         W[i, i] = 1.0 / L[i, i]
         for j in range(i):
@@ -212,50 +244,43 @@ def _covariance(mass: float, first: Array, second: Array, floor: Array, out: Arr
 
 @njit(cache=True)
 def expectation_maximization(
-    quaternions: Array,
-    positions: Array,
-    sample_weights: Array,
+    samples: Samples,
     weights: Array,
     means: Array,
     covariances: Array,
     scale: Array,
     floor: Array,
-    max_iterations: int,
-    tolerance: float,
+    stop: Stop,
 ) -> tuple[Array, Array, Array, Array]:
     """EM from a given mixture.
 
     Args:
-        quaternions: Unit quaternions of the poses, shape (4, n).
-        positions: Positions of the poses, shape (3, n) [m].
-        sample_weights: Weight of each pose, shape (n,); a component must collect 1 to survive.
+        samples: What to fit to.
         weights: Initial weights, positive, shape (K,).
         means: Initial means, shape (K, 4, 4).
         covariances: Initial covariances, shape (K, 6, 6).
         scale: Size of each tangent dimension in the convergence test, shape (6,).
         floor: Variance added to the diagonal of each covariance by each M step, shape (6,).
-        max_iterations: Bound on the number of E steps.
-        tolerance: Least gain of the log likelihood per unit of sample weight.
+        stop: When to end.
 
     Returns:
         Weights (K',), means (K', 4, 4), covariances (K', 6, 6) and the log likelihood of every
         E step; K' <= K.
     """
     k, n_total = len(means), 0.0
-    for i in range(len(sample_weights)):
-        n_total += sample_weights[i]
+    for i in range(len(samples.weights)):
+        n_total += samples.weights[i]
     means, covariances, targets = means.copy(), covariances.copy(), means.copy()
     weights, mass = weights.copy(), np.empty(k)
     whitening, constants = np.zeros((k, 6, 6)), np.empty(k)
     first, second = np.empty((k, 6)), np.empty((k, 6, 6))
-    history = np.empty(max_iterations)
+    history = np.empty(stop.max_iterations)
     previous, steps = -np.inf, 0
-    while steps < max_iterations:
+    while steps < stop.max_iterations:
         for i in range(k):
             constants[i] = _whiten(covariances[i], whitening[i]) + math.log(weights[i])
-        posterior = (quaternions, positions, sample_weights, means[:k], whitening, constants)
-        move = 0.0
-        likelihood = _pass(posterior, means[:k], move > 0.0, mass, first, second)
+        estimate = _Estimate(means[:k], whitening, constants)
+        likelihood = _pass(samples, estimate, means[:k], False, mass, first, second)
         history[steps] = likelihood
         steps += 1
         weakest = 0
@@ -272,7 +297,7 @@ def expectation_maximization(
                 weights[i] /= left
             previous = -np.inf
             continue
-        if likelihood - previous < tolerance * n_total:
+        if likelihood - previous < stop.tolerance * n_total:
             break
         previous = likelihood
         targets[:k] = means[:k]
@@ -280,7 +305,7 @@ def expectation_maximization(
             move = _move_means(targets[:k], mass, first, scale)
             if move < _MEAN_TOLERANCE:
                 break
-            _pass(posterior, targets[:k], move > 0.0, mass, first, second)
+            _pass(samples, estimate, targets[:k], True, mass, first, second)
         for i in range(k):
             _covariance(mass[i], first[i], second[i], floor, covariances[i])
             weights[i] = mass[i] / n_total

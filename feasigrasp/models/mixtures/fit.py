@@ -12,12 +12,10 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.mixtures.em import expectation_maximization
-from feasigrasp.models.mixtures.mixture import RiemannianMixture, checked_poses, unit_quaternions
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.em import Samples, Stop, expectation_maximization
+from feasigrasp.models.mixtures.mixture import RiemannianMixture, bic, checked_poses
 from feasigrasp.models.mixtures.seeding import seed_means
-
-#: Free parameters of one component: weight, mean, covariance (the weights sum to one).
-_FREE_PARAMETERS = 28
 
 
 def fit_riemannian_mixture(
@@ -119,12 +117,12 @@ class _Fit:
 
     def cost(self, problem: _Problem, max_rotation: float) -> tuple[bool, float]:
         """Sorts by whether a pose is too far from all means, then by BIC."""
-        free = _FREE_PARAMETERS * len(self.weights) - 1
-        bic = free * math.log(len(problem.X)) - 2.0 * self.log_likelihood
+        criterion = bic(len(self.weights), len(problem.X), self.log_likelihood)
         if max_rotation >= math.pi:
-            return False, bic
-        means = unit_quaternions(np.ascontiguousarray(self.means))
-        return _smallest_cosine(problem.quaternions, means) < math.cos(0.5 * max_rotation), bic
+            return False, criterion
+        means = se3.quaternions(self.means)
+        cosine = _smallest_cosine(problem.samples.quaternions, means)
+        return cosine < math.cos(0.5 * max_rotation), criterion
 
 
 @dataclass(eq=False)
@@ -138,9 +136,7 @@ class _Problem:
     translation_floor: float = 0.005
     max_iterations: int = 50
     tolerance: float = 1e-4
-    weights: Array = field(init=False)
-    quaternions: Array = field(init=False)
-    positions: Array = field(init=False)
+    samples: Samples = field(init=False)
     scale: Array = field(init=False)
     floor: Array = field(init=False)
 
@@ -149,9 +145,11 @@ class _Problem:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise GraspError(f"fit_riemannian_mixture: {name} = {value} must be positive.")
-        self.weights = _checked_weights(self.sample_weights, len(self.X))
-        self.quaternions = np.ascontiguousarray(unit_quaternions(self.X).T)
-        self.positions = np.ascontiguousarray(self.X[:, :3, 3].T)
+        self.samples = Samples(
+            np.ascontiguousarray(se3.quaternions(self.X).T),
+            np.ascontiguousarray(self.X[:, :3, 3].T),
+            _checked_weights(self.sample_weights, len(self.X)),
+        )
         self.scale = np.array([1.0] * 3 + [self.length_scale] * 3)
         floors = [self.rotation_floor] * 3 + [self.translation_floor] * 3
         self.floor = np.array(floors) ** 2
@@ -159,9 +157,7 @@ class _Problem:
     def seeded(self, n_components: int, rng: np.random.Generator) -> _Fit:
         """EM from k-means++ seeds."""
         draws = rng.random((min(n_components, len(self.X)), 4))
-        seeds, spread = seed_means(
-            self.quaternions, self.positions, self.weights, self.length_scale, draws
-        )
+        seeds, spread = seed_means(*self.samples, self.length_scale, draws)
         k = len(seeds)
         covariance = np.diag(spread**2 * self.scale**2 + self.floor)
         return self._em(np.full(k, 1.0 / k), self.X[seeds], np.tile(covariance, (k, 1, 1)))
@@ -191,16 +187,13 @@ class _Problem:
 
     def _em(self, weights: Array, means: Array, covariances: Array) -> _Fit:
         found = expectation_maximization(
-            self.quaternions,
-            self.positions,
-            self.weights,
+            self.samples,
             np.maximum(weights, 1e-300),
             np.ascontiguousarray(means),
             np.ascontiguousarray(covariances),
             self.scale,
             self.floor,
-            self.max_iterations,
-            self.tolerance,
+            Stop(self.max_iterations, self.tolerance),
         )
         return _Fit(found[0], found[1], found[2], float(found[3][-1]))
 

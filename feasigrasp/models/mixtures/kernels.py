@@ -1,23 +1,30 @@
-"""Control-rate kernels of a Riemannian mixture: everything about one pose, for numba code.
-
-The parameters are those of ``RiemannianMixture.parameters``: ``log_weights (K,)``, ``means
-(K, 4, 4)``, their unit ``quaternions (K, 4)``, ``whitening (K, 6, 6)`` = inverse of the lower
-Cholesky factor of each covariance, and ``log_normalisers (K,)`` = log((2 pi)^-3 |Sigma|^-1/2).
-"""
+"""Control-rate kernels of a Riemannian mixture: everything about one pose, for numba code."""
 
 import math
+from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry.se3_kernels import (
-    quaternion_kernel,
-    quaternion_log_kernel,
-    right_jacobian_inverse_kernel,
-)
+from feasigrasp.models.geometry.se3_kernels import quaternion_kernel, quaternion_log_kernel
 
-Parameters = tuple[Array, Array, Array, Array, Array]
+
+class Parameters(NamedTuple):
+    """A Riemannian mixture as the kernels take it.
+
+    Attributes:
+        log_weights: Shape (K,); minus infinity for a component that is switched off.
+        means: Shape (K, 4, 4) [m].
+        quaternions: Of the means, unit, wxyz, shape (K, 4).
+        whitening: Inverse of the lower Cholesky factor of each covariance, shape (K, 6, 6).
+        log_normalisers: log((2 pi)^-3 |Sigma|^-1/2), shape (K,).
+    """
+
+    log_weights: Array
+    means: Array
+    quaternions: Array
+    whitening: Array
+    log_normalisers: Array
 
 
 @njit(cache=True, error_model="numpy")
@@ -82,69 +89,10 @@ def posterior_kernel(log_weights: Array, log_densities: Array, responsibilities:
 
 
 @njit(cache=True)
-def direction_kernel(X: Array, parameters: Parameters) -> Array:
-    """The preconditioned ascent direction (6,) at one pose: -sum_i r_i Log_mu_i(x)."""
-    n = len(parameters[0])
-    tangents, log_densities, responsibilities = np.empty((n, 6)), np.empty(n), np.empty(n)
-    evaluate_kernel(X, parameters, tangents, log_densities)
-    posterior_kernel(parameters[0], log_densities, responsibilities)
-    out = np.zeros(6)
-    for k in range(n):
-        for i in range(6):
-            out[i] -= responsibilities[k] * tangents[k, i]
-    return out
-
-
-@njit(cache=True)
-def gradient_kernel(X: Array, parameters: Parameters) -> Array:
-    """Gradient (6,) of the log density at one pose with respect to a body perturbation."""
-    n = len(parameters[0])
-    tangents, log_densities, responsibilities = np.empty((n, 6)), np.empty(n), np.empty(n)
-    evaluate_kernel(X, parameters, tangents, log_densities)
-    posterior_kernel(parameters[0], log_densities, responsibilities)
-    out = np.zeros(6)
-    for k in range(n):
-        W = parameters[3][k]
-        J = right_jacobian_inverse_kernel(tangents[k])
-        for i in range(6):
-            z = 0.0
-            for j in range(i + 1):
-                z += W[i, j] * tangents[k, j]
-            # J^T W^T z, one row of W at a time.
-            for j in range(6):
-                s = 0.0
-                for h in range(i + 1):
-                    s += W[i, h] * J[h, j]
-                out[j] -= responsibilities[k] * z * s
-    return out
-
-
-@njit(cache=True)
-def pose_quaternions(X: Array, out: Array) -> None:
-    """Unit quaternions (n, 4) of n poses."""
-    for i in range(len(X)):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = quaternion_kernel(X[i])
-
-
-@njit(cache=True)
 def evaluate_poses(
     X: Array, parameters: Parameters, tangents: Array, log: Array, r: Array, total: Array
 ) -> None:
     """Fills tangents, log densities, responsibilities and mixture log densities of n poses."""
     for i in range(len(X)):
         evaluate_kernel(X[i], parameters, tangents[i], log[i])
-        total[i] = posterior_kernel(parameters[0], log[i], r[i])
-
-
-@njit(cache=True)
-def gradients(X: Array, parameters: Parameters, out: Array) -> None:
-    """Gradients (n, 6) of n poses."""
-    for i in range(len(X)):
-        out[i] = gradient_kernel(X[i], parameters)
-
-
-@njit(cache=True)
-def directions(X: Array, parameters: Parameters, out: Array) -> None:
-    """Ascent directions (n, 6) of n poses."""
-    for i in range(len(X)):
-        out[i] = direction_kernel(X[i], parameters)
+        total[i] = posterior_kernel(parameters.log_weights, log[i], r[i])

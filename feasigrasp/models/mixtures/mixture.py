@@ -6,7 +6,6 @@ They are fitted by :mod:`feasigrasp.models.mixtures.fit`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,17 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.mixtures.batch import log_densities
-from feasigrasp.models.mixtures.kernels import (
-    Parameters,
-    directions,
-    evaluate_poses,
-    gradients,
-    pose_quaternions,
-)
-
-#: From this number of poses on, log densities are computed in blocks.
-_BATCH = 64
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.kernels import Parameters, evaluate_poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +74,12 @@ class RiemannianMixture(Frozen):
         diagonal = np.diagonal(factors, axis1=1, axis2=2)
         log_normalisers = -3.0 * math.log(2.0 * math.pi) - np.log(diagonal).sum(axis=1)
         whitening = np.tril(np.linalg.inv(factors))
-        parameters = (log_weights, means, unit_quaternions(means), whitening, log_normalisers)
-        for array in (weights, covariances, *parameters):
+        parameters = Parameters(
+            log_weights, means, se3.quaternions(means), whitening, log_normalisers
+        )
+        for array in parameters:
             array.flags.writeable = False
-        object.__setattr__(self, "weights", weights)
-        object.__setattr__(self, "means", means)
-        object.__setattr__(self, "covariances", covariances)
+        self._freeze(weights=weights, means=means, covariances=covariances)
         object.__setattr__(self, "parameters", parameters)
 
     def __len__(self) -> int:
@@ -110,12 +100,7 @@ class RiemannianMixture(Frozen):
 
     def log_density(self, X: ArrayLike) -> Array:
         """Log density of the mixture, shape (...); finite far from every component."""
-        poses, lead = _flat_poses(X)
-        if len(poses) < _BATCH:
-            return self._evaluate(X)[3]
-        out = np.empty(len(poses))
-        log_densities(poses, self.parameters, out)
-        return out.reshape(lead)
+        return self._evaluate(X)[3]
 
     def log_density_gradient(self, X: ArrayLike) -> Array:
         """Gradient of the log density for a body perturbation ``x exp(eps)``, shape (..., 6).
@@ -123,40 +108,28 @@ class RiemannianMixture(Frozen):
         ``sum_i r_i J_r^-T(xi_i) (-Sigma_i^-1 xi_i)`` with ``xi_i = Log_mu_i(x)``. The paper prints
         ``J_r^-1(mu^-1)`` instead (section IV-D.1), which disagrees with finite differences.
         """
-        return self._map(gradients, X)
-
-    def direction(self, X: ArrayLike) -> Array:
-        """Preconditioned ascent direction ``-sum_i r_i Log_mu_i(x)``, shape (..., 6) [rad, m].
-
-        Each term of the gradient has its Sigma_i^-1 cancelled: a body displacement that, for a
-        single component, leads along the geodesic exactly onto its mean.
-        """
-        return self._map(directions, X)
+        tangents, _, r, _ = self._evaluate(X)
+        W = self.parameters.whitening
+        pulls = np.einsum("kji,kjl,...kl->...ki", W, W, tangents)
+        J = se3.right_jacobian_inverse(tangents)
+        return np.asarray(-np.einsum("...k,...kji,...kj->...i", r, J, pulls))
 
     def transformed(self, X_AB: ArrayLike) -> RiemannianMixture:
         """The mixture in frame A of one given in frame B: means moved, covariances unchanged."""
         return RiemannianMixture(self.weights, np.asarray(X_AB) @ self.means, self.covariances)
-
-    def bic(self, X: ArrayLike) -> float:
-        """Bayesian information criterion of poses (n, 4, 4); lower is better."""
-        log_density = self.log_density(checked_poses(X, "bic: X"))
-        return (28 * len(self) - 1) * math.log(len(log_density)) - 2.0 * float(log_density.sum())
 
     def medoids(self, X_samples: ArrayLike) -> NDArray[np.intp]:
         """Index of the most likely of the samples (n, 4, 4) under each component, shape (K,)."""
         X_samples = checked_poses(X_samples, "medoids: X_samples")
         return np.asarray(np.argmax(self.component_log_densities(X_samples), axis=0))
 
-    def with_medoid_means(self, X_samples: ArrayLike) -> RiemannianMixture:
-        """The mixture with every mean replaced by its medoid.
-
-        The mean of valid grasps is often no valid grasp; a medoid is one of the samples.
-        """
-        means = np.asarray(X_samples)[self.medoids(X_samples)]
-        return RiemannianMixture(self.weights, means, self.covariances)
-
     def _evaluate(self, X: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        X, lead = _flat_poses(X)
+        X = np.ascontiguousarray(X, dtype=float)
+        if X.shape[-2:] != (4, 4):
+            raise GraspError(
+                f"RiemannianMixture: expected poses of shape (..., 4, 4), got {X.shape}."
+            )
+        lead, X = X.shape[:-2], X.reshape(-1, 4, 4)
         n, k = len(X), len(self)
         out = np.empty((n, k, 6)), np.empty((n, k)), np.empty((n, k)), np.empty(n)
         evaluate_poses(X, self.parameters, *out)
@@ -166,20 +139,6 @@ class RiemannianMixture(Frozen):
             out[2].reshape(*lead, k),
             out[3].reshape(lead),
         )
-
-    def _map(self, loop: Callable[[Array, Parameters, Array], None], X: ArrayLike) -> Array:
-        X, lead = _flat_poses(X)
-        out = np.empty((len(X), 6))
-        loop(X, self.parameters, out)
-        return out.reshape(*lead, 6)
-
-
-def _flat_poses(X: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """Poses as a contiguous (n, 4, 4) array, and their leading axes."""
-    X = np.ascontiguousarray(X, dtype=float)
-    if X.shape[-2:] != (4, 4):
-        raise GraspError(f"RiemannianMixture: expected poses of shape (..., 4, 4), got {X.shape}.")
-    return X.reshape(-1, 4, 4), X.shape[:-2]
 
 
 def checked_poses(X: ArrayLike, name: str) -> Array:
@@ -199,8 +158,9 @@ def checked_poses(X: ArrayLike, name: str) -> Array:
     return X
 
 
-def unit_quaternions(X: Array) -> Array:
-    """Unit quaternions (n, 4) of poses (n, 4, 4)."""
-    out = np.empty((len(X), 4))
-    pose_quaternions(X, out)
-    return out
+def bic(components: int, poses: int, log_likelihood: float) -> float:
+    """Bayesian information criterion of a mixture fitted to so many poses; lower is better.
+
+    A component has 28 free parameters (weight, mean, covariance); the weights sum to one.
+    """
+    return (28 * components - 1) * math.log(poses) - 2.0 * log_likelihood

@@ -1,25 +1,57 @@
-"""An exponential that compilers can vectorise.
+"""Elementary functions that compilers can vectorise: exponential, sine and cosine, arctangent.
 
-numba installs from PyPI without Intel's SVML, so ``math.exp`` inside ``@njit`` stays a scalar call
-and keeps the whole loop around it scalar. The one below is plain arithmetic without branches:
-range reduction ``x = k ln 2 + f`` with ``|f| <= ln(2) / 2``, the Taylor polynomial of ``e^f``
-(degree 12, remainder 2e-16), and the factor ``2^k`` written into the exponent bits.
+numba installs from PyPI without Intel's SVML, so ``math.exp``, ``math.sin`` and ``math.atan2`` stay
+scalar calls and keep the whole loop around them scalar. The functions below are plain arithmetic
+without branches.
 """
 
 from math import factorial
 
 import numpy as np
 from numba import njit
+from numpy.polynomial import Chebyshev, Polynomial
 
+# Adding 1.5 * 2^52 rounds to an integer, whose two's complement is then in the low mantissa bits.
+_TO_BITS = 6755399441055744.0
+
+# Exponential: x = k ln 2 + f with |f| <= ln(2) / 2, the Taylor polynomial of e^f (degree 12,
+# remainder 2e-16), and the factor 2^k written into the exponent bits.
 _LOG2_E = 1.4426950408889634
 # ln 2 in two parts, so that x - k ln 2 loses nothing for the |k| < 1100 that can occur.
 _LN2_HIGH = 6.93145751953125e-1
 _LN2_LOW = 1.42860682030941723212e-6
-# Adding 1.5 * 2^52 puts an integral double into the low mantissa bits as two's complement.
-_TO_BITS = 6755399441055744.0
 _LOWEST = -708.0
-_C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11, _C12 = (
+_E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12 = (
     1.0 / factorial(i) for i in range(2, 13)
+)
+
+# Sine and cosine: x = k pi/2 + f with |f| <= pi/4, the Taylor polynomials of sin f and cos f
+# (degrees 17 and 18, remainders below 1e-18), and k mod 4 says which of the two, with which sign.
+_TWO_OVER_PI = 0.6366197723675814
+# The hexadecimal digits of pi/2 in three parts; the first two have so few bits that k times them is
+# exact for |k| < 2^20.
+_PI_2_HIGH = float.fromhex("0x1.921fb544p0")
+_PI_2_MIDDLE = float.fromhex("0x0.42d18469p-32")
+_PI_2_LOW = float.fromhex("0x0.898cc51701b83p-64")
+_S3, _S5, _S7, _S9, _S11, _S13, _S15, _S17 = (
+    (-1.0) ** i / factorial(2 * i + 1) for i in range(1, 9)
+)
+_C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18 = ((-1.0) ** i / factorial(2 * i) for i in range(2, 10))
+
+# Arctangent: the ratio of the smaller to the larger argument, turned by 45 degrees where it exceeds
+# tan(22.5 deg), is t with |t| <= tan(22.5 deg); there atan(t) / t is a polynomial in t^2.
+_TAN_PI_8 = float(np.sqrt(2.0) - 1.0)
+_PI, _PI_2, _PI_4 = float(np.pi), float(np.pi / 2), float(np.pi / 4)
+_TINY = 1e-300  # keeps 0 / 0 away; atan2(0, 0) is 0
+# Interpolation at 13 Chebyshev nodes: remainder below 1e-17, since the nearest singularity of
+# atan(sqrt z) / sqrt z lies at z = -1.
+_A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10, _A11, _A12 = (
+    float(c)
+    for c in Chebyshev.interpolate(
+        lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 12, [0.0, _TAN_PI_8**2]
+    )
+    .convert(kind=Polynomial)
+    .coef
 )
 
 
@@ -33,17 +65,90 @@ def fast_exp(x: float) -> float:
     x = max(x, _LOWEST)
     k = np.floor(x * _LOG2_E + 0.5)
     f = (x - k * _LN2_HIGH) - k * _LN2_LOW
-    p = _C11 + f * _C12
-    p = _C10 + f * p
-    p = _C9 + f * p
-    p = _C8 + f * p
-    p = _C7 + f * p
-    p = _C6 + f * p
-    p = _C5 + f * p
-    p = _C4 + f * p
-    p = _C3 + f * p
-    p = _C2 + f * p
+    p = _E11 + f * _E12
+    p = _E10 + f * p
+    p = _E9 + f * p
+    p = _E8 + f * p
+    p = _E7 + f * p
+    p = _E6 + f * p
+    p = _E5 + f * p
+    p = _E4 + f * p
+    p = _E3 + f * p
+    p = _E2 + f * p
     p = 1.0 + f * (1.0 + f * p)
     bits = np.float64(k + _TO_BITS).view(np.int64)
     scale = np.int64((bits + 1023) << 52).view(np.float64)
     return p * scale
+
+
+# Inlined by LLVM, so that it keeps its own flags wherever it is called: with "reassoc" the compiler
+# would join the parts of pi/2 again and cancel the rounding.
+@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy", forceinline=True)
+def fast_sincos(x: float) -> tuple[float, float]:
+    """``sin x`` and ``cos x`` for ``|x| <= 1e6``, absolute error below 4e-16; NaN gives NaN."""
+    rounded = x * _TWO_OVER_PI + _TO_BITS
+    k = rounded - _TO_BITS
+    f = ((x - k * _PI_2_HIGH) - k * _PI_2_MIDDLE) - k * _PI_2_LOW
+    z = f * f
+    p = _S15 + z * _S17
+    p = _S13 + z * p
+    p = _S11 + z * p
+    p = _S9 + z * p
+    p = _S7 + z * p
+    p = _S5 + z * p
+    p = _S3 + z * p
+    sine = f + f * z * p
+    p = _C16 + z * _C18
+    p = _C14 + z * p
+    p = _C12 + z * p
+    p = _C10 + z * p
+    p = _C8 + z * p
+    p = _C6 + z * p
+    p = _C4 + z * p
+    cosine = 1.0 + z * (z * p - 0.5)
+    bits = np.float64(rounded).view(np.int64)
+    if bits & 1:
+        sine, cosine = cosine, sine
+    if bits & 2:
+        sine = -sine
+    if (bits + 1) & 2:
+        cosine = -cosine
+    return sine, cosine
+
+
+@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+def sincos_kernel(x, sine, cosine):
+    """Writes the sines and cosines of an array (n,)."""
+    for i in range(len(x)):
+        sine[i], cosine[i] = fast_sincos(x[i])
+
+
+@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy", inline="always")
+def fast_atan2(y: float, x: float) -> float:
+    """``atan2(y, x)`` for finite arguments, within 1e-15; in (-pi, pi], 0 at the origin.
+
+    The sign of a zero is not looked at: ``fast_atan2(-0.0, -1.0)`` is ``pi``.
+    """
+    ax, ay = abs(x), abs(y)
+    low, high = min(ax, ay), max(ax, ay)
+    turned = low > _TAN_PI_8 * high
+    numerator = low - high if turned else low
+    denominator = low + high if turned else high
+    t = numerator / max(denominator, _TINY)
+    z = t * t
+    p = _A11 + z * _A12
+    p = _A10 + z * p
+    p = _A9 + z * p
+    p = _A8 + z * p
+    p = _A7 + z * p
+    p = _A6 + z * p
+    p = _A5 + z * p
+    p = _A4 + z * p
+    p = _A3 + z * p
+    p = _A2 + z * p
+    p = _A1 + z * p
+    p = _A0 + z * p
+    angle = t * p + (_PI_4 if turned else 0.0)
+    angle = _PI_2 - angle if ay > ax else angle
+    angle = _PI - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle

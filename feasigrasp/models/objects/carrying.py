@@ -3,18 +3,8 @@
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.geometry.se3 import so3_log_kernel
+from feasigrasp.models.geometry.se3_kernels import rotation_kernel, so3_log_kernel
 from feasigrasp.models.objects.motion import motion_kernel
-
-
-@njit(cache=True)
-def rotation_kernel(wxyz, R):
-    """Writes the rotation of a quaternion, of any length, into the upper left of a matrix."""
-    w, x, y, z = wxyz[0], wxyz[1], wxyz[2], wxyz[3]
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    R[0, 0], R[0, 1], R[0, 2] = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
-    R[1, 0], R[1, 1], R[1, 2] = s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)
-    R[2, 0], R[2, 1], R[2, 2] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
 
 
 @njit(cache=True)

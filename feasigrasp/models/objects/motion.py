@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry.se3 import so3_exp_kernel
+from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from feasigrasp.models.ik.closed_form import (
     next_nearest_kernel,
     travel_time_kernel,
 )
-from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_point
 from feasigrasp.models.robot.capsules import CapsuleModel

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn
 from feasigrasp.models.robot.iiwa import JOINT_AXES, JOINT_HEIGHTS
 

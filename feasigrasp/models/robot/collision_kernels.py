@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step, turn
 from feasigrasp.models.robot.capsule_kernels import (
     closest_parameters,

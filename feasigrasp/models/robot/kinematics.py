@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.numerics.fast_trig import fast_sincos, sincos_kernel
+from feasigrasp.models.numerics.fast_math import fast_sincos, sincos_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, step, turn
 from feasigrasp.models.robot.iiwa import (
     D_BASE_SHOULDER,

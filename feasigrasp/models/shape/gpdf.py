@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import lapack
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.numerics.lapack import solve_lower
 from feasigrasp.models.shape import gpdf_kernels as kernels
 from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.node_sums import make_tiles
@@ -88,8 +88,8 @@ class Gpdf(Frozen):
         Small near observed points, growing towards 1 away from them.
         """
         cross = cross_covariance(self.nodes, self.length_scale, self.center, checked_queries(x))
-        solve_lower(self.cholesky, cross.T)
-        return np.maximum(1.0 - np.einsum("ij,ij->i", cross, cross), 0.0)
+        solved, _ = lapack.dtrtrs(self.cholesky, cross.T, lower=1, overwrite_b=1)
+        return np.maximum(1.0 - np.einsum("ij,ij->j", solved, solved), 0.0)
 
     def refine(self, x: ArrayLike, steps: int = 5) -> tuple[Array, Array, Array]:
         """Refined signed distance by marching to the surface.

@@ -17,13 +17,13 @@ from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import lapack
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MIN_POINTS as MIN_POINTS
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud, directions_to_camera
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.numerics.lapack import factorize, solve_factorized, solve_lower
 from feasigrasp.models.shape.covariance import cross_covariance, gram_lower
 from feasigrasp.models.shape.gpdf import Gpdf as Gpdf
 from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS
@@ -154,8 +154,7 @@ def fit_field(
     centred = _centred(nodes, center, length_scale)
     y = np.array(targets, dtype=float)
     noise = _per_node(noise_variance, len(y))
-    factor = gram_lower(centred, length_scale, noise).T
-    _factorize(factor, noise)
+    factor = _factorized(gram_lower(centred, length_scale, noise).T, noise)
     return Gpdf(
         points=surface,
         bounds=np.array(bounds, dtype=float),
@@ -204,10 +203,10 @@ def extend_field(
     factor = np.empty((n + m, n + m), order="F")
     factor[:n, :n] = field.cholesky
     cross = cross_covariance(field.nodes, field.length_scale, np.zeros(3), added.T.copy())
-    solve_lower(field.cholesky, cross.T)
+    cross = lapack.dtrtrs(field.cholesky, cross.T, lower=1, overwrite_b=1)[0].T
     factor[n:, :n] = cross
-    factor[n:, n:] = np.tril(gram_lower(added, field.length_scale, noise).T) - cross @ cross.T
-    _factorize(factor[n:, n:], noise)
+    gram = np.tril(gram_lower(added, field.length_scale, noise).T) - cross @ cross.T
+    factor[n:, n:] = _factorized(np.asfortranarray(gram), noise)
     y = np.concatenate([field.targets, np.asarray(targets, dtype=float)])
     return Gpdf(
         points=np.concatenate([field.points, np.asarray(points, dtype=float).reshape(-1, 3)]),
@@ -240,18 +239,17 @@ def _per_node(noise_variance: float | ArrayLike, count: int) -> Array:
     return np.broadcast_to(np.asarray(noise_variance, dtype=float), (count,)).copy()
 
 
-def _factorize(gram: Array, noise: Array) -> None:
-    """Puts the Cholesky factor in the place of the lower triangle of ``gram``."""
-    info = factorize(gram)
+def _factorized(gram: Array, noise: Array) -> Array:
+    """The Cholesky factor, made in the lower triangle of ``gram`` (Fortran order)."""
+    factor, info = lapack.dpotrf(gram, lower=1, overwrite_a=1, clean=0)
     if info != 0:
         raise PointCloudError(
             f"the kernel matrix is not positive definite (LAPACK info {info}); "
             f"raise noise_variance (now {noise.min():g} at least)"
         )
+    return np.asarray(factor)
 
 
 def _weights(factor: Array, targets: Array) -> Array:
     """``(K + diag(s2))^-1 y`` by two triangular solves."""
-    alpha = targets.copy()
-    solve_factorized(factor, alpha[:, None])
-    return alpha
+    return np.asarray(lapack.dpotrs(factor, targets, lower=1)[0])

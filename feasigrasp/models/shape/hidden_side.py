@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
-from feasigrasp.models.geometry.nearest_distance import nearest_distance
+from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.hidden_side_network import CHANNELS, HiddenSideNetwork
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry.nearest_distance import nearest_distance
+from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.shape.gpdf import Gpdf
 
 #: Error of surface that was seen [m], and its growth with the distance from what was seen.

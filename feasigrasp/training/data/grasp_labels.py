@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.training.data.grasp_label_kernels import blocked_turns, turn_table
 from feasigrasp.training.data.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
@@ -179,7 +180,7 @@ def find_pairs(
     index, center, b = index[order], center[order], b[order]
     width, cosine = width[order], cosine[order]
 
-    across = _perpendicular(b)
+    across, _ = perpendiculars(b)
     free = _free_turns(truth, center, b, across, gripper, clearance)
     left = free.any(axis=1)
     # Best first: well opposed, and free all round.
@@ -275,8 +276,7 @@ def _antipodal_lines(
 
 def _cone_directions(axis: Array, rng: np.random.Generator) -> Array:
     """Directions on rings round unit vectors (n, 3) and these themselves, (n, k, 3)."""
-    u = _perpendicular(axis)
-    v = np.cross(axis, u)
+    u, v = perpendiculars(axis)
     directions = [axis[:, None]]
     for angle_deg, count in _RINGS:
         turn = rng.uniform(0.0, 2 * np.pi, (len(axis), 1)) + 2 * np.pi * np.arange(count) / count
@@ -284,10 +284,3 @@ def _cone_directions(axis: Array, rng: np.random.Generator) -> Array:
         angle = np.deg2rad(angle_deg)
         directions.append(np.cos(angle) * axis[:, None] + np.sin(angle) * side)
     return np.concatenate(directions, axis=1)
-
-
-def _perpendicular(b: Array) -> Array:
-    """A unit vector perpendicular to each unit vector (n, 3)."""
-    u = np.cross(b, np.eye(3)[np.abs(b).argmin(axis=1)])
-    unit: Array = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
-    return unit

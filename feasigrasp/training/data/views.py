@@ -11,6 +11,7 @@ import open3d as o3d
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.systems.segment_point_cloud import edge_pixels
 
@@ -167,9 +168,7 @@ def _tensor(array: Any) -> Any:
 def look_at(p_OC: Array, roll: float = 0.0) -> Array:
     """Pose of a camera at ``p_OC`` whose z axis passes through the origin, shape (4, 4)."""
     z = -p_OC / np.linalg.norm(p_OC)
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    y = np.cross(z, x)
+    x, y = perpendiculars(z)
     X_OC = np.eye(4)
     X_OC[:3, 0] = np.cos(roll) * x + np.sin(roll) * y
     X_OC[:3, 1] = np.cos(roll) * y - np.sin(roll) * x

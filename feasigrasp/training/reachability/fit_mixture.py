@@ -191,18 +191,5 @@ def _seeded(
     scale = np.array([1.0] * 3 + [settings.length_scale] * 3)
     floor = np.array([settings.rotation_floor] * 3 + [settings.translation_floor] * 3)
     covariance = np.diag((spread * scale) ** 2 + floor**2)
-    means = se3.make_pose(rotations(q[:, seeds].T), p[:, seeds].T)
+    means = se3.make_pose(se3.rotations(q[:, seeds].T), p[:, seeds].T)
     return RiemannianMixture(np.ones(len(seeds)), means, np.tile(covariance, (len(seeds), 1, 1)))
-
-
-def rotations(q: Array) -> Array:
-    """Rotation matrices (n, 3, 3) of unit quaternions wxyz (n, 4) in single precision."""
-    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1),
-        ],
-        axis=1,
-    )

@@ -17,7 +17,7 @@ from pydrake.multibody.tree import Frame, Joint, PrismaticJoint, RevoluteJoint
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Mask
 from feasigrasp.resources import model_path
 from feasigrasp.training.reachability.serial_chain import SerialChain
 
@@ -52,30 +52,15 @@ class PlantArm:
         joints = _joints_between(plant, base, end)
         moving = [joint for joint in joints if joint.num_positions() > 0]
         self.chain = _chain(base, end, joints)
+        self.lower, self.upper = self.chain.lower, self.chain.upper
+        self.forward_kinematics = self.chain.forward_kinematics
+        self.manipulability = self.chain.manipulability
         self._indices = np.array([joint.position_start() for joint in moving])
         self._default = plant.GetDefaultPositions()
         robots = {joint.child_body().model_instance() for joint in moving}
         self._checker = SceneGraphCollisionChecker(
             model=builder.Build(), robot_model_instances=sorted(robots, key=int), edge_step_size=0.1
         )
-
-    @property
-    def lower(self) -> Array:
-        """Lower joint limits, shape (n,) [rad or m]."""
-        return self.chain.lower
-
-    @property
-    def upper(self) -> Array:
-        """Upper joint limits, shape (n,) [rad or m]."""
-        return self.chain.upper
-
-    def forward_kinematics(self, q: ArrayLike) -> Array:
-        """Poses of the end frame in the base frame, shape (m, 4, 4) [m]."""
-        return self.chain.forward_kinematics(q)
-
-    def manipulability(self, q: ArrayLike) -> Array:
-        """Yoshikawa's measure of the configurations (m, n), shape (m,)."""
-        return self.chain.manipulability(q)
 
     def in_collision(self, q: ArrayLike) -> Mask:
         """Which configurations (m, n) are in collision, shape (m,)."""

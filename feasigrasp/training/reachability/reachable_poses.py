@@ -13,15 +13,14 @@ singular crowds.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.mixtures.kernels import pose_quaternions
-from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
@@ -53,38 +52,17 @@ class SerialArm(Protocol):
         """Which configurations (m, n) are in self-collision, shape (m,)."""
 
 
-@dataclass(frozen=True, eq=False)
 class IiwaArm:
-    """The iiwa 7 with a hand at its flange; the end frame is the flange F.
+    """The iiwa 7 with a hand at its flange; the end frame is the flange F."""
 
-    Attributes:
-        gripper: The hand, which can collide with the arm.
-    """
+    lower: ClassVar[Array] = -POSITION_LIMITS
+    upper: ClassVar[Array] = POSITION_LIMITS
+    forward_kinematics = staticmethod(forward_kinematics)
+    manipulability = staticmethod(manipulability)
 
-    gripper: ParallelGripper = field(default_factory=ParallelGripper)
-    _capsules: CapsuleModel = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        """Builds the capsules of the arm with its hand."""
-        object.__setattr__(self, "_capsules", capsule_model(self.gripper))
-
-    @property
-    def lower(self) -> Array:
-        """Lower joint limits, shape (7,) [rad]."""
-        return -POSITION_LIMITS
-
-    @property
-    def upper(self) -> Array:
-        """Upper joint limits, shape (7,) [rad]."""
-        return POSITION_LIMITS
-
-    def forward_kinematics(self, q: ArrayLike) -> Array:
-        """Flange poses ``X_WF``, shape (m, 4, 4) [m]."""
-        return forward_kinematics(q)
-
-    def manipulability(self, q: ArrayLike) -> Array:
-        """Yoshikawa's measure of configurations (m, 7), shape (m,)."""
-        return manipulability(q)
+    def __init__(self, gripper: ParallelGripper | None = None) -> None:
+        """Builds the capsules of the arm with a hand, which can collide with it."""
+        self._capsules = capsule_model(gripper or ParallelGripper())
 
     def in_collision(self, q: ArrayLike) -> Mask:
         """Which configurations (m, 7) are in self-collision, shape (m,)."""
@@ -147,11 +125,9 @@ def sample_reachable_poses(
     n_free, n_high = len(q), int(high.sum())
     if thin is not None:
         high[high] = rng.random(n_high) * thin < arm.manipulability(q[high])
-    X_WT = np.ascontiguousarray(X_WT[high])
-    quaternions = np.empty((len(X_WT), 4))
-    pose_quaternions(X_WT, quaternions)
+    X_WT = X_WT[high]
     return ReachedPoses(
-        quaternions.astype(np.float32),
+        se3.quaternions(X_WT).astype(np.float32),
         X_WT[:, :3, 3].astype(np.float32),
         drawn=n,
         colliding=n - n_free,
@@ -162,11 +138,7 @@ def sample_reachable_poses(
 
 def join(parts: Sequence[ReachedPoses]) -> ReachedPoses:
     """All the poses and counts of several samples."""
+    quaternions, positions, *counts = zip(*parts, strict=True)
     return ReachedPoses(
-        np.concatenate([part.quaternions for part in parts]),
-        np.concatenate([part.positions for part in parts]),
-        drawn=sum(part.drawn for part in parts),
-        colliding=sum(part.colliding for part in parts),
-        low=sum(part.low for part in parts),
-        thinned=sum(part.thinned for part in parts),
+        np.concatenate(quaternions), np.concatenate(positions), *(sum(count) for count in counts)
     )

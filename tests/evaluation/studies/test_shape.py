@@ -10,7 +10,7 @@ from feasigrasp.cli import main
 from feasigrasp.evaluation.measures.level_set import sample_level_set
 from feasigrasp.evaluation.measures.reliability import _binned
 from feasigrasp.evaluation.measures.shape import auc, measure, true_samples
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.surface_error import predicted_deviation, surface_deviation

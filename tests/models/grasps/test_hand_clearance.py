@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.certainty import unseen_clearance_certainty
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.hand_clearance import (

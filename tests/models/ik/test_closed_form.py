@@ -11,7 +11,7 @@ from feasigrasp.models.ik.closed_form import (
     nearest_inside_limits,
     travel_time_kernel,
 )
-from feasigrasp.models.numerics.fast_atan2 import fast_atan2
+from feasigrasp.models.numerics.fast_math import fast_atan2
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics
 

@@ -8,12 +8,7 @@ import pytest
 from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
-from feasigrasp.models.mixtures.kernels import (
-    direction_kernel,
-    evaluate_kernel,
-    gradient_kernel,
-    posterior_kernel,
-)
+from feasigrasp.models.mixtures.kernels import evaluate_kernel, posterior_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
 
@@ -39,11 +34,9 @@ def test_density_is_the_formula(rng, k, numpy_log_density):
         mixture.responsibilities(X), np.exp(joint - mixture.log_density(X)[:, None]), atol=1e-12
     )
     np.testing.assert_allclose(mixture.responsibilities(X).sum(axis=1), 1.0, atol=1e-14)
-    expected = -np.einsum("nk,nki->ni", mixture.responsibilities(X), xi)
-    np.testing.assert_allclose(mixture.direction(X), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("n", [63, 64, 127, 128, 129, 300])
+@pytest.mark.parametrize("n", [2, 300])
 def test_density_of_a_batch_is_that_of_its_poses(rng, n):
     mixture, X = random_mixture(rng, 5), se3.random_pose(rng, n)
     X[n // 2, 0, 3] = np.nan
@@ -126,7 +119,6 @@ def test_far_poses_have_finite_density_and_direction(rng):
     X = se3.make_pose(np.eye(3), [100.0, 0, 0])
     assert mixture.log_density(X) < -1e9
     assert np.isfinite(mixture.log_density_gradient(X)).all()
-    assert np.isfinite(mixture.direction(X)).all()
     np.testing.assert_allclose(mixture.responsibilities(X).sum(), 1.0)
 
 
@@ -134,14 +126,10 @@ def test_kernels_are_what_the_methods_use(rng):
     mixture, X = random_mixture(rng, 3), se3.random_pose(rng, 1)[0]
     tangents, log_density, r = np.empty((3, 6)), np.empty(3), np.empty(3)
     evaluate_kernel(X, mixture.parameters, tangents, log_density)
-    total = posterior_kernel(mixture.parameters[0], log_density, r)
+    total = posterior_kernel(mixture.parameters.log_weights, log_density, r)
     np.testing.assert_array_equal(tangents, mixture.tangents(X))
     np.testing.assert_array_equal(r, mixture.responsibilities(X))
     assert total == mixture.log_density(X)
-    np.testing.assert_array_equal(direction_kernel(X, mixture.parameters), mixture.direction(X))
-    np.testing.assert_array_equal(
-        gradient_kernel(X, mixture.parameters), mixture.log_density_gradient(X)
-    )
 
 
 def test_moving_mixture_and_pose_together_changes_nothing(rng):
@@ -155,23 +143,6 @@ def test_moving_mixture_and_pose_together_changes_nothing(rng):
     np.testing.assert_array_equal(moved.covariances, mixture.covariances)
 
 
-def test_following_the_direction_settles_at_a_mean(rng, clusters):
-    X, _, _ = clusters(rng, 60, 4)
-    mixture = fit_riemannian_mixture(X, 4, rng)
-    for pose in se3.random_pose(rng, 40):
-        for _ in range(400):
-            pose = pose @ se3.exp(0.05 * mixture.direction(pose))
-        distance = np.linalg.norm(mixture.tangents(pose) / ([1] * 3 + [0.1] * 3), axis=1)
-        assert distance.min() < 1e-3
-
-
-def test_one_step_along_the_direction_reaches_a_single_mean(rng):
-    mixture, X = random_mixture(rng, 1), se3.random_pose(rng, 10)
-    np.testing.assert_allclose(
-        X @ se3.exp(mixture.direction(X)), np.tile(mixture.means, (10, 1, 1)), atol=1e-13
-    )
-
-
 def test_medoids_are_the_most_likely_samples(rng, clusters):
     X, label, _ = clusters(rng, 40, 4)
     fit = fit_riemannian_mixture(X, 4, rng)
@@ -181,7 +152,6 @@ def test_medoids_are_the_most_likely_samples(rng, clusters):
         assert (
             fit.component_log_densities(X)[:, k].max() == fit.component_log_densities(X)[medoid, k]
         )
-    np.testing.assert_array_equal(fit.with_medoid_means(X).means, X[medoids])
 
 
 def test_zero_weight_switches_a_component_off(rng):
@@ -222,7 +192,6 @@ def test_bad_parameters_are_named(weights, covariances, message):
 def test_a_pose_that_is_not_finite_gives_no_number(rng):
     X = np.full((4, 4), np.nan)
     mixture = random_mixture(rng, 2)
-    assert np.isnan(mixture.direction(X)).all()
     assert np.isnan(mixture.log_density_gradient(X)).all()
     assert np.isnan(mixture.log_density(X))
 

@@ -10,7 +10,6 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.training.reachability.fit_mixture import rotations
 from feasigrasp.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
 
 
@@ -26,7 +25,7 @@ def small_space() -> ReachableSpace:
 
 def test_shipped_space_accepts_what_the_arm_reaches(shipped):
     reached = sample_reachable_poses(IiwaArm(), 20_000, np.random.default_rng(8))
-    X = se3.make_pose(rotations(reached.quaternions.astype(float)), reached.positions)
+    X = se3.make_pose(se3.rotations(reached.quaternions.astype(float)), reached.positions)
     assert shipped.contains(X).mean() > 0.95
     np.testing.assert_allclose(shipped.log_density(X), shipped.mixture.log_density(X), atol=1e-3)
 

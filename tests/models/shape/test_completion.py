@@ -7,7 +7,7 @@ import pytest
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf_fit import PAPER, fit_gpdf
 

@@ -7,7 +7,7 @@ import torch
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_image import SIDE, view_image
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.hidden_nodes import CLEARANCE, CLEARANCE_OF_SEVERAL, hidden_nodes
 from feasigrasp.models.shape.hidden_side import (

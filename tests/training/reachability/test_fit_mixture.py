@@ -6,14 +6,12 @@ import pytest
 from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import BLOCK, LOG2_TOLERANCE, log_densities, pack
-from feasigrasp.models.mixtures.kernels import pose_quaternions
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.training.reachability.fit_mixture import (
     LargeFit,
     em_pass,
     fit_large_mixture,
     maximization_step,
-    rotations,
 )
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 
@@ -39,8 +37,7 @@ def draw(rng, mixture, n):
 
 
 def blocks(X):
-    q = np.empty((len(X), 4))
-    pose_quaternions(np.ascontiguousarray(X), q)
+    q = se3.quaternions(X)
     return PoseBlocks.of(q, X[:, :3, 3])
 
 
@@ -52,10 +49,9 @@ def exact_moments(mixture, X):
 
 def single_precision(X):
     """The poses that single precision makes of these: rounding is not what is tested."""
-    q = np.empty((len(X), 4))
-    pose_quaternions(np.ascontiguousarray(X), q)
+    q = se3.quaternions(X)
     q = q.astype(np.float32).astype(float)
-    return se3.make_pose(rotations(q), X[:, :3, 3].astype(np.float32).astype(float))
+    return se3.make_pose(se3.rotations(q), X[:, :3, 3].astype(np.float32).astype(float))
 
 
 @pytest.mark.parametrize("n", [1, 7, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK + 5])

@@ -8,7 +8,6 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import REACHABLE, WRIST, Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
-from feasigrasp.training.reachability.fit_mixture import rotations
 from feasigrasp.training.reachability.reachable_poses import (
     IiwaArm,
     join,
@@ -23,7 +22,7 @@ def sample(n, seed=0, **options):
 
 
 def poses(reached):
-    return se3.make_pose(rotations(reached.quaternions.astype(float)), reached.positions)
+    return se3.make_pose(se3.rotations(reached.quaternions.astype(float)), reached.positions)
 
 
 def test_every_pose_is_reached_by_exact_inverse_kinematics():

@@ -18,7 +18,7 @@ from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.funnel import standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
-from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
 
 #: Time over which a solution's velocity is taken [s]; its error is of the order of the squared

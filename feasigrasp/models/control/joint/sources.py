@@ -22,7 +22,7 @@ from feasigrasp.models.ik.arm_circle import (
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.ik.flow import IkFlow
 from feasigrasp.models.ik.least_squares import refine
-from feasigrasp.models.numerics.fast_trig import fast_sincos
+from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS

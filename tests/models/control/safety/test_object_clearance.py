@@ -7,7 +7,7 @@ from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, object_grid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.robot.capsules import hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS

@@ -221,7 +221,7 @@ def test_it_moves_with_the_object(fitted):
     np.testing.assert_array_equal(moved.targets.covariances, mixture.targets.covariances)
     X = se3.random_pose(np.random.default_rng(9), 5)
     np.testing.assert_allclose(
-        moved.mixture.direction(X_PO @ X), mixture.mixture.direction(X), atol=1e-9
+        moved.mixture.log_density(X_PO @ X), mixture.mixture.log_density(X), rtol=1e-9
     )
     refitted = fit_grasp_mixture(
         GraspSet(X_PO @ grasps.X_OG, grasps.width, grasps.score), 3, np.random.default_rng(1)

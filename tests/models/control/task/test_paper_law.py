@@ -12,6 +12,7 @@ from feasigrasp.models.control.task.safe_law import (
     paper_task_space_velocity,
 )
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.ascent import ascent_direction
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.reach.lookahead import reachable_grasps
 from feasigrasp.models.reach.reachability import Reachability
@@ -42,7 +43,7 @@ def test_the_papers_law_follows_the_mixture(ring_of_grasps):
     carried = V_WO[3:] + np.cross(V_WO[:3], X_WH[:3, 3] - X_WO[:3, 3])
     relative = J @ qd - np.concatenate([V_WO[:3], carried])
     body = np.concatenate([X_WH[:3, :3].T @ relative[:3], X_WH[:3, :3].T @ relative[3:]])
-    direction = mixture.targets.direction((se3.inverse(X_WO) @ X_WH)[None])[0]
+    direction = ascent_direction(mixture.targets, se3.inverse(X_WO) @ X_WH)
     cosine = body @ direction / np.linalg.norm(body) / np.linalg.norm(direction)
     assert cosine == pytest.approx(1.0)
     assert np.linalg.norm(body[3:]) <= OPTIONS.max_linear + 1e-9

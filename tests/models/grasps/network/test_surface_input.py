@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.network.surface_input import (
     MAX_CHORD,
     SCALARS,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from feasigrasp.models.numerics.fast_trig import fast_sincos, sincos_kernel
+from feasigrasp.models.numerics.fast_math import fast_sincos, sincos_kernel
 
 
 def sincos(x):
