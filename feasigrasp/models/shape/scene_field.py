@@ -24,7 +24,6 @@ from scipy.spatial import cKDTree
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.checks import MIN_POINTS
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 
 #: Points this far around a cube take part in its field, so that neighbours agree [m].
@@ -201,27 +200,6 @@ def fit_scene(
         resolution,
         thickness,
     )
-
-
-def scene_clear(
-    scene: SceneField, X_WG: ArrayLike, gripper: ParallelGripper, margin: float = 0.005
-) -> Mask:
-    """Which poses of the open hand keep clear of a scene.
-
-    Args:
-        scene: The scene, in frame W.
-        X_WG: Hand poses in the same frame, shape (n, 4, 4).
-        gripper: The hand, fully open.
-        margin: Least distance of the hand from every surface [m].
-
-    Returns:
-        Shape (n,).
-    """
-    poses = np.asarray(X_WG, dtype=float).reshape(-1, 4, 4)
-    hand = gripper.surface_points(gripper.max_opening)
-    points = np.einsum("nij,kj->nki", poses[:, :3, :3], hand) + poses[:, None, :3, 3]
-    hits = scene.closer_than(points.reshape(-1, 3), margin)
-    return np.asarray(~hits.reshape(len(poses), len(hand)).any(axis=1))
 
 
 def _voxel_means(points: Array, directions: Array, size: float) -> tuple[Array, Array]:

@@ -10,9 +10,9 @@ import open3d as o3d
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.systems.segment_point_cloud import edge_pixels
 
 #: The depth stream of the scenarios' camera: a RealSense D435 in its 424 x 240 mode, 87 x 58 deg.
 WIDTH, HEIGHT = 424, 240
