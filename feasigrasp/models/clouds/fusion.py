@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -99,23 +99,16 @@ class FusedCloud(Frozen):
 
     def _moved(self, X: Array) -> FusedCloud:
         """Everything after a rigid motion X (4, 4)."""
-        return FusedCloud(
-            _turn(X, self.points, True),
-            _turn(X, self.directions),
-            self.voxel_size,
-            self.views,
-            self.smooth,
-            _turn(X, self.normals),
-            self.counts,
-            tuple(image.moved(X) for image in self.images),
+        return replace(
+            self,
+            points=_turn(X, self.points, True),
+            directions=_turn(X, self.directions),
+            normals=_turn(X, self.normals),
+            images=tuple(image.moved(X) for image in self.images),
         )
 
     def _with(
-        self,
-        at: Array,
-        towards: Array,
-        normals: Array,
-        images: tuple[ViewImage, ...],
+        self, at: Array, towards: Array, normals: Array, images: tuple[ViewImage, ...]
     ) -> FusedCloud:
         """With one point per voxel of one more view."""
         before = self.normals if self.smooth else np.zeros_like(self.points)

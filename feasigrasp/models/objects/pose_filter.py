@@ -48,7 +48,7 @@ class State(NamedTuple):
         alpha: Angular acceleration [rad/s^2], shape (3,).
         covariance_r: Of orientation, w and alpha, shape (3, 3).
         due: When the next point of the path is [s], shape (1,).
-        count: Number of points of the path, shape (1,).
+        stored: Number of points of the path, shape (1,).
         path: Their positions and orientations, newest first, shape (PATH_LENGTH, 4, 3).
     """
 
@@ -62,7 +62,7 @@ class State(NamedTuple):
     alpha: Array
     covariance_r: Array
     due: Array
-    count: Array
+    stored: Array
     path: Array
 
 
@@ -80,7 +80,7 @@ def parts(x):
         alpha=x[31:34],
         covariance_r=x[34:43].reshape(3, 3),
         due=x[43:44],
-        count=x[44:45],
+        stored=x[44:45],
         path=x[45:].reshape(PATH_LENGTH, 4, 3),
     )
 
@@ -185,7 +185,7 @@ def _remember(state, t):
         for k in range(PATH_LENGTH - 1, 0, -1):
             s.path[k] = s.path[k - 1]
         s.path[0, 0], s.path[0, 1:] = X[:3, 3], X[:3, :3]
-        s.count[0] = min(s.count[0] + 1.0, float(PATH_LENGTH))
+        s.stored[0] = min(s.stored[0] + 1.0, float(PATH_LENGTH))
         s.due[0] += PATH_STEP
 
 

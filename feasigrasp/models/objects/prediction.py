@@ -74,7 +74,7 @@ def predict_kernel(state, now, ahead, X):
     pose_kernel(state, now, start)
     twist_kernel(state, now, V)
     w = V[:3].copy()
-    count = int(s.count[0])
+    count = int(s.stored[0])
     if count > _TURN:
         R_new, R_old = s.path[0, 1:].copy(), s.path[_TURN, 1:].copy()
         w[:] = so3_log_kernel(R_new @ R_old.T.copy()) / (_TURN * PATH_STEP)
