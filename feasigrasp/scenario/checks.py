@@ -11,14 +11,14 @@ from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.sources import SOURCES
 from feasigrasp.models.grasps.samplers import METHODS as SAMPLERS
 from feasigrasp.models.reach.judge import METHODS
-from feasigrasp.models.shape.completion import PRESETS
+from feasigrasp.models.shape.completion import Preset
 from feasigrasp.scenario.schema import Scenario
 
 _CHOICES = {
     "control.controller": ("task", "joint"),
     "control.mode": ("safe", "paper"),
     "control.source": SOURCES,
-    "perception.preset": PRESETS,
+    "perception.preset": tuple(Preset),
     "perception.sampler": SAMPLERS,
     "reachability.method": METHODS,
 }

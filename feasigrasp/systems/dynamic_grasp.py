@@ -31,9 +31,10 @@ from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.obstacle_distance import ObstacleDistance
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
-from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene, SceneFilter
+from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.scene_filter import SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station.station import Station, StationConfig
 from feasigrasp.systems.velocity_drive import VelocityDrive

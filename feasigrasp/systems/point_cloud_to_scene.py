@@ -1,4 +1,4 @@
-"""What the camera sees beside robot and object becomes a scene that grasps keep clear of."""
+"""What the camera sees beside robot and object becomes a scene."""
 
 from __future__ import annotations
 
@@ -15,12 +15,7 @@ from pydrake.systems.sensors import ImageLabel16I
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.scene_field import SceneField, fit_scene, scene_clear
-
-#: Half a turn about the approach direction: the same grasp, another pose of the hand.
-_FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
+from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,57 +84,3 @@ class PointCloudToScene(LeafSystem):
 
     def _calc(self, context: Context, output) -> None:
         output.set_value(context.get_abstract_state(int(self._state)).get_value().scene)
-
-
-class SceneFilter(LeafSystem):
-    """Drops the grasps at which the open hand would be in the scene.
-
-    .. pydrake_system::
-
-        name: SceneFilter
-        input_ports:
-        - grasps
-        - object_pose
-        - scene
-        output_ports:
-        - grasps
-
-    ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
-    ``RigidTransform``; ``scene`` a `SceneField` in W, or None, which drops nothing. What is dropped
-    is counted as "hits the scene".
-    """
-
-    def __init__(
-        self, gripper: ParallelGripper, *, margin: float = 0.005, either_way_round: bool = False
-    ) -> None:
-        """A filter for one hand.
-
-        Args:
-            gripper: The hand.
-            margin: Least distance of the hand from every surface [m].
-            either_way_round: Whether a grasp stays if the hand is clear after half a turn about
-                the approach direction; for sets whose grasps have not been turned yet.
-        """
-        super().__init__()
-        self._gripper, self._margin, self._either = gripper, margin, either_way_round
-        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
-        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
-        self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
-        self.DeclareAbstractOutputPort(
-            "grasps",
-            lambda: AbstractValue.Make(GraspSet.empty()),
-            self._calc,
-            {self._grasps.ticket(), self._pose.ticket(), self._scene.ticket()},
-        )
-
-    def _calc(self, context: Context, output) -> None:
-        grasps: GraspSet = self._grasps.Eval(context)
-        scene: SceneField | None = self._scene.Eval(context)
-        if scene is not None and len(grasps) > 0:
-            X_WG = self._pose.Eval(context).GetAsMatrix4() @ grasps.X_OG
-            clear = scene_clear(scene, X_WG, self._gripper, self._margin)
-            if self._either:
-                other = np.flatnonzero(~clear)
-                clear[other] = scene_clear(scene, X_WG[other] @ _FLIP, self._gripper, self._margin)
-            grasps = grasps.select(clear, "hits the scene")
-        output.set_value(grasps)

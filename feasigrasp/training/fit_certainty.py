@@ -33,7 +33,6 @@ from feasigrasp.models.grasps.hand_clearance import (
     seen_clearance,
 )
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.shape.completion import CompletedField
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.results.arguments import positive
 from feasigrasp.results.provenance import git_revision, versions
@@ -121,7 +120,7 @@ def field_cases(field: Gpdf, truth: TrueGrasps) -> Cases:
     )
     cases["CLEARANCE"] = evidence[free, 1:], verdict[free]
     cases["JOINT_CLEARANCE"] = evidence[free], verdict[free]
-    if isinstance(field, CompletedField):
+    if field.knows_free_space:
         in_doubt = np.flatnonzero(~free & (told.prod(axis=1) >= HOPEFUL))
         seen = seen_clearance(field, X_OG[in_doubt], gripper, INVENTED)
         in_doubt = in_doubt[seen >= MARGIN]

@@ -1,7 +1,7 @@
 """``feasigrasp train hidden-side``: trains what perception expects behind what it sees.
 
 First it makes pictures of household shapes (`feasigrasp.training.data.hidden_side`), in shards
-that are kept; then it trains the network of `feasigrasp.models.shape.hidden_side` on them. Whole
+that are kept; then it trains `feasigrasp.models.shape.hidden_side_network` on them. Whole
 families are held out and judge. The batch of a step depends on the seed and the step alone: a run
 that was interrupted goes on as if it had not been; start the same command again to resume. The
 running means of the weights are what is judged and written.
@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE, HiddenSide
-from feasigrasp.models.shape.hidden_side_network import BELIEVED, HiddenSideNetwork
+from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE
+from feasigrasp.models.shape.hidden_side_network import BELIEVED, HiddenSide, HiddenSideNetwork
 from feasigrasp.results.arguments import positive
 from feasigrasp.results.provenance import git_revision, versions
 from feasigrasp.results.rows import write_json

@@ -221,5 +221,5 @@ def test_the_completion_stays_out_of_free_space():
 
 
 def test_an_unknown_preset_is_refused():
-    with pytest.raises(PointCloudError, match="'fast'.*give default, paper"):
+    with pytest.raises(PointCloudError, match="'fast'.*choose one of default, paper"):
         PointCloudToGPDF(preset="fast")

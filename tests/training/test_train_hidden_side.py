@@ -8,7 +8,7 @@ import pytest
 from feasigrasp.cli import main
 from feasigrasp.models.clouds.view_image import view_image
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.shape.hidden_side import HiddenSide
+from feasigrasp.models.shape.hidden_side_network import HiddenSide
 from feasigrasp.training.data.hidden_side import true_thickness
 from feasigrasp.training.data.views import ViewedObject
 

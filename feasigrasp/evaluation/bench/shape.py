@@ -32,7 +32,7 @@ from feasigrasp.evaluation.peers.shape import (
 )
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.shape.gpdf_fit import PAPER, extend_field
+from feasigrasp.models.shape.gpdf_fit import PAPER
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.rows import Row
 
@@ -40,8 +40,6 @@ from feasigrasp.results.rows import Row
 SIZES = (512, 1024)
 #: Points at which value and gradient are asked for.
 QUERIES = 100_000
-#: Nodes that a further view adds.
-ADDED = 128
 
 Case = tuple[str, str, Callable[[], object]]
 
@@ -78,29 +76,6 @@ def cases(cloud: Array, seed: int) -> Iterator[Case]:
     yield "bench.gpdf_query_ms", "peer:numpy", lambda: _in_parts(in_numpy, x)
     single = torch.as_tensor(x, dtype=torch.float32)
     yield "bench.gpdf_query_ms", "peer:torch", lambda: _in_parts(in_torch, single)
-    yield from update_cases(cloud)
-
-
-def update_cases(cloud: Array) -> Iterator[Case]:
-    """A further view: the Cholesky factor extended, and the field fitted anew."""
-    for n in SIZES:
-        points = cloud[farthest_points(cloud, n + ADDED)]
-        old, new = fit_from_points(points[:n]), points[n:]
-        name, s2 = f"bench.gpdf_update_ms.{n}", PAPER["noise_variance"]
-        yield (
-            name,
-            "extend",
-            partial(
-                extend_field,
-                old,
-                new,
-                np.ones(ADDED),
-                points=new,
-                bounds=old.bounds,
-                noise_variance=s2,
-            ),
-        )
-        yield name, "refit", partial(fit_from_points, points)
 
 
 def peer_fits(points: Array) -> Iterator[tuple[str, Callable[[], object]]]:

@@ -15,7 +15,6 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3 import perpendiculars
-from feasigrasp.models.shape.completion import CompletedField
 from feasigrasp.models.shape.gpdf import Gpdf
 
 #: A projected point is on the surface if |d| is less [m].
@@ -95,7 +94,7 @@ def sample_level_set(field: Gpdf, seeds: Iterable[Array] = (), cells: int = 40) 
     more = _project(field, np.concatenate([*spread, *seeds]), steps=4)
     points, normals = np.concatenate([points, more[0]]), np.concatenate([normals, more[1]])
     area = np.concatenate([area, np.zeros(len(more[0]))])
-    kept = field.possible(points) if isinstance(field, CompletedField) else slice(None)
+    kept = field.possible(points)
     return LevelSet(points[kept], normals[kept], area[kept], spacing)
 
 

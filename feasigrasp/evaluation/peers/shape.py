@@ -102,7 +102,7 @@ class ValidationStep:
     def __call__(self) -> tuple[Array, Mask, Array]:
         """Variance of the completed surface, which grasps collide, refined normals."""
         field = whole_fit(self.cloud, self.preset, self.nodes)
-        collides = field.touches(self.X_OG, self.hand, 0.003)
+        collides = field.clearance(self.X_OG, self.hand, 0.003, 0.003)[0] < 0.003
         return field.completion.variance, collides, field.refine(self.at, STEPS)[2]
 
 

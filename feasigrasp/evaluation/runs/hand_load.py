@@ -9,7 +9,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from feasigrasp.models.objects.carrying import carrying_wrench_kernel
+from feasigrasp.models.objects.carrying import Load, carrying_wrench_kernel
 
 #: Rate at which the distance between the pads shrinks, as in grasping [m/s].
 CLOSING_SPEED = 0.15
@@ -111,12 +111,9 @@ class HandLoad(LeafSystem):
         since = context.get_time() - closing_time(self._opening)
         if since < 0.0:
             X_GO = context.get_numeric_parameter(self._pose).value().reshape(4, 4)
-            still = np.zeros(6), np.zeros(3), np.zeros(3)
-            state = self._state.Eval(context)
-            inertia = self._mass, self._I_BBcm
-            carrying_wrench_kernel(
-                state, np.ascontiguousarray(X_GO), *still, *inertia, _SERVO_FREQUENCY, wrench
-            )
+            state, still = self._state.Eval(context), (np.zeros(6), np.zeros(3))
+            carried = Load(self._mass, self._I_BBcm, np.zeros(3), _SERVO_FREQUENCY)
+            carrying_wrench_kernel(state, np.ascontiguousarray(X_GO), *still, carried, wrench)
         else:
             wrench[3:] = self._mass * load(since)
         applied = ExternallyAppliedSpatialForce()

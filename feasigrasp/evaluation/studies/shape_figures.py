@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -120,10 +119,9 @@ def slice_through(viewed: ViewedObject, field: Gpdf, view: PartialView) -> dict[
     along = (viewed.obj.vertices - middle) @ away
     x = np.linspace(along.min() - _BEYOND, along.max() + _BEYOND, 241)
     points = middle + x[:, None] * away
-    true = viewed.scene.compute_signed_distance(o3d.core.Tensor.from_numpy(np.float32(points)))
     return {
         "x": x,
-        "true": true.numpy().astype(float),
+        "true": viewed.surface.signed_distance(points),
         "raw": field.distance(points),
         "refined": field.refine(points, _STEPS)[0],
     }

@@ -68,10 +68,8 @@ def check_fit(
         raise PointCloudError(f"max_points = {max_points}; give at least {MIN_POINTS}")
 
 
-def directions_to_camera(cloud: Array, viewpoint: ArrayLike | None) -> Array | None:
+def directions_to_camera(cloud: Array, viewpoint: ArrayLike) -> Array:
     """Directions from the points to their cameras, (n, 3), given as such or as a position (3,)."""
-    if viewpoint is None:
-        return None
     view = np.array(viewpoint, dtype=float)
     if not np.isfinite(view).all():
         raise PointCloudError("viewpoint holds NaN or infinity")

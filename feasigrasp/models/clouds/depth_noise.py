@@ -75,23 +75,6 @@ class DepthNoise:
                 f"grazing_end_deg = {self.grazing_end_deg}"
             )
 
-    @classmethod
-    def off(cls) -> DepthNoise:
-        """A perfect camera: `apply` changes nothing."""
-        return cls(
-            subpixel=0.0,
-            disparity_step=0.0,
-            depth_step=0.0,
-            flying=0.0,
-            edge_missing=0.0,
-            grazing_start_deg=90.0,
-            grazing_end_deg=91.0,
-        )
-
-    def sigma(self, z: ArrayLike, focal: float) -> Array:
-        """Standard deviation of the depth z [m] of a surface for a focal length [px]: [m]."""
-        return np.asarray(z, dtype=float) ** 2 * (self.subpixel / (focal * self.baseline))
-
     def apply(
         self, depth: NDArray[Any], intrinsics: ArrayLike, rng: np.random.Generator
     ) -> NDArray[Any]:

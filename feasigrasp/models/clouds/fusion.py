@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,7 +78,7 @@ class FusedCloud(Frozen):
         points = np.array(points, dtype=float)
         camera = np.array(p_OC, dtype=float)
         # One mean point per voxel and view first, so that a view of many pixels weighs no more.
-        at = _grouped(points, _voxel_keys(points, self.voxel_size), np.ones(len(points)))[0]
+        at = grouped_means(points, voxel_keys(points, self.voxel_size), np.ones(len(points)))[0]
         towards = camera - at
         towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
         if not self.smooth or len(at) < _MIN_SURFACE:
@@ -99,23 +99,16 @@ class FusedCloud(Frozen):
 
     def _moved(self, X: Array) -> FusedCloud:
         """Everything after a rigid motion X (4, 4)."""
-        return FusedCloud(
-            _turn(X, self.points, True),
-            _turn(X, self.directions),
-            self.voxel_size,
-            self.views,
-            self.smooth,
-            _turn(X, self.normals),
-            self.counts,
-            tuple(image.moved(X) for image in self.images),
+        return replace(
+            self,
+            points=_turn(X, self.points, True),
+            directions=_turn(X, self.directions),
+            normals=_turn(X, self.normals),
+            images=tuple(image.moved(X) for image in self.images),
         )
 
     def _with(
-        self,
-        at: Array,
-        towards: Array,
-        normals: Array,
-        images: tuple[ViewImage, ...],
+        self, at: Array, towards: Array, normals: Array, images: tuple[ViewImage, ...]
     ) -> FusedCloud:
         """With one point per voxel of one more view."""
         before = self.normals if self.smooth else np.zeros_like(self.points)
@@ -123,10 +116,10 @@ class FusedCloud(Frozen):
             [np.hstack([self.points, self.directions, before]), np.hstack([at, towards, normals])]
         )
         counts = np.concatenate([self.counts, np.ones(len(at))])
-        keys = _voxel_keys(rows[:, :3], self.voxel_size)
+        keys = voxel_keys(rows[:, :3], self.voxel_size)
         if self.smooth:
             keys = 6 * keys + _facing(rows[:, 6:])
-        rows, counts = _grouped(rows, keys, counts)
+        rows, counts = grouped_means(rows, keys, counts)
         for block in (slice(3, 6), slice(6, 9)):
             length = np.linalg.norm(rows[:, block], axis=1, keepdims=True)
             rows[:, block] /= np.maximum(length, 1e-12)
@@ -174,7 +167,7 @@ def _facing(normals: Array) -> Indices:
     return facing
 
 
-def _voxel_keys(points: Array, voxel_size: float) -> Indices:
+def voxel_keys(points: Array, voxel_size: float) -> Indices:
     """A number per point, equal for points that share a voxel and ordered by voxel, shape (n,)."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
@@ -185,7 +178,7 @@ def _voxel_keys(points: Array, voxel_size: float) -> Indices:
     return keys
 
 
-def _grouped(rows: Array, keys: Indices, weights: Array) -> tuple[Array, Array]:
+def grouped_means(rows: Array, keys: Indices, weights: Array) -> tuple[Array, Array]:
     """Weighted mean of the rows of each key, ordered by key, and the sums of their weights."""
     if len(rows) == 0:
         return rows, weights

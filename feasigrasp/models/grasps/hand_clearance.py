@@ -17,7 +17,6 @@ from feasigrasp.models.grasps.certainty import (
 )
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.completion import CompletedField
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_error import surface_deviation
 
@@ -62,7 +61,7 @@ def hand_freedom(
     clearance, deviation = hand_clearance(gpdf, grasps.X_OG, gripper, margin)
     free = clearance >= margin + MARGIN_GROWTH * deviation
     in_doubt = np.zeros(len(grasps), dtype=bool)
-    if isinstance(gpdf, CompletedField):
+    if gpdf.knows_free_space:
         in_doubt = ~free & (grasps.score * np.nan_to_num(told) >= HOPEFUL)
         few = np.count_nonzero(free) < enough
         again = ~free & ~in_doubt & (few | (grasps.width < THIN_WALL))
@@ -100,7 +99,7 @@ def hand_clearance(
 
 
 def seen_clearance(
-    gpdf: CompletedField, X_OG: Array, gripper: ParallelGripper, invented: float = np.inf
+    gpdf: Gpdf, X_OG: Array, gripper: ParallelGripper, invented: float = np.inf
 ) -> Array:
     """As the clearance of `hand_clearance`, but what lies in known free space counts as far.
 
@@ -123,7 +122,7 @@ def seen_clearance(
     clearance = np.full(len(points), FAR)
     counts = gpdf.possible(points)
     if np.isfinite(invented):
-        counts &= nearest_distance(points, gpdf.cloud) < invented
+        counts &= nearest_distance(points, gpdf.seen()[0]) < invented
     clearance[counts] = np.minimum(gpdf.distance(points[counts]), FAR)
     return clearance.reshape(len(X_OG), len(hand)).min(axis=1, initial=FAR)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.objects.raycasting import Raycaster
 
 #: Largest side of a body that an arm of this size can have to do with [m].
 MIN_EXTENT, MAX_EXTENT = 0.005, 1.0
@@ -95,22 +96,15 @@ def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
         coarse, _ = decimate(mesh, faces)
         if len(coarse.faces) > faces:
             continue
-        if max(_distance(mesh, coarse), _distance(coarse, mesh)) <= tolerance:
+        apart = [
+            Raycaster(one.vertices, one.faces)
+            .distance(np.vstack([other.vertices, other.triangles_center]))
+            .max()
+            for one, other in ((coarse, mesh), (mesh, coarse))
+        ]
+        if max(apart) <= tolerance:
             return coarse
     return mesh
-
-
-def _distance(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
-    """Largest distance from points on one surface to another surface [m]."""
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(np.asarray(other.vertices, dtype=np.float32)),
-        o3d.core.Tensor.from_numpy(np.asarray(other.faces, dtype=np.uint32)),
-    )
-    points = np.vstack([mesh.vertices, mesh.triangles_center]).astype(np.float32)
-    return float(scene.compute_distance(o3d.core.Tensor.from_numpy(points)).numpy().max())
 
 
 def write_obj(path: Path, vertices: Array, faces: Indices) -> None:

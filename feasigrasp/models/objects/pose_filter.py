@@ -30,14 +30,59 @@ _PRIOR_V, _PRIOR_A = 1.0, 2.0
 #: A measurement this far from the prediction is a jump [m, rad]: the filter starts again there.
 _JUMP = 0.15
 
-# Layout of the state: time, position filter, orientation filter, then the path: when its next point
-# is due, how many there are, and rows of position and rotation matrix, newest first.
-_P, _V, _A, _COV = 1, 4, 7, 10
-_R, _W, _ALPHA, _COV_R = 19, 28, 31, 34
-_NEXT, COUNT, PATH = 43, 44, 45
-ROW = 12
-#: Size of the state vector.
-STATE_SIZE = PATH + ROW * PATH_LENGTH
+#: Size of the state vector, see `State`: 45 numbers, and 12 for every point of the path.
+STATE_SIZE = 45 + 12 * PATH_LENGTH
+
+
+class State(NamedTuple):
+    """The parts of a state vector, as views into it.
+
+    Attributes:
+        time: Of the last measurement [s], NaN before the first, shape (1,).
+        p: Position [m], shape (3,).
+        v: Velocity [m/s], shape (3,).
+        a: Acceleration [m/s^2], shape (3,).
+        covariance: Of these, the same for every axis, shape (3, 3).
+        R: Orientation, shape (3, 3).
+        w: Angular velocity [rad/s], shape (3,).
+        alpha: Angular acceleration [rad/s^2], shape (3,).
+        covariance_r: Of orientation, w and alpha, shape (3, 3).
+        due: When the next point of the path is [s], shape (1,).
+        stored: Number of points of the path, shape (1,).
+        path: Their positions and orientations, newest first, shape (PATH_LENGTH, 4, 3).
+    """
+
+    time: Array
+    p: Array
+    v: Array
+    a: Array
+    covariance: Array
+    R: Array
+    w: Array
+    alpha: Array
+    covariance_r: Array
+    due: Array
+    stored: Array
+    path: Array
+
+
+@njit(cache=True)
+def parts(x):
+    """The parts of a state vector (STATE_SIZE,)."""
+    return State(
+        time=x[:1],
+        p=x[1:4],
+        v=x[4:7],
+        a=x[7:10],
+        covariance=x[10:19].reshape(3, 3),
+        R=x[19:28].reshape(3, 3),
+        w=x[28:31],
+        alpha=x[31:34],
+        covariance_r=x[34:43].reshape(3, 3),
+        due=x[43:44],
+        stored=x[44:45],
+        path=x[45:].reshape(PATH_LENGTH, 4, 3),
+    )
 
 
 class Noise(NamedTuple):
@@ -64,16 +109,16 @@ def empty_state() -> Array:
 
 
 @njit(cache=True)
-def _start(covariance, sigma):
-    covariance[:] = 0.0
-    covariance[0], covariance[4], covariance[8] = sigma**2, _PRIOR_V**2, _PRIOR_A**2
+def _start(C, sigma):
+    C[:] = 0.0
+    C[0, 0], C[1, 1], C[2, 2] = sigma**2, _PRIOR_V**2, _PRIOR_A**2
 
 
 @njit(cache=True)
 def _propagate(covariance, dt, jerk):
-    """Covariance (9,) of position, velocity and acceleration after ``dt``."""
+    """Covariance (3, 3) of position, velocity and acceleration after ``dt``."""
     F = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
-    C = F @ covariance.reshape(3, 3) @ F.T
+    C = F @ covariance @ F.T
     q = jerk * jerk
     # White jerk, integrated once, twice, three times.
     C[0, 0] += q * dt**5 / 20.0
@@ -83,30 +128,29 @@ def _propagate(covariance, dt, jerk):
     C[1, 2] += q * dt**2 / 2.0
     C[2, 2] += q * dt
     C[1, 0], C[2, 0], C[2, 1] = C[0, 1], C[0, 2], C[1, 2]
-    covariance[:] = C.ravel()
+    covariance[:] = C
 
 
 @njit(cache=True)
-def _gain(covariance, sigma):
-    """Gain of a measured position; updates the covariance (9,) in Joseph's form."""
-    C = covariance.reshape(3, 3)
+def _gain(C, sigma):
+    """Gain of a measured position; updates the covariance C (3, 3) in Joseph's form."""
     K = C[:, 0] / (C[0, 0] + sigma * sigma)
     A = np.eye(3)
     A[:, 0] -= K
-    C = A @ np.ascontiguousarray(C) @ A.T + sigma * sigma * np.outer(K, K)
-    covariance[:] = C.ravel()
+    C[:] = A @ C @ A.T + sigma * sigma * np.outer(K, K)
     return K
 
 
 @njit(cache=True)
 def pose_kernel(state, t, X):
     """Writes the pose (4, 4) that the filter expects at time t, by constant acceleration."""
-    dt = t - state[0]
+    s = parts(state)
+    dt = t - s.time[0]
     turn = np.empty(3)
     for i in range(3):
-        X[i, 3] = state[_P + i] + dt * (state[_V + i] + 0.5 * dt * state[_A + i])
-        turn[i] = dt * (state[_W + i] + 0.5 * dt * state[_ALPHA + i])
-    X[:3, :3] = so3_exp_kernel(turn) @ state[_R : _R + 9].copy().reshape(3, 3)
+        X[i, 3] = s.p[i] + dt * (s.v[i] + 0.5 * dt * s.a[i])
+        turn[i] = dt * (s.w[i] + 0.5 * dt * s.alpha[i])
+    X[:3, :3] = so3_exp_kernel(turn) @ s.R.copy()
     X[3] = 0.0
     X[3, 3] = 1.0
 
@@ -114,35 +158,35 @@ def pose_kernel(state, t, X):
 @njit(cache=True)
 def twist_kernel(state, t, V):
     """Writes the twist (6,) [angular; linear] that the filter expects at time t."""
-    dt = t - state[0]
+    s = parts(state)
+    dt = t - s.time[0]
     for i in range(3):
-        V[i] = state[_W + i] + dt * state[_ALPHA + i]
-        V[3 + i] = state[_V + i] + dt * state[_A + i]
+        V[i] = s.w[i] + dt * s.alpha[i]
+        V[3 + i] = s.v[i] + dt * s.a[i]
 
 
 @njit(cache=True)
 def _restart(state, t, X, noise):
     state[:] = 0.0
-    state[0] = t
-    state[_P : _P + 3] = X[:3, 3]
-    state[_R : _R + 9] = X[:3, :3].copy().ravel()
-    _start(state[_COV : _COV + 9], max(noise.position, _FLOOR))
-    _start(state[_COV_R : _COV_R + 9], max(noise.rotation, _FLOOR))
-    state[_NEXT] = t
+    s = parts(state)
+    s.time[0] = s.due[0] = t
+    s.p[:], s.R[:] = X[:3, 3], X[:3, :3]
+    _start(s.covariance, max(noise.position, _FLOOR))
+    _start(s.covariance_r, max(noise.rotation, _FLOOR))
 
 
 @njit(cache=True)
 def _remember(state, t):
     """Stores points of the path up to time t, newest first."""
+    s = parts(state)
     X = np.empty((4, 4))
-    while state[_NEXT] <= t + 1e-9:
-        pose_kernel(state, state[_NEXT], X)
-        for i in range(STATE_SIZE - 1, PATH + ROW - 1, -1):
-            state[i] = state[i - ROW]
-        state[PATH : PATH + 3] = X[:3, 3]
-        state[PATH + 3 : PATH + ROW] = X[:3, :3].copy().ravel()
-        state[COUNT] = min(state[COUNT] + 1.0, float(PATH_LENGTH))
-        state[_NEXT] += PATH_STEP
+    while s.due[0] <= t + 1e-9:
+        pose_kernel(state, s.due[0], X)
+        for k in range(PATH_LENGTH - 1, 0, -1):
+            s.path[k] = s.path[k - 1]
+        s.path[0, 0], s.path[0, 1:] = X[:3, 3], X[:3, :3]
+        s.stored[0] = min(s.stored[0] + 1.0, float(PATH_LENGTH))
+        s.due[0] += PATH_STEP
 
 
 @njit(cache=True)
@@ -152,38 +196,37 @@ def measure_kernel(state, t, X, noise):
     A pose that is not finite, or not later than the last one, is ignored. One that is far from
     where the object can be starts the filter anew.
     """
-    if not np.isfinite(X.sum()) or t <= state[0]:
+    s = parts(state)
+    if not np.isfinite(X.sum()) or t <= s.time[0]:
         return
-    if np.isnan(state[0]):
+    if np.isnan(s.time[0]):
         _restart(state, t, X, noise)
         _remember(state, t)
         return
-    dt = t - state[0]
+    dt = t - s.time[0]
     expected = np.empty((4, 4))
     pose_kernel(state, t, expected)
     turn = so3_log_kernel(X[:3, :3].copy() @ expected[:3, :3].T.copy())
-    covariance, covariance_r = state[_COV : _COV + 9], state[_COV_R : _COV_R + 9]
-    _propagate(covariance, dt, noise.jerk)
-    _propagate(covariance_r, dt, noise.angular_jerk)
+    _propagate(s.covariance, dt, noise.jerk)
+    _propagate(s.covariance_r, dt, noise.angular_jerk)
     sigma, sigma_r = max(noise.position, _FLOOR), max(noise.rotation, _FLOOR)
     far, far_r = np.linalg.norm(X[:3, 3] - expected[:3, 3]), np.linalg.norm(turn)
-    likely = 6.0 * np.sqrt(covariance[0] + sigma**2)
-    likely_r = 6.0 * np.sqrt(covariance_r[0] + sigma_r**2)
+    likely = 6.0 * np.sqrt(s.covariance[0, 0] + sigma**2)
+    likely_r = 6.0 * np.sqrt(s.covariance_r[0, 0] + sigma_r**2)
     if far > max(_JUMP, likely) or far_r > max(_JUMP, likely_r):
         _restart(state, t, X, noise)
         _remember(state, t)
         return
-    K, K_r = _gain(covariance, sigma), _gain(covariance_r, sigma_r)
+    K, K_r = _gain(s.covariance, sigma), _gain(s.covariance_r, sigma_r)
     correction = np.empty(3)
     for i in range(3):
         off = X[i, 3] - expected[i, 3]
-        state[_P + i] = expected[i, 3] + K[0] * off
-        state[_V + i] += dt * state[_A + i] + K[1] * off
-        state[_A + i] += K[2] * off
-        state[_W + i] += dt * state[_ALPHA + i] + K_r[1] * turn[i]
-        state[_ALPHA + i] += K_r[2] * turn[i]
+        s.p[i] = expected[i, 3] + K[0] * off
+        s.v[i] += dt * s.a[i] + K[1] * off
+        s.a[i] += K[2] * off
+        s.w[i] += dt * s.alpha[i] + K_r[1] * turn[i]
+        s.alpha[i] += K_r[2] * turn[i]
         correction[i] = K_r[0] * turn[i]
-    R = so3_exp_kernel(correction) @ np.ascontiguousarray(expected[:3, :3])
-    state[_R : _R + 9] = R.ravel()
-    state[0] = t
+    s.R[:] = so3_exp_kernel(correction) @ np.ascontiguousarray(expected[:3, :3])
+    s.time[0] = t
     _remember(state, t)

@@ -23,14 +23,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel, so3_log_kernel
-from feasigrasp.models.objects.pose_filter import (
-    COUNT,
-    PATH,
-    PATH_STEP,
-    ROW,
-    pose_kernel,
-    twist_kernel,
-)
+from feasigrasp.models.objects.pose_filter import PATH_STEP, parts, pose_kernel, twist_kernel
 
 #: The lag h, in steps of the path.
 _LAG = 4
@@ -43,20 +36,20 @@ _DYING = 1.5
 
 
 @njit(cache=True)
-def _oscillator(state, axis):
+def _oscillator(path, count):
     """omega^2 [1/s^2] and mean acceleration term b of ``a = b - omega^2 p``, one axis.
 
-    ``p`` is taken relative to the newest point of the path.
+    ``p`` is taken relative to the newest of the ``count`` points of the path.
     """
-    n, h = int(state[COUNT]) - 2 * _LAG, _LAG * PATH_STEP
+    n, h = count - 2 * _LAG, _LAG * PATH_STEP
     if n < _LAG:
         return 0.0, 0.0, False
-    origin = state[PATH + axis]
+    origin = path[0]
     s, y, ss, sy = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        first = state[PATH + ROW * k + axis] - origin
-        middle = state[PATH + ROW * (k + _LAG) + axis] - origin
-        last = state[PATH + ROW * (k + 2 * _LAG) + axis] - origin
+        first = path[k] - origin
+        middle = path[k + _LAG] - origin
+        last = path[k + 2 * _LAG] - origin
         change = first - 2.0 * middle + last
         s += middle
         y += change
@@ -76,22 +69,21 @@ def _oscillator(state, axis):
 @njit(cache=True)
 def predict_kernel(state, now, ahead, X):
     """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s]."""
+    s = parts(state)
     start, V = np.empty((4, 4)), np.empty(6)
     pose_kernel(state, now, start)
     twist_kernel(state, now, V)
     w = V[:3].copy()
-    n = min(int(state[COUNT]) - 1, _TURN)
-    if n == _TURN:
-        R_new = state[PATH + 3 : PATH + ROW].copy().reshape(3, 3)
-        old = PATH + ROW * n
-        R_old = state[old + 3 : old + ROW].copy().reshape(3, 3)
-        w[:] = so3_log_kernel(R_new @ R_old.T.copy()) / (n * PATH_STEP)
+    count = int(s.stored[0])
+    if count > _TURN:
+        R_new, R_old = s.path[0, 1:].copy(), s.path[_TURN, 1:].copy()
+        w[:] = so3_log_kernel(R_new @ R_old.T.copy()) / (_TURN * PATH_STEP)
     for k in range(len(ahead)):
         X[k] = start
         X[k, :3, :3] = so3_exp_kernel(w * ahead[k]) @ np.ascontiguousarray(start[:3, :3])
     for i in range(3):
-        square, b, known = _oscillator(state, i)
-        p, v = start[i, 3] - state[PATH + i], V[3 + i]
+        square, b, known = _oscillator(s.path[:, 0, i], count)
+        p, v = start[i, 3] - s.path[0, 0, i], V[3 + i]
         omega = np.sqrt(square)
         for k in range(len(ahead)):
             t = ahead[k]
@@ -102,7 +94,7 @@ def predict_kernel(state, now, ahead, X):
                 a = b if known else 0.0
                 # The acceleration a exp(-t / T), integrated twice.
                 x = p + v * t + a * _DYING * (t - _DYING * (1.0 - np.exp(-t / _DYING)))
-            X[k, i, 3] = state[PATH + i] + x
+            X[k, i, 3] = s.path[0, 0, i] + x
 
 
 @dataclass(frozen=True, eq=False)

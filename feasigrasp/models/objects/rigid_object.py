@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from scipy.spatial import ConvexHull
-from scipy.spatial.distance import pdist
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Frozen, Indices
@@ -71,16 +69,6 @@ class RigidObject(Frozen):
         """Sides of the axis-aligned bounding box, shape (3,) [m]."""
         return np.asarray(np.ptp(self.vertices, axis=0))
 
-    @property
-    def diameter(self) -> float:
-        """Largest distance between two points of the surface [m]."""
-        return float(pdist(self.vertices[ConvexHull(self.vertices).vertices]).max())
-
-    @property
-    def density(self) -> float:
-        """Mass per enclosed volume [kg/m^3]."""
-        return self.mass / float(self.mesh.volume)
-
 
 def builtin_objects() -> list[str]:
     """Names of the objects that come with the project, sorted."""
@@ -120,13 +108,14 @@ def load_object(
     if mass is not None and density is not None:
         raise MeshError(f"{path}: both mass={mass} and density={density} given; give one of them.")
     for what, value in (("mass", mass), ("density", density)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise MeshError(f"{path}: {what}={value}; give a positive number in SI units.")
+        if value is not None:
+            _check_positive(f"{path}: {what}", value)
 
     solid, repairs = read_solid(path, scale)
     mesh, reduction = decimate(solid, MAX_FACES)
     if mass is None and density is None and "mass_kg" in entry:
-        mass = _positive_mass(path, entry["mass_kg"]) * scale**3
+        _check_positive(f"{path}: its catalogue gives mass_kg", entry["mass_kg"])
+        mass = float(entry["mass_kg"]) * scale**3
     unit = mesh.mass_properties  # of density 1
     mass = mass if mass is not None else (density or DEFAULT_DENSITY) * float(unit.volume)
     p_MO = np.asarray(unit.center_mass)
@@ -224,7 +213,6 @@ def _read_catalogue(folder: Path) -> dict[str, Mapping[str, Any]]:
     return {}
 
 
-def _positive_mass(path: Path, value: Any) -> float:
+def _check_positive(what: str, value: Any) -> None:
     if not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
-        raise MeshError(f"{path}: its catalogue gives mass_kg={value}; give a positive number.")
-    return float(value)
+        raise MeshError(f"{what}={value}; give a positive number in SI units.")

@@ -9,8 +9,10 @@ shaped.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
+from enum import StrEnum
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud
 from feasigrasp.models.clouds.free_space import free_distance, rim_points
 from feasigrasp.models.clouds.fusion import FusedCloud
@@ -28,11 +31,7 @@ from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_gpdf
 from feasigrasp.models.shape.hidden_nodes import HiddenNodes, hidden_nodes
-from feasigrasp.models.shape.hidden_side import load_hidden_side
-from feasigrasp.models.shape.surface_points import SurfacePoints
 
-#: ``default``, and the field of the paper.
-PRESETS = ("default", "paper")
 #: Values at this distance beside some of the points tell inside from outside [m].
 SURFACE_OFFSET = 2e-3
 #: Share of the points that get such values.
@@ -59,7 +58,14 @@ _FARTHER_BEHIND = 2.0
 _CLEARANCE = 5e-3
 
 
-@dataclass(frozen=True, eq=False)
+class Preset(StrEnum):
+    """Which field is fitted: ours, or that of the paper."""
+
+    DEFAULT = "default"
+    PAPER = "paper"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CompletedField(Gpdf):
     """A distance field that knows which of its nodes were observed, and which space is free.
 
@@ -70,10 +76,11 @@ class CompletedField(Gpdf):
         observed: The first so many nodes rest on observed points.
     """
 
-    cloud: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    cloud_normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    images: tuple[ViewImage, ...] = ()
-    observed: int = 0
+    cloud: Array
+    cloud_normals: Array
+    images: tuple[ViewImage, ...]
+    observed: int
+    knows_free_space: ClassVar[bool] = True
 
     def variance(self, x: ArrayLike) -> Array:
         """Predictive variance of the occupancy at x (m, 3) given the observed nodes, (m,).
@@ -91,11 +98,9 @@ class CompletedField(Gpdf):
             raise PointCloudError(f"variance: triangular solve failed (LAPACK info {info})")
         return np.maximum(1.0 - np.einsum("ji,ji->j", solved.T, solved.T), 0.0)
 
-    def surface(self, n: int = 8, steps: int = 5, tolerance: float = 1e-3) -> SurfacePoints:
-        """As `Gpdf.surface`, without the points that lie in free space."""
-        all_points = super().surface(n, steps, tolerance)
-        kept = self.possible(all_points.points)
-        return SurfacePoints(all_points.points[kept], all_points.normals[kept], self.variance)
+    def seen(self) -> tuple[Array, Array]:
+        """Observed points (c, 3) [m] and outward normals there."""
+        return self.cloud, self.cloud_normals
 
     def possible(self, x: Array) -> Mask:
         """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
@@ -133,8 +138,7 @@ def complete_shape(
 
     Args:
         cloud: The views. For the default preset they must be smoothed (``FusedCloud.smooth``).
-        preset: ``default``, or ``paper`` for the field of the paper: no values beside the points,
-            no free space.
+        preset: A `Preset`; that of the paper has no values beside the points and no free space.
         length_scale: l of the kernel [m].
         noise_variance: s2 of the occupancy observations; by default the paper's 0.0025, or 0.001
             for smoothed views.
@@ -147,13 +151,11 @@ def complete_shape(
     Raises:
         PointCloudError: If there are too few points, or a parameter is out of range.
     """
-    if preset == "paper":
+    if parse_choice(Preset, preset, "preset", PointCloudError) is Preset.PAPER:
         settings: FitSettings = {**PAPER, "length_scale": length_scale}
         if noise_variance is not None:
             settings["noise_variance"] = noise_variance
         return fit_gpdf(cloud.points, viewpoint=cloud.directions, max_points=max_points, **settings)
-    if preset not in PRESETS:
-        raise PointCloudError(f"preset '{preset}' is unknown; give {', '.join(PRESETS)}")
     if not cloud.smooth:
         raise PointCloudError(
             "the cloud is not smoothed; merge its views into FusedCloud.empty(..., smooth=True)"
@@ -183,8 +185,10 @@ def complete_shape(
         )
         return fitted, len(seen)
 
-    hidden = HiddenNodes.none()
+    hidden = HiddenNodes(np.zeros((0, 3)), np.zeros(0))
     if learnt and cloud.images:
+        from feasigrasp.models.shape.hidden_side_network import load_hidden_side  # loads torch
+
         rough, _ = fitted_to(ROUGH_POINTS, hidden)
         hidden = hidden_nodes(rough, cloud.images, points, load_hidden_side(), HIDDEN_NODES)
     fitted, observed = fitted_to(len(surface), hidden)

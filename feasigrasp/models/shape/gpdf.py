@@ -1,9 +1,10 @@
-"""A fitted Gaussian process distance field, and what can be asked of it; see ``gpdf``."""
+"""A fitted Gaussian process distance field, and what can be asked of it; see ``gpdf_fit``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +20,6 @@ from feasigrasp.models.shape.surface_points import SurfacePoints
 
 #: Shortest step of a ray through the object [m].
 _RAY_STEP = 2e-3
-_ARRAYS = ("points", "bounds", "noise_variance", "center", "nodes", "targets", "alpha", "cholesky")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +36,11 @@ class Gpdf(Frozen):
         noise_variance: s2, variance of the occupancy observations, one per node, shape (k,).
         center: Mean of ``points``; the kernels work relative to it, shape (3,).
         nodes: All nodes of the process (points, then offset points), centred, shape (3, k).
-        targets: The occupancies y given at them, shape (k,).
-        alpha: Their weights ``(K + diag(s2))^-1 y``, shape (k,).
+        alpha: Their weights ``(K + diag(s2))^-1 y``, y the occupancies given at them, shape (k,).
         cholesky: Cholesky factor of ``K + diag(s2)``, shape (k, k), Fortran order; only its lower
             triangle means anything.
         damped: Whether ``refine`` takes damped Newton steps; if not, the paper's steps of d.
+        knows_free_space: Whether `possible` tells anything.
     """
 
     points: Array
@@ -49,14 +49,22 @@ class Gpdf(Frozen):
     noise_variance: Array
     center: Array
     nodes: Array
-    targets: Array
     alpha: Array
     cholesky: Array
     damped: bool = True
+    knows_free_space: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        self._freeze(**{name: getattr(self, name) for name in _ARRAYS})
+        self._freeze(**{k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)})
+
+    def seen(self) -> tuple[Array, Array]:
+        """Observed points (n, 3) [m] and outward normals there, zero where none is known."""
+        return self.points, np.zeros_like(self.points)
+
+    def possible(self, x: Array) -> Mask:
+        """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
+        return np.ones(len(x), dtype=bool)
 
     def distance(self, x: ArrayLike) -> Array:
         """Raw signed distance ``d = -l ln o``.
@@ -70,12 +78,12 @@ class Gpdf(Frozen):
         Returns:
             Shape (m,) [m].
         """
-        return kernels.values(self._tiles, self.length_scale, self.center, checked_queries(x))
+        return kernels.values(self.tiles, self.length_scale, self.center, checked_queries(x))
 
     def distance_and_gradient(self, x: ArrayLike) -> tuple[Array, Array]:
         """Raw signed distance (m,) and its gradient ``-(l / o) grad o`` (m, 3) at x (m, 3)."""
         return kernels.values_and_gradients(
-            self._tiles, self.length_scale, self.center, checked_queries(x)
+            self.tiles, self.length_scale, self.center, checked_queries(x)
         )
 
     def normals(self, x: ArrayLike) -> Array:
@@ -111,14 +119,16 @@ class Gpdf(Frozen):
     def surface(self, n: int = 8, steps: int = 5, tolerance: float = 1e-3) -> SurfacePoints:
         """The completed surface: an n x n x n grid round the cloud projected onto it.
 
-        The grid fills `search_box`. Grid points that do not reach ``|d| < tolerance`` are dropped.
+        The grid fills `search_box`. Grid points that do not reach ``|d| < tolerance`` are dropped,
+        and so is what lies in known free space.
         """
         lower, upper = self.search_box
         axes = np.linspace(lower, upper, n)
         grid = np.stack(np.meshgrid(*axes.T, indexing="ij"), axis=-1).reshape(-1, 3)
         _, points, normals, residual = self._march(grid, steps)
-        reached = np.abs(residual) < tolerance
-        return SurfacePoints(points[reached], normals[reached], self.variance)
+        kept = np.abs(residual) < tolerance
+        kept[kept] = self.possible(points[kept])
+        return SurfacePoints(points[kept], normals[kept], self.variance)
 
     @property
     def search_box(self) -> Array:
@@ -151,7 +161,7 @@ class Gpdf(Frozen):
             Length to the exit, shape (m,) [m]; NaN where there is none.
         """
         return kernels.march_to_exit(
-            self._tiles,
+            self.tiles,
             self.length_scale,
             checked_queries(starts) - self.center,
             np.ascontiguousarray(directions, dtype=float),
@@ -159,19 +169,6 @@ class Gpdf(Frozen):
             max_length,
             _RAY_STEP,
         )
-
-    def touches(self, poses: ArrayLike, body_points: ArrayLike, margin: float) -> Mask:
-        """Whether a rigid body comes closer to the completed surface than a margin.
-
-        Args:
-            poses: Poses of the body in the field's frame, shape (m, 4, 4).
-            body_points: Points on the body in its own frame, shape (k, 3) [m].
-            margin: Least refined distance allowed [m].
-
-        Returns:
-            Shape (m,), True where a point of the body is too close or inside.
-        """
-        return self.clearance(poses, body_points, margin, margin)[0] < margin
 
     def clearance(
         self, poses: ArrayLike, body_points: ArrayLike, far: float, near: float = 0.0
@@ -196,17 +193,18 @@ class Gpdf(Frozen):
         body = np.array(body_points, dtype=float, order="C")
         order = farthest_points(body, len(body))  # coarse to fine clears most points
         distance, index = kernels.closest_points(
-            self._tiles, self.length_scale, centred, body[order], box, far, near
+            self.tiles, self.length_scale, centred, body[order], box, far, near
         )
         return distance, np.where(index < 0, -1, order[index])
 
     @cached_property
-    def _tiles(self) -> Array:
+    def tiles(self) -> Array:
+        """Nodes and weights as the kernels of `node_sums` take them."""
         return make_tiles(self.nodes, self.alpha, self.length_scale)
 
     def _march(self, x: ArrayLike, steps: int) -> tuple[Array, Array, Array, Array]:
         marched: tuple[Array, Array, Array, Array] = kernels.refine(
-            self._tiles, self.length_scale, self.center, checked_queries(x), steps, self.damped
+            self.tiles, self.length_scale, self.center, checked_queries(x), steps, self.damped
         )
         return marched
 

@@ -18,19 +18,22 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import lapack
+from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.checks import MIN_POINTS as MIN_POINTS
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud, directions_to_camera
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.shape.covariance import cross_covariance, gram_lower
+from feasigrasp.models.shape.covariance import gram_lower
 from feasigrasp.models.shape.gpdf import Gpdf as Gpdf
 from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS
-from feasigrasp.models.shape.normals import outward_normals
 
 #: Above this many points the cloud is thinned evenly before farthest-point selection.
 _MAX_CANDIDATES = 2048
+#: Points that a plane is fitted to for a normal.
+_NEIGHBOURS = 20
+#: Below this |cosine| between a normal and its reference direction its sign is a guess.
+_UNSURE = 0.15
 #: One in so many of the chosen points is one that sticks out: the corners.
 _OUTWARD = 8
 
@@ -84,7 +87,7 @@ def fit_gpdf(
     cloud = checked_cloud(points)
     check_fit(length_scale, noise_variance, surface_offset, max_points)
     bounds = np.stack([cloud.min(axis=0), cloud.max(axis=0)])
-    directions = directions_to_camera(cloud, viewpoint)
+    directions = None if viewpoint is None else directions_to_camera(cloud, viewpoint)
 
     if len(cloud) > _MAX_CANDIDATES:
         even = np.linspace(0, len(cloud) - 1, max(_MAX_CANDIDATES, max_points)).astype(int)
@@ -99,7 +102,7 @@ def fit_gpdf(
     if surface_offset is not None:
         # Those chosen early cover the cloud evenly; at corners there is no normal.
         beside = chosen[outward : outward - (-count // 3)]
-        at, normals = outward_normals(
+        at, normals = _outward_normals(
             cloud, beside, None if directions is None else directions[beside]
         )
         nodes = np.concatenate(
@@ -153,7 +156,7 @@ def fit_field(
     center = surface.mean(axis=0)
     centred = _centred(nodes, center, length_scale)
     y = np.array(targets, dtype=float)
-    noise = _per_node(noise_variance, len(y))
+    noise = np.broadcast_to(np.asarray(noise_variance, dtype=float), len(y)).copy()
     factor = _factorized(gram_lower(centred, length_scale, noise).T, noise)
     return Gpdf(
         points=surface,
@@ -162,63 +165,9 @@ def fit_field(
         noise_variance=noise,
         center=center,
         nodes=centred,
-        targets=y,
         alpha=_weights(factor, y),
         cholesky=factor,
         damped=damped,
-    )
-
-
-def extend_field(
-    field: Gpdf,
-    nodes: ArrayLike,
-    targets: ArrayLike,
-    *,
-    points: ArrayLike,
-    bounds: ArrayLike,
-    noise_variance: float | ArrayLike,
-) -> Gpdf:
-    """Adds nodes to a field: the field that ``fit_field`` makes of the old and new ones together.
-
-    The Cholesky factor is extended, ``L21 = K21 L^-T`` and ``L22 L22^T = K22 + s2 - L21 L21^T``,
-    instead of computed anew: for m new nodes beside n, m n^2 + m^2 n + m^3 / 3 operations instead
-    of (n + m)^3 / 3. With m = 128 that takes 0.8 of the time of a new fit at n = 512 and 0.6 at
-    n = 1024 (``feasigrasp bench shape``, bench.gpdf_update_ms); where nodes are to be dropped as
-    well, or m is n / 3 and more, fit anew.
-
-    Args:
-        field: The field to extend; it stays as it is.
-        nodes: Further nodes, shape (m, 3) [m].
-        targets: The occupancy there, shape (m,).
-        points: Those of them that are surface points, shape (p, 3) [m].
-        bounds: Lower and upper corner of the whole cloud, old and new, shape (2, 3) [m].
-        noise_variance: s2 of every new node, or one per node, shape (m,).
-
-    Raises:
-        PointCloudError: As ``fit_field``.
-    """
-    added = _centred(nodes, field.center, field.length_scale)
-    n, m = len(field.alpha), added.shape[1]
-    noise = _per_node(noise_variance, m)
-    factor = np.empty((n + m, n + m), order="F")
-    factor[:n, :n] = field.cholesky
-    cross = cross_covariance(field.nodes, field.length_scale, np.zeros(3), added.T.copy())
-    cross = lapack.dtrtrs(field.cholesky, cross.T, lower=1, overwrite_b=1)[0].T
-    factor[n:, :n] = cross
-    gram = np.tril(gram_lower(added, field.length_scale, noise).T) - cross @ cross.T
-    factor[n:, n:] = _factorized(np.asfortranarray(gram), noise)
-    y = np.concatenate([field.targets, np.asarray(targets, dtype=float)])
-    return Gpdf(
-        points=np.concatenate([field.points, np.asarray(points, dtype=float).reshape(-1, 3)]),
-        bounds=np.array(bounds, dtype=float),
-        length_scale=field.length_scale,
-        noise_variance=np.concatenate([field.noise_variance, noise]),
-        center=field.center.copy(),
-        nodes=np.concatenate([field.nodes, added], axis=1),
-        targets=y,
-        alpha=_weights(factor, y),
-        cholesky=factor,
-        damped=field.damped,
     )
 
 
@@ -235,10 +184,6 @@ def _centred(nodes: ArrayLike, center: Array, length_scale: float) -> Array:
     return centred
 
 
-def _per_node(noise_variance: float | ArrayLike, count: int) -> Array:
-    return np.broadcast_to(np.asarray(noise_variance, dtype=float), (count,)).copy()
-
-
 def _factorized(gram: Array, noise: Array) -> Array:
     """The Cholesky factor, made in the lower triangle of ``gram`` (Fortran order)."""
     factor, info = lapack.dpotrf(gram, lower=1, overwrite_a=1, clean=0)
@@ -253,3 +198,25 @@ def _factorized(gram: Array, noise: Array) -> Array:
 def _weights(factor: Array, targets: Array) -> Array:
     """``(K + diag(s2))^-1 y`` by two triangular solves."""
     return np.asarray(lapack.dpotrs(factor, targets, lower=1)[0])
+
+
+def _outward_normals(
+    cloud: Array, indices: Indices, towards_camera: Array | None
+) -> tuple[Array, Array]:
+    """Some points of a cloud (n, 3) and outward unit normals there, by principal components.
+
+    A normal is turned to the camera's side, or, without a camera, away from the centroid. Where
+    that cannot be told (normal nearly perpendicular to the reference) the point is left out:
+    a normal with the wrong sign does more harm than none.
+    """
+    at = cloud[indices]
+    _, near = cKDTree(cloud).query(at, k=min(_NEIGHBOURS, len(cloud)))
+    patch = cloud[near]
+    patch = patch - patch.mean(axis=1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch))
+    normals = vectors[:, :, 0]
+    reference = at - cloud.mean(axis=0) if towards_camera is None else towards_camera
+    length = np.maximum(np.linalg.norm(reference, axis=1), 1e-12)
+    cosine = np.einsum("mi,mi->m", normals, reference) / length
+    sure = np.abs(cosine) > _UNSURE
+    return at[sure], (normals * np.sign(cosine)[:, None])[sure]

@@ -7,7 +7,7 @@ that where they look through the place, or see a surface in front of it that is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.ndimage import binary_erosion
@@ -18,7 +18,10 @@ from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.hidden_side import BackSurface, HiddenSide
+from feasigrasp.models.shape.hidden_side import BackSurface
+
+if TYPE_CHECKING:
+    from feasigrasp.models.shape.hidden_side_network import HiddenSide
 
 #: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
 #: closer than so many times their expected error. Where several pictures look round the object,
@@ -29,8 +32,7 @@ CLEARANCE_OF_SEVERAL, DOUBT_OF_SEVERAL = 10e-3, 1.5
 _FREE = 2e-3
 
 
-@dataclass(frozen=True, eq=False)
-class HiddenNodes:
+class HiddenNodes(NamedTuple):
     """Points where the hidden surface probably is.
 
     Attributes:
@@ -41,11 +43,6 @@ class HiddenNodes:
     points: Array
     deviation: Array
 
-    @classmethod
-    def none(cls) -> HiddenNodes:
-        """No points."""
-        return cls(np.zeros((0, 3)), np.zeros(0))
-
 
 def hidden_nodes(
     field: Gpdf, images: Sequence[ViewImage], observed: Array, network: HiddenSide, count: int
@@ -54,15 +51,13 @@ def hidden_nodes(
 
     Args:
         field: What is believed without the network.
-        images: Pictures of the object, in the frame of the points.
+        images: Pictures of the object, in the frame of the points; at least one.
         observed: Points seen, shape (n, 3) [m].
         network: Tells far sides.
         count: Number of nodes, at most.
     """
     backs = [network.back_surface(image, field) for image in images]
     parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
-    if not parts:
-        return HiddenNodes.none()
     points, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
     several = len(images) > 1
     clearance = CLEARANCE_OF_SEVERAL if several else CLEARANCE

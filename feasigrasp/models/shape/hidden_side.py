@@ -9,33 +9,20 @@ that are as uncertain as the network says (`feasigrasp.models.shape.completion`)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.hidden_side_network import CHANNELS, HiddenSideNetwork
 
-#: Where the trained weights are.
-DEFAULT_WEIGHTS = Path(__file__).resolve().parents[1] / "weights" / "hidden_side.npz"
-#: Of the weights file; another layout gets another number.
-FORMAT = "feasigrasp hidden_side 1"
 #: Half widths of pictures are given relative to this [m].
 TYPICAL_SIZE = 0.1
 #: Thickness that is looked for in the field, least and most [m].
 LEAST, MOST = 4e-3, 0.4
-
-
-class HiddenSideError(FeasigraspError, ValueError):
-    """A file of weights that is missing or not one of this network."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,62 +82,3 @@ def features(image: ViewImage, field: Gpdf) -> NDArray[np.float32]:
     known = np.isfinite(believed)
     believed, apart = (np.where(known, part, 0.0) for part in (believed, apart))
     return np.stack([mask, relative, rim, size, believed, known, apart]).astype(np.float32)
-
-
-class HiddenSide:
-    """The trained network.
-
-    Args:
-        network: Its weights.
-    """
-
-    def __init__(self, network: HiddenSideNetwork) -> None:
-        self.network = network.eval().requires_grad_(False)
-
-    def back_surface(self, image: ViewImage, field: Gpdf) -> BackSurface:
-        """Where the object in a picture probably ends, given the field of what was seen."""
-        with torch.inference_mode():
-            median, spread = self.network(torch.from_numpy(features(image, field)[None]))
-        scale = picture_scale(image)
-        thickness = scale * median[0].double().clamp(min=0.0).numpy()
-        deviation = scale * spread[0].double().numpy()
-        return BackSurface(
-            np.where(image.mask, image.depth + thickness, 0.0),
-            np.where(image.mask, deviation, 0.0),
-        )
-
-    def save(self, filename: Path) -> None:
-        """Writes the weights."""
-        arrays = {name: value.numpy() for name, value in self.network.state_dict().items()}
-        np.savez_compressed(filename, format=FORMAT, channels=CHANNELS, **arrays)
-
-    @classmethod
-    def load(cls, filename: Path = DEFAULT_WEIGHTS) -> HiddenSide:
-        """Reads weights that `save` wrote.
-
-        Raises:
-            HiddenSideError: There is no such file, or it is of something else.
-        """
-        try:
-            with np.load(filename) as file:
-                arrays = dict(file)
-        except (OSError, ValueError) as error:
-            raise HiddenSideError(
-                f"cannot read weights of the hidden side from {filename}: {error}; "
-                "train them with 'feasigrasp train hidden-side'"
-            ) from None
-        written = str(arrays.pop("format", "nothing known"))
-        if written != FORMAT:
-            raise HiddenSideError(f"{filename} holds '{written}', not '{FORMAT}'")
-        network = HiddenSideNetwork(tuple(int(c) for c in arrays.pop("channels")))
-        try:
-            network.load_state_dict({name: torch.from_numpy(a) for name, a in arrays.items()})
-        except RuntimeError as error:
-            raise HiddenSideError(f"{filename} holds another network: {error}") from None
-        return cls(network)
-
-
-@lru_cache(maxsize=1)
-def load_hidden_side() -> HiddenSide:
-    """The network that comes with the package."""
-    return HiddenSide.load()

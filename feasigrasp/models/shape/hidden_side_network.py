@@ -1,13 +1,28 @@
-"""The network behind `hidden_side`: a small U-Net from pictures to thickness."""
+"""The network behind `hidden_side`: a small U-Net from pictures to thickness, and its weights.
+
+The one file here that loads torch.
+"""
 
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
+from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.models.clouds.view_image import ViewImage
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.hidden_side import BackSurface, features, picture_scale
+
+#: Where the trained weights are.
+DEFAULT_WEIGHTS = Path(__file__).resolve().parents[1] / "weights" / "hidden_side.npz"
+#: Of the weights file; another layout gets another number.
+FORMAT = "feasigrasp hidden_side 1"
 #: Channels of a picture, see `hidden_side.features`.
 FEATURES = 7
 #: The channel with the thickness that is believed without the network.
@@ -16,6 +31,10 @@ BELIEVED = 4
 CHANNELS = (32, 64, 96)
 #: Least spread of the thickness, in units of the picture's scale.
 LEAST_SPREAD = 5e-3
+
+
+class HiddenSideError(FeasigraspError, ValueError):
+    """A file of weights that is missing or not one of this network."""
 
 
 class _Block(nn.Sequential):
@@ -61,3 +80,62 @@ class HiddenSideNetwork(nn.Module):
         answers = functional.interpolate(self.head(x), scale_factor=2, mode="bilinear")
         change, spread = answers.unbind(dim=1)
         return pictures[:, BELIEVED] + change, functional.softplus(spread) + LEAST_SPREAD
+
+
+class HiddenSide:
+    """The trained network.
+
+    Args:
+        network: Its weights.
+    """
+
+    def __init__(self, network: HiddenSideNetwork) -> None:
+        self.network = network.eval().requires_grad_(False)
+
+    def back_surface(self, image: ViewImage, field: Gpdf) -> BackSurface:
+        """Where the object in a picture probably ends, given the field of what was seen."""
+        with torch.inference_mode():
+            median, spread = self.network(torch.from_numpy(features(image, field)[None]))
+        scale = picture_scale(image)
+        thickness = scale * median[0].double().clamp(min=0.0).numpy()
+        deviation = scale * spread[0].double().numpy()
+        return BackSurface(
+            np.where(image.mask, image.depth + thickness, 0.0),
+            np.where(image.mask, deviation, 0.0),
+        )
+
+    def save(self, filename: Path) -> None:
+        """Writes the weights."""
+        arrays = {name: value.numpy() for name, value in self.network.state_dict().items()}
+        np.savez_compressed(filename, format=FORMAT, channels=CHANNELS, **arrays)
+
+    @classmethod
+    def load(cls, filename: Path = DEFAULT_WEIGHTS) -> HiddenSide:
+        """Reads weights that `save` wrote.
+
+        Raises:
+            HiddenSideError: There is no such file, or it is of something else.
+        """
+        try:
+            with np.load(filename) as file:
+                arrays = dict(file)
+        except (OSError, ValueError) as error:
+            raise HiddenSideError(
+                f"cannot read weights of the hidden side from {filename}: {error}; "
+                "train them with 'feasigrasp train hidden-side'"
+            ) from None
+        written = str(arrays.pop("format", "nothing known"))
+        if written != FORMAT:
+            raise HiddenSideError(f"{filename} holds '{written}', not '{FORMAT}'")
+        network = HiddenSideNetwork(tuple(int(c) for c in arrays.pop("channels")))
+        try:
+            network.load_state_dict({name: torch.from_numpy(a) for name, a in arrays.items()})
+        except RuntimeError as error:
+            raise HiddenSideError(f"{filename} holds another network: {error}") from None
+        return cls(network)
+
+
+@lru_cache(maxsize=1)
+def load_hidden_side() -> HiddenSide:
+    """The network that comes with the package."""
+    return HiddenSide.load()

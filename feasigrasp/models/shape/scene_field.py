@@ -15,7 +15,8 @@ cloud of the surroundings, with three things that a scene needs:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +24,10 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
-from feasigrasp.models.clouds.checks import MIN_POINTS
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
+from feasigrasp.models.clouds.checks import MIN_POINTS, directions_to_camera
+from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
+from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 #: Points this far around a cube take part in its field, so that neighbours agree [m].
 _RIM = 0.04
@@ -58,12 +60,10 @@ class SceneField(Frozen):
     fields: tuple[Gpdf | None, ...]
     resolution: float
     thickness: float
-    _tree: cKDTree = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Freezes the arrays and sorts the points for look-up."""
+        """Freezes the arrays."""
         self._freeze(points=self.points, cube=self.cube)
-        object.__setattr__(self, "_tree", cKDTree(self.points, leafsize=_LEAF))
 
     def distance(self, x: ArrayLike) -> Array:
         """Signed distance to the nearest surface at x (m, 3) [m], shape (m,)."""
@@ -85,7 +85,7 @@ class SceneField(Frozen):
         Raises:
             PointCloudError: If x has another shape, or holds NaN or infinity.
         """
-        x = _checked(x)
+        x = checked_queries(x)
         distance, gradient = np.full(len(x), max_distance), np.zeros_like(x)
         reach = max_distance + self.resolution  # a foot lies within a voxel of an observed point
         apart, nearest = self._tree.query(x, distance_upper_bound=reach)
@@ -113,7 +113,6 @@ class SceneField(Frozen):
 
         As `distance`, but most points far away cost a look-up only.
         """
-        x = _checked(x)
         return self.distance_and_gradient(x, max(margin, self.thickness))[0] < margin
 
     def _feet(self, x: Array, nearest: Indices) -> tuple[Array, Array]:
@@ -130,6 +129,10 @@ class SceneField(Frozen):
             _, p, normals[of_cube] = gpdf.refine(p, _STEPS_AFTER)
             feet[of_cube] += _shortened(p - start[of_cube], self.resolution)
         return feet, normals
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points, leafsize=_LEAF)
 
 
 def fit_scene(
@@ -161,25 +164,21 @@ def fit_scene(
     Raises:
         PointCloudError: If the cloud is too small, of the wrong shape, or holds NaN or infinity.
     """
-    cloud = _checked(points)
+    cloud = checked_queries(points)
     if len(cloud) < MIN_POINTS:
         raise PointCloudError(
             f"{len(cloud)} points of the scene; a field needs at least {MIN_POINTS}. Is the label "
             "image that of the same camera?"
         )
-    view = np.asarray(viewpoint, dtype=float)
-    if view.shape not in ((3,), cloud.shape) or not np.isfinite(view).all():
-        raise PointCloudError(
-            f"viewpoint has shape {view.shape}; give a finite camera position (3,) or one "
-            f"direction per point {cloud.shape}"
-        )
-    towards = view - cloud if view.ndim == 1 else view
+    towards = directions_to_camera(cloud, viewpoint)
     towards = towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
-    thin, directions = _voxel_means(cloud, towards, resolution)
+    rows, keys = np.hstack([cloud, towards]), voxel_keys(cloud, resolution)
+    means, _ = grouped_means(rows, keys, np.ones(len(cloud)))
+    thin, directions = np.ascontiguousarray(means[:, :3]), means[:, 3:]
     cells = np.floor(thin / cube_size + 0.5).astype(np.int64)  # a table at 0 stays in one
-    keys, cube = np.unique(cells, axis=0, return_inverse=True)
+    corners, cube = np.unique(cells, axis=0, return_inverse=True)
     fields: list[Gpdf | None] = []
-    for low in (keys - 0.5) * cube_size:
+    for low in (corners - 0.5) * cube_size:
         inside = ((thin > low - _RIM) & (thin < low + cube_size + _RIM)).all(axis=1)
         try:
             fields.append(
@@ -194,44 +193,8 @@ def fit_scene(
             )
         except PointCloudError:  # a handful of points
             fields.append(None)
-    return SceneField(
-        thin,
-        cube.reshape(-1).astype(np.int64),
-        tuple(fields),
-        resolution,
-        thickness,
-    )
-
-
-def scene_clear(
-    scene: SceneField, X_WG: ArrayLike, gripper: ParallelGripper, margin: float = 0.005
-) -> Mask:
-    """Which poses of the open hand keep clear of a scene.
-
-    Args:
-        scene: The scene, in frame W.
-        X_WG: Hand poses in the same frame, shape (n, 4, 4).
-        gripper: The hand, fully open.
-        margin: Least distance of the hand from every surface [m].
-
-    Returns:
-        Shape (n,).
-    """
-    poses = np.asarray(X_WG, dtype=float).reshape(-1, 4, 4)
-    hand = gripper.surface_points(gripper.max_opening)
-    points = np.einsum("nij,kj->nki", poses[:, :3, :3], hand) + poses[:, None, :3, 3]
-    hits = scene.closer_than(points.reshape(-1, 3), margin)
-    return np.asarray(~hits.reshape(len(poses), len(hand)).any(axis=1))
-
-
-def _voxel_means(points: Array, directions: Array, size: float) -> tuple[Array, Array]:
-    """Mean point and mean direction of every voxel, shapes (n, 3)."""
-    voxels = np.floor(points / size).astype(np.int64)
-    _, group, counts = np.unique(voxels, axis=0, return_inverse=True, return_counts=True)
-    rows = np.hstack([points, directions])
-    sums = [np.bincount(group.reshape(-1), weights=column) for column in rows.T]
-    means = np.stack(sums, axis=1) / counts[:, None]
-    return np.ascontiguousarray(means[:, :3]), means[:, 3:]
+    cube = cube.reshape(-1).astype(np.int64)
+    return SceneField(thin, cube, tuple(fields), resolution, thickness)
 
 
 def _along(vectors: Array, normals: Array, length: float) -> Array:
@@ -243,12 +206,3 @@ def _along(vectors: Array, normals: Array, length: float) -> Array:
 def _shortened(vectors: Array, length: float) -> Array:
     norm = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors * np.minimum(1.0, length / np.maximum(norm, 1e-12))
-
-
-def _checked(x: ArrayLike) -> Array:
-    points = np.ascontiguousarray(x, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise PointCloudError(f"points have shape {points.shape}; give (m, 3) in metres")
-    if not np.isfinite(points).all():
-        raise PointCloudError("points hold NaN or infinity; drop those rows first")
-    return points

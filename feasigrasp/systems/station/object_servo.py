@@ -7,7 +7,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.objects.carrying import motion_wrench_kernel
+from feasigrasp.models.objects.carrying import Load, motion_wrench_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
 
 
@@ -57,11 +57,14 @@ class ObjectServo(LeafSystem):
             raise ValueError(f"the origin of body {body.name()} must be its centre of mass")
         self._body_index = body_index
         self._motion = motion
-        self._frequency = frequency
-        self._max_force, self._max_torque = max_force, max_torque
-        self._mass = inertia.get_mass()
-        self._I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-        self._gravity = plant.gravity_field().gravity_vector()
+        self._load = Load(
+            inertia.get_mass(),
+            inertia.CalcRotationalInertia().CopyToFullMatrix3(),
+            plant.gravity_field().gravity_vector(),
+            frequency,
+            max_force,
+            max_torque,
+        )
         self._state = self.DeclareVectorInputPort("state", 13)
         self._hold = self.DeclareVectorInputPort("hold", 1)
         self.DeclareAbstractOutputPort(
@@ -80,12 +83,7 @@ class ObjectServo(LeafSystem):
             self._state.Eval(context),
             self._motion.parameters,
             context.get_time(),
-            self._gravity,
-            self._mass,
-            self._I_BBcm,
-            self._frequency,
-            self._max_force,
-            self._max_torque,
+            self._load,
             wrench,
         )
         applied = ExternallyAppliedSpatialForce()

@@ -42,7 +42,7 @@ def true_thickness(viewed: ViewedObject, image: ViewImage) -> Array:
     ways = rays @ image.X_OC[:3, :3].T / length[:, None]
     far = float(image.depth[image.mask].mean()) + _BEHIND
     starts = image.X_OC[:3, 3] + far * ways
-    back = far - viewed.first_hit(starts, -ways)
+    back = far - viewed.surface.cast(starts, -ways)[0]
     thickness = np.full(image.mask.shape, np.nan)
     thickness[image.mask] = np.where(
         np.isfinite(back), back / length - image.depth[image.mask], np.nan

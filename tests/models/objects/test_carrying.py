@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.carrying import (
+    Load,
     carrying_wrench_kernel,
     motion_wrench_kernel,
     rotation_kernel,
@@ -26,9 +27,8 @@ def rotation(wxyz):
 
 def wrench_at(state, X_WR, V_WR, acceleration, *, gravity=GRAVITY, frequency=FREQUENCY):
     wrench = np.empty(6)
-    carrying_wrench_kernel(
-        state, X_WR, V_WR, acceleration, gravity, MASS, INERTIA, frequency, wrench
-    )
+    load = Load(MASS, INERTIA, gravity, frequency)
+    carrying_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench)
     return wrench
 
 
@@ -159,9 +159,8 @@ def test_beyond_its_strength_the_spring_gives_way():
     wrench = np.empty(6)
 
     def pull(max_force, max_torque):
-        motion_wrench_kernel(
-            far, m.parameters, 0.0, GRAVITY, MASS, INERTIA, FREQUENCY, max_force, max_torque, wrench
-        )
+        load = Load(MASS, INERTIA, GRAVITY, FREQUENCY, max_force, max_torque)
+        motion_wrench_kernel(far, m.parameters, 0.0, load, wrench)
         return wrench[:3].copy(), wrench[3:] + MASS * GRAVITY
 
     free_torque, free_force = pull(1e9, 1e9)

@@ -110,7 +110,7 @@ def test_the_paper_preset_is_the_papers_field():
 def test_wrong_input_is_refused():
     with pytest.raises(PointCloudError, match="smooth=True"):
         complete_shape(cloud_of(CAMERA, smooth=False))
-    with pytest.raises(PointCloudError, match="give default, paper"):
+    with pytest.raises(PointCloudError, match="choose one of default, paper"):
         complete_shape(cloud_of(CAMERA), preset="best")
     with pytest.raises(PointCloudError, match="max_points"):
         complete_shape(cloud_of(CAMERA), max_points=2)

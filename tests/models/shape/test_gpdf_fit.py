@@ -8,8 +8,9 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.numerics.fast_math import fast_exp
-from feasigrasp.models.shape.gpdf_fit import MIN_POINTS, fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 RADIUS = 0.05
 

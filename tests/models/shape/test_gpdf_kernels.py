@@ -11,7 +11,7 @@ from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.numerics.simd import MAX_EXPONENT, exp2_of_minus, rough_inverse_sqrt
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import checked_queries
-from feasigrasp.models.shape.gpdf_fit import PAPER, extend_field, fit_field, fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import PAPER, fit_field, fit_gpdf
 from feasigrasp.models.shape.node_sums import MIN_OCCUPANCY, TILE
 
 LENGTH_SCALE = 0.15
@@ -111,32 +111,6 @@ def test_nodes_hundreds_of_length_scales_apart_are_refused():
         fitted(nodes, np.ones(40))
 
 
-@pytest.mark.parametrize("sizes", [(60, 30), (200, 1), (5, 300)], ids=str)
-def test_an_extended_field_equals_one_fitted_to_all_nodes(sizes):
-    rng = np.random.default_rng(2)
-    nodes = [ball(rng, n) + [0.2, 0.0, -0.4] for n in sizes]
-    targets = [rng.uniform(0.9, 1.1, n) for n in sizes]
-    noise = [rng.uniform(0.005, 0.02, n) for n in sizes]
-    field = fitted(nodes[0], targets[0], noise[0])
-    before = field.cholesky.copy()
-    bounds = np.stack([np.full(3, -1.0), np.full(3, 1.0)])
-    grown = extend_field(
-        field, nodes[1], targets[1], points=nodes[1], bounds=bounds, noise_variance=noise[1]
-    )
-    whole = fitted(*(np.concatenate(parts) for parts in (nodes, targets, noise)))
-    x = ball(rng, 100, 0.3) + [0.2, 0.0, -0.4]
-    np.testing.assert_allclose(grown.distance(x), whole.distance(x), atol=1e-11)
-    np.testing.assert_allclose(grown.variance(x), whole.variance(x), atol=1e-11)
-    np.testing.assert_array_equal(grown.points, whole.points)
-    np.testing.assert_array_equal(grown.noise_variance, whole.noise_variance)
-    np.testing.assert_array_equal(grown.bounds, bounds)
-    np.testing.assert_array_equal(field.cholesky, before)
-    twice = extend_field(grown, x[:7], np.ones(7), points=x[:7], bounds=bounds, noise_variance=0.1)
-    parts = [(*nodes, x[:7]), (*targets, np.ones(7)), (*noise, np.full(7, 0.1))]
-    whole = fitted(*(np.concatenate(part) for part in parts))
-    np.testing.assert_allclose(twice.distance(x), whole.distance(x), atol=1e-11)
-
-
 def test_farthest_points_equal_the_definition():
     rng = np.random.default_rng(3)
     cloud = rng.normal(size=(301, 3))
@@ -166,7 +140,7 @@ def test_selection_keeps_the_corners_of_a_box(count):
 
 
 def plain_touches(field, poses, body, margin):
-    """The rule of `Gpdf.touches` at every point, without a box and without clearing any."""
+    """Which bodies come closer than a margin, told at every point, none cleared by another."""
     x = (poses[:, None, :3, :3] @ body[:, :, None])[..., 0] + poses[:, None, :3, 3]
     x = x.reshape(-1, 3)
     distance = field.distance(x)
@@ -193,7 +167,7 @@ def test_pruning_does_not_change_which_bodies_touch(true_shapes, shape, preset):
     poses[:, :3, 3] = rng.uniform(-0.15, 0.15, (400, 3)) + cloud.mean(axis=0)
     hand = ParallelGripper().surface_points(0.08)
     expected = plain_touches(field, poses, hand, 0.003)
-    np.testing.assert_array_equal(field.touches(poses, hand, 0.003), expected)
+    np.testing.assert_array_equal(field.clearance(poses, hand, 0.003, 0.003)[0] < 0.003, expected)
     assert 0.05 < expected.mean() < 0.95
 
 

@@ -11,15 +11,18 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.hidden_nodes import CLEARANCE, CLEARANCE_OF_SEVERAL, hidden_nodes
 from feasigrasp.models.shape.hidden_side import (
-    FORMAT,
     BackSurface,
-    HiddenSide,
-    HiddenSideError,
     believed_thickness,
     features,
     picture_scale,
 )
-from feasigrasp.models.shape.hidden_side_network import CHANNELS, HiddenSideNetwork
+from feasigrasp.models.shape.hidden_side_network import (
+    CHANNELS,
+    FORMAT,
+    HiddenSide,
+    HiddenSideError,
+    HiddenSideNetwork,
+)
 
 VOXEL_SIZE = 0.005
 RADIUS = 0.04

@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.control.safety.arm_balls import arm_balls, obstacle_distances_and_gradients
+from feasigrasp.models.grasps.scene_clear import scene_clear
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
-from feasigrasp.models.shape.scene_field import fit_scene, scene_clear
+from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.resources import model_path
 
 CAMERA = np.array([0.2, -0.8, 1.2])

@@ -18,7 +18,6 @@ from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.chords import chords
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.completion import CompletedField
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 from feasigrasp.models.shape.surface_error import surface_deviation
 
@@ -105,7 +104,7 @@ def grasp_input(field: Gpdf, n_points: int = 512, max_chord: float = MAX_CHORD) 
     observed = np.flatnonzero(smoothed[chosen])
     normals[observed] = _combined(field.normals(points[observed]), normals[observed])
     length, ends, end_normals = chords(
-        field._tiles,
+        field.tiles,
         field.length_scale,
         points - field.center,
         normals,
@@ -127,10 +126,7 @@ def _candidates(field: Gpdf, n_points: int) -> tuple[Array, Array, Mask]:
     The others are the field's own, known from when the surface was completed.
     """
     completed = field.completion
-    if isinstance(field, CompletedField):
-        cloud, normals = field.cloud, field.cloud_normals
-    else:
-        cloud, normals = field.points, np.zeros_like(field.points)
+    cloud, normals = field.seen()
     most = _CANDIDATES * n_points
     if len(cloud) > most:
         even = np.linspace(0, len(cloud) - 1, most).astype(int)

@@ -1,0 +1,68 @@
+"""Grasps that the hand cannot take without touching the scene are dropped."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, LeafSystem
+
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.hand_clearance import FLIP
+from feasigrasp.models.grasps.scene_clear import scene_clear
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.scene_field import SceneField
+
+
+class SceneFilter(LeafSystem):
+    """Drops the grasps at which the open hand would be in the scene.
+
+    .. pydrake_system::
+
+        name: SceneFilter
+        input_ports:
+        - grasps
+        - object_pose
+        - scene
+        output_ports:
+        - grasps
+
+    ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
+    ``RigidTransform``; ``scene`` a `SceneField` in W, or None, which drops nothing. What is dropped
+    is counted as "hits the scene".
+    """
+
+    def __init__(
+        self, gripper: ParallelGripper, *, margin: float = 0.005, either_way_round: bool = False
+    ) -> None:
+        """A filter for one hand.
+
+        Args:
+            gripper: The hand.
+            margin: Least distance of the hand from every surface [m].
+            either_way_round: Whether a grasp stays if the hand is clear after half a turn about
+                the approach direction; for sets whose grasps have not been turned yet.
+        """
+        super().__init__()
+        self._gripper, self._margin, self._either = gripper, margin, either_way_round
+        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
+        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
+        self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
+        self.DeclareAbstractOutputPort(
+            "grasps",
+            lambda: AbstractValue.Make(GraspSet.empty()),
+            self._calc,
+            {self._grasps.ticket(), self._pose.ticket(), self._scene.ticket()},
+        )
+
+    def _calc(self, context: Context, output) -> None:
+        grasps: GraspSet = self._grasps.Eval(context)
+        scene: SceneField | None = self._scene.Eval(context)
+        if scene is not None and len(grasps) > 0:
+            X_WG = self._pose.Eval(context).GetAsMatrix4() @ grasps.X_OG
+            clear = scene_clear(scene, X_WG, self._gripper, self._margin)
+            if self._either:
+                other = np.flatnonzero(~clear)
+                clear[other] = scene_clear(scene, X_WG[other] @ FLIP, self._gripper, self._margin)
+            grasps = grasps.select(clear, "hits the scene")
+        output.set_value(grasps)
