@@ -75,7 +75,7 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> LeafSyste
     if scenario.control.controller == "joint":
         solutions = SolutionOptions(source=scenario.control.source)
         options = JointControlOptions(solutions=solutions, safety=safety)
-        return GPJointController(reachability, options, solution_period=period, mode=mode)
+        return GPJointController(reachability, options, period=period, mode=mode)
     choice = ChoiceOptions.to_grasp_soon() if scenario.grasp.close else ChoiceOptions()
     return RMMTaskController(
         reachability,
