@@ -31,7 +31,10 @@ from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.optional_input import eval_optional
+
+
+def _eval_optional(port: InputPort, context: Context) -> Any:
+    return port.Eval(context) if port.HasValue(context) else None
 
 
 class ControllerInputs:
@@ -73,13 +76,15 @@ class ControllerInputs:
     @property
     def motion(self) -> MotionEstimate | None:
         """Predicts the object's poses; without it they follow its twist."""
-        motion: MotionEstimate | None = eval_optional(self._sources["object_motion"], self._context)
+        motion: MotionEstimate | None = _eval_optional(
+            self._sources["object_motion"], self._context
+        )
         return motion
 
     @property
     def qd_last(self) -> Array | None:
         """The last command as the drive carried it out [rad/s], shape (7,)."""
-        velocity: Array | None = eval_optional(self._sources["desired_velocity"], self._context)
+        velocity: Array | None = _eval_optional(self._sources["desired_velocity"], self._context)
         return velocity
 
     @property
@@ -267,7 +272,7 @@ class GraspController(LeafSystem):
         """A grid of the field at an optional port, made anew when that changes; None if None."""
 
         def calc(context: Context, value: AbstractValue) -> None:
-            field = eval_optional(port, context)
+            field = _eval_optional(port, context)
             value.set_value(None if field is None else make_grid(field))
 
         producer = ValueProducer(allocate=lambda: Value[object](None), calc=calc)

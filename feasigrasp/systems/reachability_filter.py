@@ -13,7 +13,6 @@ from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.lookahead import JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
-from feasigrasp.systems.optional_input import eval_optional
 
 
 class ReachabilityFilter(LeafSystem):
@@ -94,7 +93,7 @@ class ReachabilityFilter(LeafSystem):
             self._velocity.Eval(context).get_coeffs(),
             self._judge,
             self._horizon,
-            motion=eval_optional(self._motion, context),
+            motion=self._motion.Eval(context) if self._motion.HasValue(context) else None,
         )
         value.set_value(judged)
 

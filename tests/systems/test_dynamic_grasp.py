@@ -17,7 +17,8 @@ from feasigrasp.systems import (
     rmm_task_controller,
     velocity_drive,
 )
-from feasigrasp.systems.dynamic_grasp import make_controller, make_dynamic_grasp
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.from_scenario import make_controller
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
