@@ -128,12 +128,11 @@ def add_dynamic_grasp(
     """
     gripper = ParallelGripper()
     reachability = Reachability(gripper)
-    sampler = sampler or make_scenario_sampler(scenario, gripper)
-    controller = controller or make_controller(scenario, reachability)
-
     cell = _add_station(builder, scenario, gripper)
-    perception = _add_perception(cell, sampler)
-    control = _add_control(cell, perception, reachability, controller)
+    perception = _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))
+    control = _add_control(
+        cell, perception, reachability, controller or make_controller(scenario, reachability)
+    )
     _add_measurement(cell, control)
     if meshcat is not None:
         _add_visualization(cell, perception, control, meshcat)

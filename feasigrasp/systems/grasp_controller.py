@@ -139,10 +139,9 @@ class GraspController(LeafSystem):
                     return self.enforced(np.zeros(7), inputs)
                 X_WH, J = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)
                 X_WT = inputs.X_WO @ memory[0]
-                V = 2.0 * np.r_[
-                    se3.so3_log(X_WT[:3, :3] @ X_WH[:3, :3].T), X_WT[:3, 3] - X_WH[:3, 3]
-                ]
-                return self.enforced(np.linalg.pinv(J, rcond=0.1) @ V, inputs)
+                turn = se3.so3_log(X_WT[:3, :3] @ X_WH[:3, :3].T)
+                V = 2.0 * np.concatenate([turn, X_WT[:3, 3] - X_WH[:3, 3]])
+                return self.enforced(np.linalg.pinv(J, rcond=0.02) @ V, inputs)
 
         make_dynamic_grasp(scenario, controller=FirstGrasp(Reachability()))
 

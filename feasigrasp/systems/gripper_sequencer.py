@@ -12,6 +12,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, P
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.scenario.schema import ReachabilityConfig
 
 
 class GripperSequencer(LeafSystem):
@@ -51,7 +52,11 @@ class GripperSequencer(LeafSystem):
     CLOSED = -0.05
 
     def __init__(
-        self, config: GraspSequenceConfig, gripper: ParallelGripper, *, period: float = 0.05
+        self,
+        config: GraspSequenceConfig,
+        gripper: ParallelGripper,
+        *,
+        period: float = ReachabilityConfig.period,
     ) -> None:
         """A sequencer for one gripper."""
         super().__init__()

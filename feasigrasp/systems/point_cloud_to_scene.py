@@ -18,6 +18,7 @@ from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene, scene_clear
+from feasigrasp.scenario.schema import SceneConfig
 
 #: Half a turn about the approach direction: the same grasp, another pose of the hand.
 _FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -50,7 +51,11 @@ class PointCloudToScene(LeafSystem):
     """
 
     def __init__(
-        self, ignored_labels: Iterable[int], *, period: float = 1.0, resolution: float = 0.01
+        self,
+        ignored_labels: Iterable[int],
+        *,
+        period: float = SceneConfig.period,
+        resolution: float = SceneConfig.resolution,
     ) -> None:
         """A perception of the surroundings that looks every ``period`` seconds.
 

@@ -13,6 +13,7 @@ from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.lookahead import JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.scenario.schema import ReachabilityConfig
 
 
 class ReachabilityFilter(LeafSystem):
@@ -51,9 +52,9 @@ class ReachabilityFilter(LeafSystem):
         self,
         reachability: Reachability,
         *,
-        method: str = "ik",
+        method: str = ReachabilityConfig.method,
         reachable_space: ReachableSpace | None = None,
-        horizon: float = 1.0,
+        horizon: float = ReachabilityConfig.horizon,
     ) -> None:
         """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
 
