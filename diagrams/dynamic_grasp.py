@@ -11,9 +11,11 @@ import sys
 from pathlib import Path
 
 import pydot
+import yaml
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.runs.run import run, write_result
+from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -27,8 +29,8 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--scenario_file", type=Path, default=SCENARIO_FILE)
     parser.add_argument("--scenario_name", default="ReachCircular")
     parser.add_argument("--scenario_text", help="YAML applied on top of the scenario")
-    parser.add_argument("--controller", choices=("task", "joint"))
-    parser.add_argument("--mode", choices=("safe", "paper"))
+    parser.add_argument("--controller", choices=[*map(str, ControlSpace)])
+    parser.add_argument("--mode", choices=[*map(str, ControlMode)])
     parser.add_argument("--object", help="name of a built-in object, or a mesh file")
     parser.add_argument("--seed", type=int)
     parser.add_argument("--duration", type=float, help="simulated seconds at most")
@@ -40,18 +42,17 @@ def parse_arguments() -> argparse.Namespace:
 
 def load(args: argparse.Namespace) -> Scenario:
     """The scenario that the command line asks for."""
-    scenario = load_scenario(args.scenario_file, args.scenario_name, args.scenario_text)
-    if args.controller is not None:
-        scenario.control.controller = args.controller
-    if args.mode is not None:
-        scenario.control.mode = args.mode
-    if args.object is not None:
-        scenario.object.model = args.object
-    if args.seed is not None:
-        scenario.random_seed = args.seed
-    if args.duration is not None:
-        scenario.simulation_duration = args.duration
-    return scenario
+    chosen = {
+        "control": _given(controller=args.controller, mode=args.mode),
+        "object": _given(model=args.object),
+        **_given(random_seed=args.seed, simulation_duration=args.duration),
+    }
+    text = yaml.safe_dump(chosen)
+    return load_scenario(args.scenario_file, args.scenario_name, args.scenario_text, text)
+
+
+def _given(**options: object) -> dict[str, object]:
+    return {key: value for key, value in options.items() if value is not None}
 
 
 def draw_diagram(scenario: Scenario, filename: Path) -> None:

@@ -9,14 +9,15 @@ import numpy as np
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.sources import SOURCES
+from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.grasps.samplers import METHODS as SAMPLERS
 from feasigrasp.models.reach.judge import METHODS
 from feasigrasp.models.shape.completion import Preset
 from feasigrasp.scenario.schema import Scenario
 
 _CHOICES = {
-    "control.controller": ("task", "joint"),
-    "control.mode": ("safe", "paper"),
+    "control.controller": tuple(ControlSpace),
+    "control.mode": tuple(ControlMode),
     "control.source": SOURCES,
     "perception.preset": tuple(Preset),
     "perception.sampler": SAMPLERS,

@@ -14,6 +14,9 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.sensors import CameraConfig
 
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 
@@ -138,10 +141,21 @@ class ControlConfig:
             ``flow`` (the IK flow) or ``dls`` (damped least squares).
     """
 
-    controller: str = "task"
-    mode: str = "safe"
+    controller: str = ControlSpace.TASK.value
+    mode: str = ControlMode.SAFE.value
     period: float = 0.005
     source: str = "closed_form"
+
+    @property
+    def safe(self) -> bool:
+        """Whether limits and clearances are enforced.
+
+        Raises:
+            ScenarioError: There is no such mode.
+        """
+        return (
+            parse_choice(ControlMode, self.mode, "control.mode", ScenarioError) is ControlMode.SAFE
+        )
 
 
 def _default_plant() -> MultibodyPlantConfig:

@@ -2,92 +2,78 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
+from typing import TypeVar
+
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
-from feasigrasp.models.control.joint.law import JointControlOptions
-from feasigrasp.models.control.joint.search import SolutionOptions
-from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.control.task.choice import ChoiceOptions
-from feasigrasp.models.control.task.safe_law import TaskControlOptions
-from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.samplers import make_sampler
-from feasigrasp.models.objects.rigid_object import RigidObject, load_object
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.scenario.sampling import make_camera_noise, make_motion
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.from_scenario import make_controller, make_scenario_sampler, make_station
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
-from feasigrasp.systems.meshcat_scene import add_scene
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
-from feasigrasp.systems.obstacle_distance import ObstacleDistance
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.scene_filter import SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
-from feasigrasp.systems.station.station import Station, StationConfig
+from feasigrasp.systems.station.meshcat_scene import add_scene
+from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
+from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
-#: Period of the metrics' log [s].
-LOG_PERIOD = SAMPLE_PERIOD
+_System = TypeVar("_System", bound=System)
 
 
-def load_scenario_object(scenario: Scenario) -> RigidObject:
-    """The object that a scenario names, built-in or from a mesh file."""
-    config = scenario.object
-    return load_object(config.model, scale=config.scale, mass=config.mass)
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """What all stages share: the robot cell and the tracker of its object, and their builder."""
+
+    builder: DiagramBuilder
+    scenario: Scenario
+    gripper: ParallelGripper
+    station: Station
+    tracker: ObjectTracker
+
+    def add(self, name: str, system: _System, *sources: System, **inputs: OutputPort) -> _System:
+        """Adds a system, its inputs connected as `_connect` does."""
+        self.builder.AddNamedSystem(name, system)
+        _connect(self.builder, system, *sources, **inputs)
+        return system
 
 
-def make_station(scenario: Scenario) -> Station:
-    """The robot cell of a scenario, with its moving object."""
-    safe = scenario.control.mode == "safe"
-    return Station(
-        StationConfig(
-            plant=scenario.plant_config,
-            directives=scenario.directives,
-            cameras=scenario.cameras,
-            camera_noise=make_camera_noise(scenario),
-            noise_seed=scenario.random_seed,
-            q_start=np.deg2rad(scenario.q_start),
-            friction=scenario.object.friction,
-            enforce_constraints=safe,
-            touch_object=safe or scenario.grasp.close,
-        ),
-        load_scenario_object(scenario),
-        make_motion(scenario),
-    )
+@dataclass(frozen=True, eq=False)
+class _Perception:
+    """The object's field, its grasps as they arrive, and the scene where it is looked at."""
+
+    object: PointCloudToGPDF
+    latency: ZeroOrderHold
+    scene: PointCloudToScene | None
 
 
-def make_controller(scenario: Scenario, reachability: Reachability) -> LeafSystem:
-    """The controller of a scenario; both kinds have the same ports."""
-    mode, period = scenario.control.mode, scenario.reachability.period
-    safety = SafetyOptions(period=scenario.control.period)
-    if scenario.control.controller == "joint":
-        solutions = SolutionOptions(source=scenario.control.source)
-        options = JointControlOptions(solutions=solutions, safety=safety)
-        return GPJointController(reachability, options, solution_period=period, mode=mode)
-    choice = ChoiceOptions.to_grasp_soon() if scenario.grasp.close else ChoiceOptions()
-    return RMMTaskController(
-        reachability,
-        TaskControlOptions(choice=choice, safety=safety),
-        period=period,
-        mode=mode,
-        seed=scenario.random_seed,
-    )
+@dataclass(frozen=True, eq=False)
+class _Control:
+    """What decides on a grasp, and what the arm is told."""
+
+    sequencer: GripperSequencer
+    drive: VelocityDrive
 
 
-def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
+def make_dynamic_grasp(
+    scenario: Scenario,
+    meshcat: Meshcat | None = None,
+    *,
+    sampler: GraspSamplerFn | None = None,
+    controller: LeafSystem | None = None,
+) -> Diagram:
     """Builds station, perception, grasp sampling, reachability, control and metrics.
 
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
@@ -98,187 +84,191 @@ def make_dynamic_grasp(scenario: Scenario, meshcat: Meshcat | None = None) -> Di
     ``visualizer`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
     ``clear_hand_poses``.
 
+    A port of any of them can be read while a simulator runs, and a log when it has run::
+
+        drive = diagram.GetSubsystemByName("drive")
+        drive.GetOutputPort("desired_state").Eval(drive.GetMyContextFromRoot(root_context))
+        log = diagram.GetSubsystemByName("log(drive)").FindLog(root_context)
+
+    Systems and logs of your own are added with `add_dynamic_grasp`.
+
     Args:
         scenario: What to build.
         meshcat: Where to show it; with the completed cloud and the grasps on the object.
+        sampler: From a field of the object to its grasps; the scenario's unless given.
+        controller: A system with the ports of `GraspController`, of the optional ones as many as
+            it likes; the scenario's unless given. What else it has is connected where tracker,
+            sequencer or drive have an output of that name.
     """
-    gripper = ParallelGripper()
-    reachability = Reachability(gripper)
-    perception = scenario.perception
-    camera = perception.camera
-    empty = AbstractValue.Make(GraspSet.empty())
-
     builder = DiagramBuilder()
-    add, connect = builder.AddNamedSystem, builder.Connect
-    station = add("station", make_station(scenario))
-    tracker = add("tracker", ObjectTracker(scenario.tracker))
-    segmentation = add("segmentation", SegmentPointCloud(int(station.object_body.index())))
-    to_gpdf = add(
-        "perception",
-        PointCloudToGPDF(
-            perception.period,
-            preset=perception.preset,
-            max_points=perception.max_points,
-            length_scale=perception.length_scale,
-            voxel_size=perception.voxel_size,
-        ),
-    )
-    sampling = make_sampler(
-        perception.sampler,
-        gripper,
-        n_candidates=perception.n_candidates,
-        n_grasps=perception.n_grasps,
-        least_score=0.0,  # which of them are in reach decides
-    )
-    sampling(fit_gpdf(sphere_points(64, 0.03)))  # compiles its kernels, before the first tick
-    sampler = add("sampler", GraspSampler(sampling, gripper))
-    latency = add("latency", ZeroOrderHold(perception.period, empty, perception.latency))
-    reach = add(
-        "reachability",
-        ReachabilityFilter(
-            reachability,
-            method=scenario.reachability.method,
-            horizon=scenario.reachability.horizon,
-        ),
-    )
-    reachable = add("reachable", ZeroOrderHold(scenario.reachability.period, empty))
-    sequencer = add(
-        "sequencer",
-        GripperSequencer(scenario.grasp, gripper, period=scenario.reachability.period),
-    )
-    controller = add("controller", make_controller(scenario, reachability))
-    drive = add(
-        "drive",
-        VelocityDrive(
-            scenario.control.period, enforce_position_limits=scenario.control.mode == "safe"
-        ),
-    )
-    metrics = add("metrics", Metrics(gripper))
-
-    # Perception: camera -> object's points -> distance field -> grasps, all in the object frame.
-    connect(station.GetOutputPort("object.pose"), tracker.GetInputPort("pose"))
-    connect(
-        station.GetOutputPort(f"{camera}.point_cloud"), segmentation.GetInputPort("point_cloud")
-    )
-    connect(
-        station.GetOutputPort(f"{camera}.label_image"), segmentation.GetInputPort("label_image")
-    )
-    connect(segmentation.GetOutputPort("point_cloud"), to_gpdf.GetInputPort("point_cloud"))
-    connect(tracker.GetOutputPort("object_pose"), to_gpdf.GetInputPort("object_pose"))
-    connect(station.GetOutputPort(f"{camera}.pose"), to_gpdf.GetInputPort("camera_pose"))
-    connect(to_gpdf.GetOutputPort("gpdf"), sampler.GetInputPort("gpdf"))
-    connect(sampler.GetOutputPort("grasps"), latency.get_input_port())
-
-    # Adaptation: what can be reached as the object moves.
-    offered, in_reach = latency.get_output_port(), reach.GetOutputPort("grasps")
-    if scenario.scene.enabled:
-        offered, in_reach = _add_scene(builder, scenario, gripper, offered, in_reach)
-    connect(offered, reach.GetInputPort("grasps"))
-    connect(in_reach, reachable.get_input_port())
-    for port in ("object_pose", "object_velocity"):
-        connect(tracker.GetOutputPort(port), reach.GetInputPort(port))
-        connect(tracker.GetOutputPort(port), sequencer.GetInputPort(port))
-        connect(sequencer.GetOutputPort(port), controller.GetInputPort(port))
-
-    # Control: sequencer -> controller -> drive -> arm and gripper.
-    connect(reachable.get_output_port(), sequencer.GetInputPort("grasps"))
-    connect(sequencer.GetOutputPort("grasps"), controller.GetInputPort("grasps"))
-    if scenario.control.mode == "safe":
-        connect(to_gpdf.GetOutputPort("gpdf"), sequencer.GetInputPort("gpdf"))
-        connect(sequencer.GetOutputPort("gpdf"), controller.GetInputPort("gpdf"))
-    connect(controller.GetOutputPort("commanded_velocity"), drive.GetInputPort("velocity"))
-    connect(drive.GetOutputPort("desired_velocity"), controller.GetInputPort("desired_velocity"))
-    connect(tracker.GetOutputPort("object_motion"), reach.GetInputPort("object_motion"))
-    if controller.HasInputPort("object_motion"):
-        connect(tracker.GetOutputPort("object_motion"), controller.GetInputPort("object_motion"))
-    connect(drive.GetOutputPort("desired_state"), station.GetInputPort("iiwa.desired_state"))
-    for system in (sequencer, controller, drive):
-        connect(station.GetOutputPort("iiwa.position_measured"), system.GetInputPort("position"))
-    connect(
-        station.GetOutputPort("gripper.state_measured"), sequencer.GetInputPort("gripper_state")
-    )
-    connect(sequencer.GetOutputPort("gripper_position"), station.GetInputPort("gripper.position"))
-    connect(sequencer.GetOutputPort("object_hold"), station.GetInputPort("object.hold"))
-
-    # Measurement.
-    connect(station.GetOutputPort("iiwa.state_estimated"), metrics.GetInputPort("state"))
-    connect(station.GetOutputPort("object.pose"), metrics.GetInputPort("object_pose"))
-    connect(sequencer.GetOutputPort("grasps"), metrics.GetInputPort("grasps"))
-    connect(sequencer.GetOutputPort("phase"), metrics.GetInputPort("phase"))
-    distance = add("obstacle_distance", ObstacleDistance(station.plant, station.robot_instances()))
-    connect(station.GetOutputPort("query_object"), distance.get_input_port())
-    for name, port, period in (
-        ("metrics", metrics.get_output_port(), LOG_PERIOD),
-        ("obstacle_distance", distance.get_output_port(), LOG_PERIOD),
-        ("drive", drive.GetOutputPort("desired_state"), scenario.control.period),
-        ("arm", station.GetOutputPort("iiwa.state_estimated"), scenario.control.period),
-    ):
-        LogVectorOutput(port, builder, period).set_name(f"log({name})")
-
-    if meshcat is not None:
-        _add_visualization(builder, gripper, meshcat)
+    add_dynamic_grasp(builder, scenario, meshcat, sampler=sampler, controller=controller)
     diagram = builder.Build()
     diagram.set_name("dynamic_grasp")
     return diagram
 
 
-def _add_scene(
+def add_dynamic_grasp(
     builder: DiagramBuilder,
     scenario: Scenario,
-    gripper: ParallelGripper,
-    offered: OutputPort,
-    in_reach: OutputPort,
-) -> tuple[OutputPort, OutputPort]:
-    """Lets the camera see the surroundings, and keeps the arm and its grasps clear of them.
+    meshcat: Meshcat | None = None,
+    *,
+    sampler: GraspSamplerFn | None = None,
+    controller: LeafSystem | None = None,
+) -> None:
+    """Adds what `make_dynamic_grasp` is made of to a builder; the arguments are the same.
 
-    Grasps offered are dropped if the hand hits the scene either way round, so that they take no
-    place among those that are judged; hand poses in reach, each by itself.
+    For example with a log of the commanded velocity::
+
+        builder = DiagramBuilder()
+        add_dynamic_grasp(builder, scenario)
+        drive = builder.GetSubsystemByName("drive")
+        log = LogVectorOutput(drive.GetOutputPort("desired_velocity"), builder, 0.01)
+        simulator = Simulator(builder.Build())
+        simulator.AdvanceTo(5.0)
+        velocities = log.FindLog(simulator.get_context()).data()
     """
-    connect, config, camera = builder.Connect, scenario.scene, scenario.perception.camera
-    station, tracker, controller = (
-        builder.GetSubsystemByName(name) for name in ("station", "tracker", "controller")
+    gripper = ParallelGripper()
+    reachability = Reachability(gripper)
+    cell = _add_station(builder, scenario, gripper)
+    perception = _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))
+    control = _add_control(
+        cell, perception, reachability, controller or make_controller(scenario, reachability)
     )
-    perceived = builder.AddNamedSystem(
-        "scene_perception",
-        PointCloudToScene(
-            station.robot_and_object_labels(), period=config.period, resolution=config.resolution
-        ),
-    )
-    for output, port in (
-        ("point_cloud", "point_cloud"),
-        ("label_image", "label_image"),
-        ("pose", "camera_pose"),
-    ):
-        connect(station.GetOutputPort(f"{camera}.{output}"), perceived.GetInputPort(port))
-    connect(perceived.GetOutputPort("scene"), controller.GetInputPort("scene"))
-    ports = []
-    for name, grasps, either in (
-        ("clear_grasps", offered, True),
-        ("clear_hand_poses", in_reach, False),
-    ):
-        clear = SceneFilter(gripper, margin=config.margin, either_way_round=either)
-        builder.AddNamedSystem(name, clear)
-        connect(grasps, clear.GetInputPort("grasps"))
-        connect(tracker.GetOutputPort("object_pose"), clear.GetInputPort("object_pose"))
-        connect(perceived.GetOutputPort("scene"), clear.GetInputPort("scene"))
-        ports.append(clear.GetOutputPort("grasps"))
-    return ports[0], ports[1]
+    _add_measurement(cell, control)
+    if meshcat is not None:
+        _add_visualization(cell, perception, control, meshcat)
 
 
-def _add_visualization(builder: DiagramBuilder, gripper: ParallelGripper, meshcat: Meshcat) -> None:
+def _connect(
+    builder: DiagramBuilder, system: System, *sources: System, **inputs: OutputPort
+) -> None:
+    """Connects input ports: those named as told, others to the first source with that output."""
+    for port in map(system.get_input_port, range(system.num_input_ports())):
+        name = port.get_name()
+        for source in sources:
+            if name not in inputs and source.HasOutputPort(name):
+                inputs[name] = source.GetOutputPort(name)
+    for name, output in inputs.items():
+        builder.Connect(output, system.GetInputPort(name))
+
+
+def _add_station(builder: DiagramBuilder, scenario: Scenario, gripper: ParallelGripper) -> _Cell:
+    station = builder.AddNamedSystem("station", make_station(scenario))
+    tracker = builder.AddNamedSystem("tracker", ObjectTracker(scenario.tracker))
+    _connect(builder, tracker, pose=station.GetOutputPort("object.pose"))
+    return _Cell(builder, scenario, gripper, station, tracker)
+
+
+def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> _Perception:
+    """Camera -> object's points -> distance field -> grasps, all in the object frame."""
+    station, config, scene_config = cell.station, cell.scenario.perception, cell.scenario.scene
+    images = {
+        name: station.GetOutputPort(f"{config.camera}.{name}")
+        for name in ("point_cloud", "label_image")
+    }
+    camera_pose = station.GetOutputPort(f"{config.camera}.pose")
+    label = int(station.object_body.index())
+    segmentation = cell.add("segmentation", SegmentPointCloud(label), **images)
+    field = PointCloudToGPDF(
+        config.period,
+        preset=config.preset,
+        max_points=config.max_points,
+        length_scale=config.length_scale,
+        voxel_size=config.voxel_size,
+    )
+    cell.add("perception", field, segmentation, cell.tracker, camera_pose=camera_pose)
+    grasps = cell.add("sampler", GraspSampler(sampler, cell.gripper), field)
+    latency = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()), config.latency)
+    cell.add("latency", latency, u=grasps.get_output_port())
+    if not scene_config.enabled:
+        return _Perception(field, latency, None)
+    scene = PointCloudToScene(
+        station.robot_and_object_labels(),
+        period=scene_config.period,
+        resolution=scene_config.resolution,
+    )
+    cell.add("scene_perception", scene, camera_pose=camera_pose, **images)
+    return _Perception(field, latency, scene)
+
+
+def _clear_of_scene(
+    cell: _Cell, scene: PointCloudToScene | None, name: str, grasps: OutputPort, **options: bool
+) -> OutputPort:
+    """The grasps at which the open hand is clear of the scene; all if nobody looks at it."""
+    if scene is None:
+        return grasps
+    clear = SceneFilter(cell.gripper, margin=cell.scenario.scene.margin, **options)
+    return cell.add(name, clear, cell.tracker, scene, grasps=grasps).get_output_port()
+
+
+def _add_control(
+    cell: _Cell, perception: _Perception, reachability: Reachability, controller: LeafSystem
+) -> _Control:
+    """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper."""
+    station, tracker, scenario = cell.station, cell.tracker, cell.scenario
+    config, safe, scene = scenario.reachability, scenario.control.safe, perception.scene
+    # What hits the scene either way round takes no place among those that are judged.
+    grasps = _clear_of_scene(
+        cell, scene, "clear_grasps", perception.latency.get_output_port(), either_way_round=True
+    )
+    in_reach = ReachabilityFilter(reachability, method=config.method, horizon=config.horizon)
+    cell.add("reachability", in_reach, tracker, grasps=grasps)
+    hand_poses = _clear_of_scene(cell, scene, "clear_hand_poses", in_reach.GetOutputPort("grasps"))
+    reachable = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
+    cell.add("reachable", reachable, u=hand_poses)
+
+    position = station.GetOutputPort("iiwa.position_measured")
+    sequencer = cell.add(
+        "sequencer",
+        GripperSequencer(scenario.grasp, cell.gripper, period=config.period),
+        tracker,
+        *([perception.object] if safe else []),
+        position=position,
+        grasps=reachable.get_output_port(),
+        gripper_state=station.GetOutputPort("gripper.state_measured"),
+    )
+    drive = VelocityDrive(scenario.control.period, enforce_position_limits=safe)
+    command = controller.GetOutputPort("commanded_velocity")
+    cell.builder.AddNamedSystem("drive", drive)
+    sources = (sequencer, tracker, drive, *([scene] if scene else []))
+    cell.add("controller", controller, *sources, position=position)
+    _connect(cell.builder, drive, velocity=command, position=position)
+    for name, port in (
+        ("iiwa.desired_state", drive.GetOutputPort("desired_state")),
+        ("gripper.position", sequencer.GetOutputPort("gripper_position")),
+        ("object.hold", sequencer.GetOutputPort("object_hold")),
+    ):
+        cell.builder.Connect(port, station.GetInputPort(name))
+    return _Control(sequencer, drive)
+
+
+def _add_measurement(cell: _Cell, control: _Control) -> None:
+    station, control_period = cell.station, cell.scenario.control.period
+    state = station.GetOutputPort("iiwa.state_estimated")
+    pose = station.GetOutputPort("object.pose")
+    distance = ObstacleDistance(station.plant, station.robot_instances())
+    metrics = Metrics(cell.gripper)
+    cell.add("metrics", metrics, control.sequencer, state=state, object_pose=pose)
+    cell.add("obstacle_distance", distance, station)
+    for name, port, period in (
+        ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
+        ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
+        ("drive", control.drive.GetOutputPort("desired_state"), control_period),
+        ("arm", state, control_period),
+    ):
+        LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
+
+
+def _add_visualization(
+    cell: _Cell, perception: _Perception, control: _Control, meshcat: Meshcat
+) -> None:
     """Shows the cell, and on the object what perception and reachability make of it."""
-    station = builder.GetSubsystemByName("station")
-    object_path = add_scene(builder, station, meshcat)
-    visualizer = builder.AddNamedSystem(
-        "visualizer", GraspVisualizer(meshcat, object_path, gripper)
+    object_path = add_scene(cell.builder, cell.station, meshcat)
+    cell.add(
+        "visualizer",
+        GraspVisualizer(meshcat, object_path, cell.gripper),
+        perception.object,
+        control.sequencer,
+        grasps=perception.latency.get_output_port(),
+        reachable=control.sequencer.GetOutputPort("grasps"),
     )
-    for source, output, target in (
-        ("perception", "perceived", "perceived"),
-        ("latency", "y", "grasps"),
-        ("sequencer", "grasps", "reachable"),
-        ("sequencer", "phase", "phase"),
-    ):
-        builder.Connect(
-            builder.GetSubsystemByName(source).GetOutputPort(output),
-            visualizer.GetInputPort(target),
-        )

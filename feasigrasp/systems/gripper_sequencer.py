@@ -12,7 +12,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, P
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.systems.optional_input import eval_optional
+from feasigrasp.scenario.schema import ReachabilityConfig
 
 
 class GripperSequencer(LeafSystem):
@@ -52,7 +52,11 @@ class GripperSequencer(LeafSystem):
     CLOSED = -0.05
 
     def __init__(
-        self, config: GraspSequenceConfig, gripper: ParallelGripper, *, period: float = 0.05
+        self,
+        config: GraspSequenceConfig,
+        gripper: ParallelGripper,
+        *,
+        period: float = ReachabilityConfig.period,
     ) -> None:
         """A sequencer for one gripper."""
         super().__init__()
@@ -123,8 +127,8 @@ class GripperSequencer(LeafSystem):
         output.set_value(self._grasps.Eval(context) if committed is None else committed)
 
     def _calc_gpdf(self, context: Context, output) -> None:
-        approaching = self.state(context).grasp is None
-        output.set_value(eval_optional(self._gpdf, context) if approaching else None)
+        passed = self.state(context).grasp is None and self._gpdf.HasValue(context)
+        output.set_value(self._gpdf.Eval(context) if passed else None)
 
     def _calc_pose(self, context: Context, output) -> None:
         output.set_value(RigidTransform(self._target(context)[0]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -17,6 +18,7 @@ from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.scenario.schema import PerceptionConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +65,12 @@ class PointCloudToGPDF(LeafSystem):
 
     def __init__(
         self,
-        period: float = 0.5,
+        period: float = PerceptionConfig.period,
         *,
-        preset: str = "default",
-        max_points: int = 320,
-        length_scale: float = 0.3,
-        voxel_size: float = 0.003,
+        preset: str = PerceptionConfig.preset,
+        max_points: int = PerceptionConfig.max_points,
+        length_scale: float = PerceptionConfig.length_scale,
+        voxel_size: float = PerceptionConfig.voxel_size,
         views_per_side: int = 3,
         revisit: float = 5.0,
         min_points: int = 4 * MIN_POINTS,
@@ -91,9 +93,11 @@ class PointCloudToGPDF(LeafSystem):
         cap = cap[cap[:, 2] > 0.0]
         twice = nothing.merged(cap, [0.0, 0.0, 0.5]).merged(cap, [0.0, 0.1, 0.5])
         _ = complete_shape(twice, preset=preset).completion  # compiles, before the first tick
-        self._preset = preset
-        self._max_points = max_points
-        self._length_scale = length_scale
+        self._options: dict[str, Any] = {
+            "preset": preset,
+            "max_points": max_points,
+            "length_scale": length_scale,
+        }
         self._views_per_side, self._revisit = views_per_side, revisit
         self._min_points = min_points
         self._cloud = self.DeclareAbstractInputPort("point_cloud", AbstractValue.Make(PointCloud()))
@@ -121,13 +125,9 @@ class PointCloudToGPDF(LeafSystem):
         cloud = seen.cloud.merged((X_OW @ points_W.T).T, p_OC)
         if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
             return
-        gpdf = complete_shape(
-            cloud,
-            preset=self._preset,
-            max_points=self._max_points,
-            length_scale=self._length_scale,
+        perceived = Perceived(
+            cloud, complete_shape(cloud, **self._options), seen.views.extended(p_OC, time)
         )
-        perceived = Perceived(cloud, gpdf, seen.views.extended(p_OC, time))
         state.get_mutable_abstract_state(int(self._state)).set_value(perceived)
 
     def _calc_gpdf(self, context: Context, output) -> None:

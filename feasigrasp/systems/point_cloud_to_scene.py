@@ -16,6 +16,7 @@ from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
+from feasigrasp.scenario.schema import SceneConfig
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,11 @@ class PointCloudToScene(LeafSystem):
     """
 
     def __init__(
-        self, ignored_labels: Iterable[int], *, period: float = 1.0, resolution: float = 0.01
+        self,
+        ignored_labels: Iterable[int],
+        *,
+        period: float = SceneConfig.period,
+        resolution: float = SceneConfig.resolution,
     ) -> None:
         """A perception of the surroundings that looks every ``period`` seconds.
 

@@ -13,7 +13,7 @@ from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.lookahead import JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
-from feasigrasp.systems.optional_input import eval_optional
+from feasigrasp.scenario.schema import ReachabilityConfig
 
 
 class ReachabilityFilter(LeafSystem):
@@ -52,9 +52,9 @@ class ReachabilityFilter(LeafSystem):
         self,
         reachability: Reachability,
         *,
-        method: str = "ik",
+        method: str = ReachabilityConfig.method,
         reachable_space: ReachableSpace | None = None,
-        horizon: float = 1.0,
+        horizon: float = ReachabilityConfig.horizon,
     ) -> None:
         """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
 
@@ -94,7 +94,7 @@ class ReachabilityFilter(LeafSystem):
             self._velocity.Eval(context).get_coeffs(),
             self._judge,
             self._horizon,
-            motion=eval_optional(self._motion, context),
+            motion=self._motion.Eval(context) if self._motion.HasValue(context) else None,
         )
         value.set_value(judged)
 

@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, LogVectorOutput
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions, velocity_bounds
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -19,6 +20,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 
 REACH = Reachability()
@@ -71,7 +73,13 @@ class Bench:
 @both
 def test_ports_are_those_of_the_docstring(make, ports, documented_ports):
     inputs, outputs = ports(make(REACH))
-    assert (list(inputs), list(outputs)) == documented_ports(make)
+    assert (list(inputs), list(outputs)) == documented_ports(GraspController)
+
+
+@both
+def test_a_mode_that_there_is_not_is_refused(make):
+    with pytest.raises(ControlError, match="mode is 'Paper'; choose one of safe, paper"):
+        make(REACH, mode="Paper")
 
 
 def test_either_controller_can_replace_the_other(ports):

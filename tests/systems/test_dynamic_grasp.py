@@ -1,15 +1,23 @@
 """The whole pipeline: what is called how often, what is connected, when the arm stands still."""
 
+import textwrap
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import LogVectorOutput
 
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario
 from feasigrasp.systems import (
-    dynamic_grasp,
     gp_joint_controller,
     grasp_sampler,
     point_cloud_to_gpdf,
@@ -17,8 +25,10 @@ from feasigrasp.systems import (
     rmm_task_controller,
     velocity_drive,
 )
-from feasigrasp.systems.dynamic_grasp import make_controller, make_dynamic_grasp
+from feasigrasp.systems.dynamic_grasp import add_dynamic_grasp, make_dynamic_grasp
+from feasigrasp.systems.from_scenario import make_controller
 from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.station import object_servo
@@ -51,7 +61,7 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
         (NetworkSampler, "__call__"),
         (grasp_sampler.GraspSampler, "_calc"),
         (reachability_filter, "judge_grasps"),
-        (rmm_task_controller.RMMTaskController, "_advanced"),
+        (rmm_task_controller.RMMTaskController, "update"),
         (rmm_task_controller, "task_space_velocity"),
         (gp_joint_controller.JointSpaceControl, "update"),
         (gp_joint_controller.JointSpaceControl, "velocity"),
@@ -71,7 +81,7 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     assert calls.pop("_update") == 200
     assert calls.pop("motion_wrench_kernel") == 500
     if controller == "task":
-        assert calls.pop("_advanced") == 10
+        assert calls.pop("update") == 10
         assert calls.pop("task_space_velocity") == 200
     else:
         assert calls.pop("update") == 10
@@ -115,7 +125,80 @@ def test_every_input_is_connected(diagram):
 )
 def test_the_scenario_chooses_the_controller(controller, cls):
     config = scenario(text=f"{{control: {{controller: {controller}}}}}")
-    assert type(make_controller(config, dynamic_grasp.Reachability())) is cls
+    assert type(make_controller(config, Reachability())) is cls
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("mode", "Paper"), ("controller", "cartesian")], ids=["mode", "controller"]
+)
+def test_a_word_that_no_file_has_checked_is_refused(key, value):
+    config = scenario()
+    setattr(config.control, key, value)
+    with pytest.raises(ScenarioError, match=f"control.{key} is '{value}'; choose one of"):
+        make_dynamic_grasp(config)
+
+
+def own_controller():
+    """The one that the base class' docstring shows."""
+    example = GraspController.__doc__.split("by resolved rates::")[1].split("make_dynamic_grasp")[0]
+    names = {"np": np, "se3": se3, "pose_and_jacobian": pose_and_jacobian}
+    names["GraspController"] = GraspController
+    exec(textwrap.dedent(example), names)
+    return names["FirstGrasp"]
+
+
+@pytest.mark.parametrize("mode", ["safe", "paper"])
+def test_a_sampler_and_a_controller_of_one_s_own(mode):
+    """They do the work in the diagram: the arm comes to the best of the grasps sampled."""
+    sets, antipodal = [], AntipodalSampler(n_grasps=8)
+
+    def sampler(gpdf):
+        sets.append(antipodal(gpdf))
+        return sets[-1]
+
+    config = scenario(
+        "ReachLinear",
+        f"{{motion: {{rate: 0.05, spin: 0}}, control: {{mode: {mode}}}, grasp: {{close: false}}}}",
+    )
+    controller = own_controller()(Reachability(), mode=mode)
+    diagram = make_dynamic_grasp(config, sampler=sampler, controller=controller)
+    simulator = Simulator(diagram)
+    assert not sets
+    simulator.AdvanceTo(4.0)
+    assert diagram.GetSubsystemByName("controller") is controller
+    assert len(sets) >= 2
+    log = diagram.GetSubsystemByName("log(metrics)").FindLog(simulator.get_context())
+    samples = dict(zip(SAMPLE_NAMES, log.data(), strict=True))
+    error = samples["grasp_position_error"]
+    assert np.nanmax(error) > 0.1
+    # With limits and clearances enforced, the straight way need not lead all the way.
+    assert error[-1] < (0.01 if mode == "paper" else 0.5 * np.nanmax(error))
+
+
+class Still(LeafSystem):
+    """A controller that needs next to nothing, and asks for something unusual."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("position", 7)
+        self.phase = self.DeclareVectorInputPort("phase", 1)
+        self.DeclareVectorOutputPort("commanded_velocity", 7, self.calc)
+
+    def calc(self, context, output):
+        output.SetFromVector(np.full(7, self.phase.Eval(context)[0]))
+
+
+def test_systems_and_logs_of_one_s_own():
+    config = scenario(text="{perception: {sampler: antipodal}}")
+    builder = DiagramBuilder()
+    add_dynamic_grasp(builder, config, controller=Still())
+    drive = builder.GetSubsystemByName("drive")
+    log = LogVectorOutput(drive.GetOutputPort("desired_velocity"), builder, 0.01)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.1)
+    velocities = log.FindLog(simulator.get_context()).data()
+    assert velocities.shape == (7, 11)
+    assert not velocities.any()
 
 
 def arm_positions(config, duration):

@@ -36,7 +36,7 @@ def grasp_ahead(distance):
 @pytest.mark.parametrize("period", [0.05, 0.1])
 def test_solutions_are_found_exactly_once_per_period(monkeypatch, period):
     times, find = [], JointSpaceControl.update
-    dut = GPJointController(REACH, solution_period=period)
+    dut = GPJointController(REACH, period=period)
     simulator = Simulator(dut)
     context = fixed(
         dut,
@@ -95,7 +95,7 @@ def test_it_heads_for_the_only_grasp(mode):
 
 def test_solutions_follow_the_object_between_updates():
     """Moving everything by a twist changes the command by the twist's joint velocity alone."""
-    dut = GPJointController(REACH, solution_period=10.0)
+    dut = GPJointController(REACH, period=10.0)
     simulator = Simulator(dut)
     at_grasp = grasp_ahead(0.0)
     speed = np.array([0.0, 0.0, 0.0, 0.0, 0.05, 0.0])

@@ -41,7 +41,7 @@ class Mock:
     """A sequencer whose inputs are set by hand."""
 
     def __init__(self, config=CONFIG, **inputs):
-        self.dut = GripperSequencer(config, GRIPPER)
+        self.dut = GripperSequencer(config, GRIPPER, period=0.05)
         self.simulator = Simulator(self.dut)
         self.context = self.simulator.get_mutable_context()
         self.fix(

@@ -12,7 +12,7 @@ from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp.systems.dynamic_grasp import make_station
+from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
 
 GRIPPER = ParallelGripper()

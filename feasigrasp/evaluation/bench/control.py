@@ -99,7 +99,7 @@ def cases(seed: int) -> Iterator[Case]:
         if N in _PEERS_JOINT:
             renewed = joint_probe(reachability, N, "paper", seed, period=_STEP)
             yield f"bench.joint_hz.{N}", "new solutions", partial(_renewed_step, renewed)
-            X_OG = probe.controller.solutions(probe.context).X_OG
+            X_OG = probe.controller.memory(probe.context).X_OG
             for xp in (np, torch):
                 peer = ArrayJointStep(xp, X_OG, reachability.gripper.X_FG)
                 yield f"bench.joint_hz.{N}", f"peer:{xp.__name__}", partial(_fed, peer, probe)
@@ -140,11 +140,11 @@ def joint_probe(
     controller = GPJointController(
         reachability,
         JointControlOptions(solutions=SolutionOptions(n_solutions=N)),
-        solution_period=period,
+        period=period,
         mode=mode,
     )
     probe = ControllerProbe(controller, grasps, rng)
-    found = len(controller.solutions(probe.context))
+    found = len(controller.memory(probe.context))
     if found != N:
         raise RuntimeError(f"the controller follows {found} solutions of {len(grasps)} grasps")
     return probe

@@ -22,7 +22,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.resources import model_path
-from feasigrasp.systems.meshcat_scene import set_stage
+from feasigrasp.systems.station.meshcat_scene import set_stage
 
 #: Shares are shown in so many steps, each a folder of its own that can be hidden.
 STEPS = 5

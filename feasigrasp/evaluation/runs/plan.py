@@ -12,8 +12,8 @@ from typing import Any
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import names, positive, select_objects
 from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.dynamic_grasp import load_scenario_object
 
 #: Object of the size of the paper's, 5.8 x 5.4 x 4.1 cm.
 PAPER_OBJECT = "duck"

@@ -39,13 +39,13 @@ from feasigrasp.models.robot.iiwa import NUM_JOINTS
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_controller
-from feasigrasp.systems.metrics import Metrics
+from feasigrasp.systems.from_scenario import make_controller
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
-#: Makes the controller of a scenario; its ports are those of `RMMTaskController`.
+#: Makes the controller of a scenario; its ports are those of `GraspController`.
 ControllerFactory = Callable[[Scenario, Reachability], LeafSystem]
 
 _SURFACE_POINTS = 512
@@ -129,7 +129,7 @@ def make_rollout(
     held = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
     reachable = add("reachable", held)
     follow = add("controller", controller(scenario, reachability))
-    safe = scenario.control.mode == "safe"
+    safe = scenario.control.safe
     drive = add("drive", VelocityDrive(scenario.control.period, enforce_position_limits=safe))
     arm = add("arm", Demultiplexer([NUM_JOINTS, NUM_JOINTS]))
     metrics = add("metrics", Metrics(gripper))
@@ -158,7 +158,7 @@ def make_rollout(
     connect(pose.get_output_port(), metrics.GetInputPort("object_pose"))
     connect(reachable.get_output_port(), metrics.GetInputPort("grasps"))
     connect(phase.get_output_port(), metrics.GetInputPort("phase"))
-    log = LogVectorOutput(metrics.GetOutputPort("sample"), builder, LOG_PERIOD)
+    log = LogVectorOutput(metrics.GetOutputPort("sample"), builder, SAMPLE_PERIOD)
     log.set_name("log(metrics)")
     log = LogVectorOutput(drive.GetOutputPort("desired_state"), builder, scenario.control.period)
     log.set_name("log(drive)")

@@ -22,7 +22,8 @@ from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.dynamic_grasp import LOG_PERIOD, make_dynamic_grasp
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.metrics import SAMPLE_PERIOD
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +158,9 @@ class _StopWhenDone:
         time = context.get_time()
         if time < self._next:
             return EventStatus.DidNothing()
-        self._next = time + 0.5 * LOG_PERIOD
+        self._next = time + 0.5 * SAMPLE_PERIOD
         state = self._sequencer.state(self._sequencer.GetMyContextFromRoot(context))
         # One sample later than the end, so that the log shows it.
-        if state.phase == Phase.DONE and time >= state.since + LOG_PERIOD:
+        if state.phase == Phase.DONE and time >= state.since + SAMPLE_PERIOD:
             return EventStatus.ReachedTermination(self._sequencer, "the grasp is over")
         return EventStatus.DidNothing()

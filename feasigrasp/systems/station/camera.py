@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
 
 from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.systems.station.depth_noise import NoisyDepth
+from feasigrasp.systems.station.noisy_depth import NoisyDepth
 
 
 def export_camera(

@@ -12,6 +12,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from feasigrasp.models.objects.mesh import decimate_within
 from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
+from feasigrasp.scenario.schema import ObjectConfig
 
 _URDF = """<?xml version="1.0"?>
 <robot name="{model_name}" xmlns:drake="http://drake.mit.edu">
@@ -39,16 +40,9 @@ _URDF = """<?xml version="1.0"?>
 
 #: The body's name in the plant; its frame is the object frame O (origin at the centre of mass).
 BODY_NAME = "object"
-
-
 #: The collision surface may differ this much from the visible one [m]: every face between the pads
 #: is a contact of its own, so a surface with fewer faces makes a held object cheaper to simulate.
 COLLISION_TOLERANCE = 0.0005
-
-
-def _with_fewer_faces(obj: RigidObject) -> RigidObject:
-    coarse = decimate_within(obj.mesh, COLLISION_TOLERANCE)
-    return replace(obj, vertices=np.array(coarse.vertices), faces=np.array(coarse.faces))
 
 
 def add_object(
@@ -56,7 +50,7 @@ def add_object(
     obj: RigidObject,
     *,
     directory: str | Path,
-    friction: float = 0.8,
+    friction: float = ObjectConfig.friction,
     model_name: str = "object",
 ) -> ModelInstanceIndex:
     """Adds the object as a free body named ``object`` in its own model instance.
@@ -81,7 +75,9 @@ def add_object(
     mesh = f"{model_name}.obj"
     collision_mesh = f"{model_name}_collision.obj"
     write_mesh(obj, directory / mesh)
-    write_mesh(_with_fewer_faces(obj), directory / collision_mesh)
+    coarse = decimate_within(obj.mesh, COLLISION_TOLERANCE)
+    vertices, faces = np.array(coarse.vertices), np.array(coarse.faces)
+    write_mesh(replace(obj, vertices=vertices, faces=faces), directory / collision_mesh)
     urdf = directory / f"{model_name}.urdf"
     urdf.write_text(
         _URDF.format(

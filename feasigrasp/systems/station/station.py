@@ -31,6 +31,7 @@ from feasigrasp.models.objects.carrying import body_pose_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.resources import model_path
+from feasigrasp.scenario.schema import ObjectConfig
 from feasigrasp.systems.station.camera import export_camera
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.object_servo import ObjectServo
@@ -64,7 +65,7 @@ class StationConfig:
     directives: list[ModelDirective] = field(default_factory=list)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
     q_start: np.ndarray = field(default_factory=lambda: np.zeros(7))
-    friction: float = 0.8
+    friction: float = ObjectConfig.friction
     enforce_constraints: bool = True
     touch_object: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
@@ -147,8 +148,7 @@ class Station(Diagram):
 
     def robot_instances(self) -> list[ModelInstanceIndex]:
         """Model instances of the arm and of what it carries."""
-        names = filter(self.plant.HasModelInstanceNamed, ("iiwa", "gripper", "camera"))
-        return [self.plant.GetModelInstanceByName(name) for name in names]
+        return _robot_instances(self.plant)
 
     def _add_models(
         self, plant: MultibodyPlant, config: StationConfig, obj: RigidObject
@@ -158,10 +158,11 @@ class Station(Diagram):
 
     def _let_robot_pass(self, config: StationConfig) -> None:
         """Excludes from contact what the configuration lets the robot pass through."""
-        instances = map(ModelInstanceIndex, range(self.plant.num_model_instances()))
-        passed = [] if config.touch_object else [self.object_instance]
+        passed = [self.object_instance]
         if not config.enforce_constraints:
-            passed += [instance for instance in instances if instance != self.object_instance]
+            passed = [*map(ModelInstanceIndex, range(self.plant.num_model_instances()))]
+        if config.touch_object:
+            passed.remove(self.object_instance)
         robot = self._geometries(self.robot_instances())
         self.scene_graph.collision_filter_manager().Apply(
             CollisionFilterDeclaration().ExcludeBetween(robot, self._geometries(passed))
@@ -263,6 +264,10 @@ def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         joint = plant.GetJointByName(name, gripper)
         joint.set_default_positions(joint.position_upper_limits())
     # The real arm compensates its own weight and its tool's.
-    for instance in ("iiwa", "gripper", "camera"):
-        if plant.HasModelInstanceNamed(instance):
-            plant.set_gravity_enabled(plant.GetModelInstanceByName(instance), False)
+    for instance in _robot_instances(plant):
+        plant.set_gravity_enabled(instance, False)
+
+
+def _robot_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+    names = filter(plant.HasModelInstanceNamed, ("iiwa", "gripper", "camera"))
+    return [plant.GetModelInstanceByName(name) for name in names]

@@ -57,7 +57,7 @@ def test_the_peers_of_the_task_step_give_our_command(K):
 
 def test_the_joint_controller_follows_as_many_solutions_as_asked():
     probe = joint_probe(REACHABILITY, 10, "paper", seed=0)
-    assert len(probe.controller.solutions(probe.context)) == 10
+    assert len(probe.controller.memory(probe.context)) == 10
     first, second = probe.step().copy(), probe.step().copy()
     assert np.isfinite(first).all() and np.linalg.norm(first - second) > 1e-4
 

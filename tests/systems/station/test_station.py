@@ -13,8 +13,8 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp.scenario.sampling import make_motion
-from feasigrasp.systems.dynamic_grasp import load_scenario_object, make_station
+from feasigrasp.scenario.sampling import load_scenario_object, make_motion
+from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.station.station import Station, StationConfig
 
 FILE = diagram_path("dynamic.scenarios.yaml")

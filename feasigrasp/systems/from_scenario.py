@@ -1,0 +1,79 @@
+"""The parts of the pipeline that a scenario chooses: robot cell, grasp sampler and controller."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.control.joint.law import JointControlOptions
+from feasigrasp.models.control.joint.search import SolutionOptions
+from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.task.choice import ChoiceOptions
+from feasigrasp.models.control.task.safe_law import TaskControlOptions
+from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
+from feasigrasp.models.grasps.samplers import make_sampler
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.scenario.sampling import load_scenario_object, make_camera_noise, make_motion
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.station.station import Station, StationConfig
+
+
+def make_station(scenario: Scenario) -> Station:
+    """The robot cell of a scenario, with its moving object."""
+    safe = scenario.control.safe
+    return Station(
+        StationConfig(
+            plant=scenario.plant_config,
+            directives=scenario.directives,
+            cameras=scenario.cameras,
+            camera_noise=make_camera_noise(scenario),
+            noise_seed=scenario.random_seed,
+            q_start=np.deg2rad(scenario.q_start),
+            friction=scenario.object.friction,
+            enforce_constraints=safe,
+            touch_object=safe or scenario.grasp.close,
+        ),
+        load_scenario_object(scenario),
+        make_motion(scenario),
+    )
+
+
+def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> GraspSamplerFn:
+    """The grasp sampler of a scenario, compiled."""
+    config = scenario.perception
+    sampler = make_sampler(
+        config.sampler,
+        gripper,
+        n_candidates=config.n_candidates,
+        n_grasps=config.n_grasps,
+        least_score=0.0,  # which of them are in reach decides
+    )
+    sampler(fit_gpdf(sphere_points(64, 0.03)))
+    return sampler
+
+
+def make_controller(scenario: Scenario, reachability: Reachability) -> GraspController:
+    """The controller of a scenario."""
+    config, period = scenario.control, scenario.reachability.period
+    safety = SafetyOptions(period=config.period, table_height=reachability.table_height)
+    space = parse_choice(ControlSpace, config.controller, "control.controller", ScenarioError)
+    if space is ControlSpace.JOINT:
+        solutions = SolutionOptions(source=config.source)
+        options = JointControlOptions(solutions=solutions, safety=safety)
+        return GPJointController(reachability, options, period=period, mode=config.mode)
+    choice = ChoiceOptions.to_grasp_soon() if scenario.grasp.close else ChoiceOptions()
+    return RMMTaskController(
+        reachability,
+        TaskControlOptions(choice=choice, safety=safety),
+        period=period,
+        mode=config.mode,
+        seed=scenario.random_seed,
+    )

@@ -1,0 +1,286 @@
+"""What all controllers of the arm share: ports, rates, memory, and what keeps the arm safe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.framework import CacheEntry, Context, InputPort, LeafSystem, ValueProducer
+
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.safety.obstacle_grid import (
+    MovingObject,
+    ObstacleGrid,
+    object_grid,
+    obstacle_grid,
+)
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.scenario.schema import ReachabilityConfig
+
+
+def _eval_optional(port: InputPort, context: Context) -> Any:
+    return port.Eval(context) if port.HasValue(context) else None
+
+
+class ControllerInputs:
+    """What a controller knows at one instant; each thing is read when it is asked for."""
+
+    def __init__(self, sources: Mapping[str, InputPort | CacheEntry], context: Context) -> None:
+        """Reads the input ports of a controller, and what is derived from them, in a context."""
+        self._sources, self._context = sources, context
+
+    @property
+    def time(self) -> float:
+        """Now [s]."""
+        return float(self._context.get_time())
+
+    @property
+    def q(self) -> Array:
+        """Joint positions [rad], shape (7,)."""
+        position: Array = self._sources["position"].Eval(self._context)
+        return position
+
+    @property
+    def grasps(self) -> GraspSet:
+        """Reachable grasps in the object frame."""
+        grasps: GraspSet = self._sources["grasps"].Eval(self._context)
+        return grasps
+
+    @property
+    def X_WO(self) -> Array:
+        """Object pose, shape (4, 4) [m]; not finite while it is unknown."""
+        pose: Array = self._sources["object_pose"].Eval(self._context).GetAsMatrix4()
+        return pose
+
+    @property
+    def V_WO(self) -> Array:
+        """Object twist [angular; linear], shape (6,)."""
+        twist: Array = self._sources["object_velocity"].Eval(self._context).get_coeffs()
+        return twist
+
+    @property
+    def motion(self) -> MotionEstimate | None:
+        """Predicts the object's poses; without it they follow its twist."""
+        motion: MotionEstimate | None = _eval_optional(
+            self._sources["object_motion"], self._context
+        )
+        return motion
+
+    @property
+    def qd_last(self) -> Array | None:
+        """The last command as the drive carried it out [rad/s], shape (7,)."""
+        velocity: Array | None = _eval_optional(self._sources["desired_velocity"], self._context)
+        return velocity
+
+    @property
+    def obstacles(self) -> ObstacleGrid | None:
+        """Distances to the scene, which the arm keeps clear of."""
+        grid: ObstacleGrid | None = self._sources["obstacles"].Eval(self._context)
+        return grid
+
+    @property
+    def surface(self) -> ObstacleGrid | None:
+        """Distances to the object's surface, in its frame, which the open hand keeps off."""
+        grid: ObstacleGrid | None = self._sources["surface"].Eval(self._context)
+        return grid
+
+
+class GraspController(LeafSystem):
+    """Joint velocities that bring the hand to a grasp of a moving object; derive from it.
+
+    .. pydrake_system::
+
+        name: GraspController
+        input_ports:
+        - position
+        - grasps
+        - object_pose
+        - object_velocity
+        - desired_velocity
+        - scene
+        - object_motion
+        - gpdf
+        output_ports:
+        - commanded_velocity
+
+    ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
+    object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
+    carried it out, without which accelerations are not limited; ``scene``, a `SceneField` or None,
+    which the arm keeps clear of; ``object_motion``, a `MotionEstimate` that predicts, without which
+    the object's twist is taken for constant; and ``gpdf``, the object's `Gpdf` or None, whose
+    surface the open hand keeps off.
+
+    A controller of your own is two functions: `update`, called every ``period`` seconds, returns
+    what to remember of the grasps, and `velocity` the command, at whatever rate it is asked for.
+    Both read the ports from a `ControllerInputs`, and neither may keep anything in ``self``: what
+    is to last is in the memory. For example, towards the first grasp by resolved rates::
+
+        class FirstGrasp(GraspController):
+            def update(self, memory, inputs):
+                return inputs.grasps.X_OG[:1]
+
+            def velocity(self, memory, inputs):
+                if memory is None or len(memory) == 0:
+                    return self.enforced(np.zeros(7), inputs)
+                X_WH, J = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)
+                X_WT = inputs.X_WO @ memory[0]
+                turn = se3.so3_log(X_WT[:3, :3] @ X_WH[:3, :3].T)
+                V = 2.0 * np.concatenate([turn, X_WT[:3, 3] - X_WH[:3, 3]])
+                return self.enforced(np.linalg.pinv(J, rcond=0.02) @ V, inputs)
+
+        make_dynamic_grasp(scenario, controller=FirstGrasp(Reachability()))
+
+    Attributes:
+        reachability: What the arm can reach, and its gripper.
+        mode: ``safe``, or ``paper`` to enforce nothing.
+        period: Time between updates [s].
+    """
+
+    def __init__(
+        self,
+        reachability: Reachability,
+        memory: Any = None,
+        *,
+        safety: SafetyOptions | None = None,
+        period: float = ReachabilityConfig.period,
+        mode: str = ControlMode.SAFE,
+    ) -> None:
+        """A controller that has not seen any grasps.
+
+        Args:
+            reachability: What the arm can reach, and its gripper.
+            memory: What is remembered before the first update; best a `Frozen` value, since others
+                are copied with every context.
+            safety: Margins of ``safe`` mode.
+            period: Time between updates [s]; that of the grasps.
+            mode: One of `ControlMode`.
+
+        Raises:
+            ControlError: There is no such mode.
+        """
+        super().__init__()
+        self.reachability = reachability
+        self.mode = parse_choice(ControlMode, mode, "mode", ControlError)
+        self.period = period
+        self._safety_options = safety or SafetyOptions()
+        anything = Value[object](None)
+        ports = [
+            self.DeclareVectorInputPort("position", NUM_JOINTS),
+            self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty())),
+            self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]()),
+            self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]()),
+            self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS),
+            self.DeclareAbstractInputPort("scene", anything),
+            self.DeclareAbstractInputPort("object_motion", anything),
+            self.DeclareAbstractInputPort("gpdf", anything),
+        ]
+        sources = {port.get_name(): port for port in ports}
+        self._sources: dict[str, InputPort | CacheEntry] = sources | {
+            "obstacles": self._declare_grid("obstacles", sources["scene"], obstacle_grid),
+            "surface": self._declare_grid("surface of the object", sources["gpdf"], object_grid),
+        }
+        self._memory = self.DeclareAbstractState(Value[object](memory))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        self.DeclareVectorOutputPort("commanded_velocity", NUM_JOINTS, self._calc)
+
+    @cached_property
+    def safety(self) -> Safety | None:
+        """The QP that keeps limits and clearances; None in ``paper`` mode."""
+        if self.mode is ControlMode.PAPER:
+            return None
+        return Safety(self._safety_options, self.reachability.gripper)
+
+    def update(self, memory: Any, inputs: ControllerInputs) -> Any:
+        """What to remember from now on.
+
+        Args:
+            memory: What was remembered until now; at first what the constructor was given.
+            inputs: What is known now.
+        """
+        raise NotImplementedError
+
+    def velocity(self, memory: Any, inputs: ControllerInputs) -> Array:
+        """The commanded joint velocity [rad/s], shape (7,).
+
+        Args:
+            memory: What the last `update` returned.
+            inputs: What is known now.
+        """
+        raise NotImplementedError
+
+    def memory(self, context: Context) -> Any:
+        """What the last `update` returned."""
+        return context.get_abstract_state(int(self._memory)).get_value()
+
+    def enforced(self, qd: Array, inputs: ControllerInputs) -> Array:
+        """The velocity nearest to ``qd`` (7,) that keeps limits and clearances.
+
+        In ``paper`` mode it is ``qd`` itself.
+        """
+        if self.safety is None:
+            return qd
+        moving = None
+        if inputs.surface is not None:
+            moving = MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
+        return self.safety.velocity(
+            inputs.q, qd, qd_last=inputs.qd_last, obstacles=inputs.obstacles, moving=moving
+        )
+
+    def rehearse(self) -> None:
+        """Runs two updates and a command, so that no kernel is compiled inside a control tick.
+
+        For the end of a constructor; the inputs are made up, and nothing is remembered.
+        """
+        context = self.CreateDefaultContext()
+        q = np.full(NUM_JOINTS, 0.5)
+        X_WG = forward_kinematics(q, self.reachability.gripper.X_FG)
+        grasps = GraspSet(X_WG[None], np.zeros(1), np.ones(1))
+        for name, value in {
+            "position": q,
+            "object_pose": RigidTransform(),
+            "object_velocity": SpatialVelocity.Zero(),
+            "desired_velocity": np.zeros(NUM_JOINTS),
+            "gpdf": Value[object](fit_gpdf(sphere_points(64, 0.03))),
+        }.items():
+            self.GetInputPort(name).FixValue(context, value)
+        memory, inputs = self.memory(context), ControllerInputs(self._sources, context)
+        for time, some in ((0.0, grasps), (self.period, grasps.with_twins())):
+            context.SetTime(time)
+            self.GetInputPort("grasps").FixValue(context, AbstractValue.Make(some))
+            memory = self.update(memory, inputs)
+        self.velocity(memory, inputs)
+
+    def _declare_grid(
+        self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]
+    ) -> CacheEntry:
+        """A grid of the field at an optional port, made anew when that changes; None if None."""
+
+        def calc(context: Context, value: AbstractValue) -> None:
+            field = _eval_optional(port, context)
+            value.set_value(None if field is None else make_grid(field))
+
+        producer = ValueProducer(allocate=lambda: Value[object](None), calc=calc)
+        return self.DeclareCacheEntry(name, producer, prerequisites_of_calc={port.ticket()})
+
+    def _update(self, context: Context, state) -> None:
+        memory = self.update(self.memory(context), ControllerInputs(self._sources, context))
+        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
+
+    def _calc(self, context: Context, output) -> None:
+        inputs = ControllerInputs(self._sources, context)
+        output.SetFromVector(self.velocity(self.memory(context), inputs))
