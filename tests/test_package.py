@@ -21,7 +21,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 #: package that they lie in.
 ORDER = (
     ("errors", "models.arrays"),
-    ("resources", "models.choices"),
+    ("resources", "models.choices", "models.weights_file"),
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),

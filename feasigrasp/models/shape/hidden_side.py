@@ -11,31 +11,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.geometry.nearest_distance import nearest_distance
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.shape.hidden_side_network import CHANNELS, HiddenSideNetwork
+from feasigrasp.models.weights_file import (
+    WEIGHTS,
+    WeightArrays,
+    WeightsFormat,
+    fill_network,
+    network_arrays,
+)
+
+if TYPE_CHECKING:
+    from feasigrasp.models.shape.hidden_side_network import HiddenSideNetwork
 
 #: Where the trained weights are.
-DEFAULT_WEIGHTS = Path(__file__).resolve().parents[1] / "weights" / "hidden_side.npz"
-#: Of the weights file; another layout gets another number.
-FORMAT = "feasigrasp hidden_side 1"
+DEFAULT_WEIGHTS = WEIGHTS / "hidden_side.npz"
+_FILE = WeightsFormat("hidden side", "feasigrasp hidden_side 2", "feasigrasp train hidden-side")
 #: Half widths of pictures are given relative to this [m].
 TYPICAL_SIZE = 0.1
 #: Thickness that is looked for in the field, least and most [m].
 LEAST, MOST = 4e-3, 0.4
-
-
-class HiddenSideError(FeasigraspError, ValueError):
-    """A file of weights that is missing or not one of this network."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +112,8 @@ class HiddenSide:
 
     def back_surface(self, image: ViewImage, field: Gpdf) -> BackSurface:
         """Where the object in a picture probably ends, given the field of what was seen."""
+        import torch  # takes a second to import
+
         with torch.inference_mode():
             median, spread = self.network(torch.from_numpy(features(image, field)[None]))
         scale = picture_scale(image)
@@ -121,32 +126,23 @@ class HiddenSide:
 
     def save(self, filename: Path) -> None:
         """Writes the weights."""
-        arrays = {name: value.numpy() for name, value in self.network.state_dict().items()}
-        np.savez_compressed(filename, format=FORMAT, channels=CHANNELS, **arrays)
+        _FILE.save(filename, {"channels": self.network.channels}, network_arrays(self.network))
 
     @classmethod
     def load(cls, filename: Path = DEFAULT_WEIGHTS) -> HiddenSide:
         """Reads weights that `save` wrote.
 
         Raises:
-            HiddenSideError: There is no such file, or it is of something else.
+            WeightsError: There is no such file, or it is of something else.
         """
-        try:
-            with np.load(filename) as file:
-                arrays = dict(file)
-        except (OSError, ValueError) as error:
-            raise HiddenSideError(
-                f"cannot read weights of the hidden side from {filename}: {error}; "
-                "train them with 'feasigrasp train hidden-side'"
-            ) from None
-        written = str(arrays.pop("format", "nothing known"))
-        if written != FORMAT:
-            raise HiddenSideError(f"{filename} holds '{written}', not '{FORMAT}'")
-        network = HiddenSideNetwork(tuple(int(c) for c in arrays.pop("channels")))
-        try:
-            network.load_state_dict({name: torch.from_numpy(a) for name, a in arrays.items()})
-        except RuntimeError as error:
-            raise HiddenSideError(f"{filename} holds another network: {error}") from None
+        return _FILE.load(filename, cls._of)
+
+    @classmethod
+    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> HiddenSide:
+        from feasigrasp.models.shape.hidden_side_network import HiddenSideNetwork
+
+        network = HiddenSideNetwork(tuple(header["channels"]))
+        fill_network(network, arrays)
         return cls(network)
 
 

@@ -41,6 +41,7 @@ class HiddenSideNetwork(nn.Module):
 
     def __init__(self, channels: tuple[int, ...] = CHANNELS) -> None:
         super().__init__()
+        self.channels = channels
         inputs = (4 * FEATURES, *channels[:-1])
         self.down = nn.ModuleList(_Block(a, b) for a, b in zip(inputs, channels, strict=True))
         self.up = nn.ModuleList(_Block(a + b, a) for a, b in itertools.pairwise(channels))
