@@ -9,7 +9,7 @@ import numpy as np
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.sources import SOURCES
-from feasigrasp.models.grasps.samplers import METHODS as SAMPLERS
+from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach.judge import METHODS
 from feasigrasp.models.shape.completion import PRESETS
 from feasigrasp.scenario.schema import Scenario
@@ -19,7 +19,7 @@ _CHOICES = {
     "control.mode": ("safe", "paper"),
     "control.source": SOURCES,
     "perception.preset": PRESETS,
-    "perception.sampler": SAMPLERS,
+    "perception.sampler": tuple(SamplerName),
     "reachability.method": METHODS,
 }
 

@@ -15,12 +15,9 @@ from pydrake.systems.sensors import ImageLabel16I
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene, scene_clear
-
-#: Half a turn about the approach direction: the same grasp, another pose of the hand.
-_FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +137,6 @@ class SceneFilter(LeafSystem):
             clear = scene_clear(scene, X_WG, self._gripper, self._margin)
             if self._either:
                 other = np.flatnonzero(~clear)
-                clear[other] = scene_clear(scene, X_WG[other] @ _FLIP, self._gripper, self._margin)
-            grasps = grasps.select(clear, "hits the scene")
+                clear[other] = scene_clear(scene, X_WG[other] @ FLIP, self._gripper, self._margin)
+            grasps = grasps.select(clear, Rejection.HITS_SCENE)
         output.set_value(grasps)
