@@ -5,7 +5,8 @@ For example::
     python diagrams/perceive.py --cloud mug.ply --picture out/mug.png --html out/mug.html
 
 The cloud shows one object, in metres, in the camera's frame (the camera in the origin, z forward);
-``--scale``, ``--crop``, ``--viewpoint`` and ``--merged`` are for clouds that differ.
+``--scale``, ``--crop``, ``--viewpoint`` and ``--merged`` are for clouds that differ. ``--sampler``
+chooses where grasps come from, as in scenarios.
 """
 
 import argparse
@@ -15,18 +16,22 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.pictures.perception import Perception, draw_perception, perceive
+from feasigrasp.evaluation.pictures.perception import draw_perception
 from feasigrasp.evaluation.pictures.perception_html import write_perception_html
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
+from feasigrasp.models.grasps.grasp_set import Rejection
+from feasigrasp.models.grasps.perceive import Perception, perceive
+from feasigrasp.models.grasps.samplers import SamplerName
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
-REASONS = {
-    "too wide": "surface points with no opposite side within the hand's opening",
-    "off the surface": "a contact is not on the completed surface",
-    "nothing between the pads": "the line between the contacts misses the object",
-    "not antipodal": "the surfaces at the contacts do not oppose each other",
-    "gripper collides": "fingers, palm or camera would hit the object",
-    "near copy": "almost the same as a better grasp",
+REASONS: dict[str, str] = {
+    Rejection.TOO_WIDE: "no opposite side within the hand's opening",
+    Rejection.OFF_SURFACE: "a contact is not on the completed surface",
+    Rejection.NOTHING_BETWEEN: "the line between the contacts misses the object",
+    Rejection.NOT_ANTIPODAL: "the surfaces at the contacts do not oppose each other",
+    Rejection.COLLIDES: "fingers, palm or camera would hit the object",
+    Rejection.NEAR_COPY: "almost the same as a better grasp",
+    Rejection.UNCERTAIN: "less likely to be a true grasp than the others",
 }
 
 
@@ -55,7 +60,13 @@ def parse_arguments() -> argparse.Namespace:
         help="where the camera was [m] (default: the origin)",
     )
     view.add_argument("--merged", action="store_true", help="the cloud shows several sides")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--sampler",
+        choices=list(SamplerName),
+        default=SamplerName.NETWORK,
+        help="where grasps come from (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the sampler antipodal")
     args = parser.parse_args()
     if not args.voxel > 0.0:
         parser.error(f"--voxel {args.voxel}: give a length in metres")
@@ -89,7 +100,9 @@ def main() -> int:
         points = prepare_cloud(
             read_cloud(args.cloud), scale=args.scale, crop=args.crop, viewpoint=viewpoint
         )
-        perception = perceive(points, viewpoint, voxel_size=args.voxel, seed=args.seed)
+        perception = perceive(
+            points, viewpoint, sampler=args.sampler, voxel_size=args.voxel, seed=args.seed
+        )
     except FeasigraspError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

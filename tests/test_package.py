@@ -21,7 +21,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 #: package that they lie in.
 ORDER = (
     ("errors", "models.arrays"),
-    ("resources", "models.choices", "models.control.mode"),
+    ("resources", "models.choices", "models.control.mode", "models.weights_file"),
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
+#: In single or double precision.
+Floats = NDArray[np.floating]
+Float32 = NDArray[np.float32]
 
 
 class Frozen:

@@ -10,7 +10,7 @@ from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.sources import SOURCES
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
-from feasigrasp.models.grasps.samplers import METHODS as SAMPLERS
+from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach.judge import METHODS
 from feasigrasp.models.shape.completion import Preset
 from feasigrasp.scenario.schema import Scenario
@@ -20,7 +20,7 @@ _CHOICES = {
     "control.mode": tuple(ControlMode),
     "control.source": SOURCES,
     "perception.preset": tuple(Preset),
-    "perception.sampler": SAMPLERS,
+    "perception.sampler": tuple(SamplerName),
     "reachability.method": METHODS,
 }
 

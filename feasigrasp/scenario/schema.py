@@ -79,7 +79,7 @@ class PerceptionConfig:
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
-        sampler: ``network`` (learned) or ``antipodal`` (model-free); see `make_sampler`.
+        sampler: ``network`` (learned), ``paper`` or ``antipodal`` (model-free); see `SamplerName`.
         n_candidates: Grasp candidates drawn per update.
         n_grasps: Grasps kept per update.
     """

@@ -7,8 +7,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.hand_clearance import FLIP
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.scene_clear import scene_clear
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import SceneField
@@ -64,5 +63,5 @@ class SceneFilter(LeafSystem):
             if self._either:
                 other = np.flatnonzero(~clear)
                 clear[other] = scene_clear(scene, X_WG[other] @ FLIP, self._gripper, self._margin)
-            grasps = grasps.select(clear, "hits the scene")
+            grasps = grasps.select(clear, Rejection.HITS_SCENE)
         output.set_value(grasps)

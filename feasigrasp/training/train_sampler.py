@@ -20,7 +20,7 @@ import torch
 from torch import nn
 from tqdm import tqdm
 
-from feasigrasp.models.grasps.network.network import PRESETS, GraspNetwork
+from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
 from feasigrasp.results.arguments import positive
 from feasigrasp.results.provenance import git_revision, versions
 from feasigrasp.results.rows import write_json
@@ -62,7 +62,7 @@ COLUMNS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("--preset", choices=PRESETS, default="default")
+    parser.add_argument("--preset", choices=list(Preset), default="default")
     parser.add_argument(
         "--data", type=Path, default=Path("out/sampler_data"), help="folder of the shards"
     )

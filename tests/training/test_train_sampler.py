@@ -12,7 +12,7 @@ import torch
 
 from feasigrasp import cli
 from feasigrasp.models.grasps.network.architectures import Heads
-from feasigrasp.models.grasps.network.network import PRESETS, GraspNetwork
+from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
 from feasigrasp.training import train_sampler
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.grasp_batches import TrainingDataError, load_examples
@@ -90,7 +90,7 @@ def curve(out):
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", Preset)
 def test_two_steps_and_two_more(data, tmp_path, capsys, preset):
     assert train(data, tmp_path, "--steps", "2", "--preset", preset) == 0
     assert [float(row["step"]) for row in curve(tmp_path)] == [2]
@@ -143,7 +143,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(data, tmp_path, monkeypatch
     assert train(data, tmp_path, "--steps", "4") == 0
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", Preset)
 def test_training_learns(data, tmp_path, preset):
     """Against the network before training, and against guessing the base rate."""
     rate = ["--learning-rate", "1e-2"]
@@ -278,7 +278,7 @@ def test_errors_are_measured():
 def test_no_contact_at_all_still_trains():
     heads, labels = perfect()
     nothing = Labels(torch.zeros_like(labels.contact), *labels[1:])
-    for preset in PRESETS:
+    for preset in Preset:
         total, _ = loss(preset, heads._replace(contact=heads.contact.requires_grad_()), nothing)
         assert torch.isfinite(total)
 

@@ -19,10 +19,11 @@ from feasigrasp.evaluation.bench.timing import cpu_time
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
 from feasigrasp.models.ik.closed_form import nearest_inside_limits
-from feasigrasp.models.ik.flow import IkFlow, WeightsError
+from feasigrasp.models.ik.flow import IkFlow
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.models.weights_file import WeightsError
 from feasigrasp.results.arguments import add_common_arguments
 
 #: Configurations and poses of a batch, arm angles tried for each pose.

@@ -2,7 +2,9 @@
 
 One noisy view of an object, as the depth camera gives it, is smoothed, completed by a field of 512
 points, shown to the network, and its grasps are filtered: `bench.perception_ms` is all of that, the
-parts are timed on their own as well. Nothing is taken over from an earlier run.
+parts are timed on their own as well. Presets ``peer:torch`` and ``peer:torch.jit`` of the forward
+pass are the same network and weights in torch, as it is and as frozen TorchScript, without what is
+done with its answers. Nothing is taken over from an earlier run.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from functools import partial
 import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
+from torch import nn
 from tqdm import tqdm
 
 from feasigrasp.evaluation.bench.report import report_bench, timing_row
@@ -22,7 +25,8 @@ from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
-from feasigrasp.models.grasps.network.contact_features import contact_features
+from feasigrasp.models.grasps.network.architectures import Contacts
+from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
 from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
@@ -56,8 +60,10 @@ def cases(view: PartialView) -> Iterator[Case]:
         other, large = load_grasp_network(preset), grasp_input(field, NETWORK_POINTS)
         yield f"bench.network_ms.{NETWORK_POINTS}", preset, partial(other.propose, large)
         features = contact_features(large.points, large.normals, large.scalars)
-        name = f"bench.network_forward_ms.{NETWORK_POINTS}"
-        yield name, preset, partial(other.propose_at, features)
+        forward = f"bench.network_forward_ms.{NETWORK_POINTS}"
+        yield forward, preset, partial(other.propose_at, features)
+    yield forward, "peer:torch", partial(network.heads, features)
+    yield forward, "peer:torch.jit", traced_heads(network.network, features)
     yield "bench.perception_ms", "default", lambda: cloud_to_grasps(view, sampler)
     yield "bench.perception_ms", "antipodal", lambda: cloud_to_grasps(view, antipodal)
     X_OG, width, prior = sampler.candidates(field)
@@ -72,6 +78,26 @@ def cases(view: PartialView) -> Iterator[Case]:
     }
     for part, function in parts.items():
         yield f"bench.perception_part_ms.{part}", "default", function
+
+
+def traced_heads(network: nn.Module, features: ContactFeatures) -> Callable[[], object]:
+    """The forward pass of a torch network as frozen TorchScript, traced on the features."""
+
+    class Flat(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.network = network
+
+        def forward(self, *parts: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            return tuple(self.network(Contacts(*parts)))
+
+    traced = torch.jit.freeze(torch.jit.trace(Flat().eval(), tuple(Contacts.of(features))))
+
+    def forward() -> object:
+        with torch.inference_mode():
+            return traced(*Contacts.of(features))
+
+    return forward
 
 
 def fused(view: PartialView) -> FusedCloud:

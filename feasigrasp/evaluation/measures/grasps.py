@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
 from feasigrasp.models.grasps.network.contact_features import contact_features
 from feasigrasp.models.grasps.network.network import GraspNetwork
 from feasigrasp.models.grasps.network.surface_input import GraspInput
@@ -25,7 +25,6 @@ Record = dict[str, Any]
 TRIED = 128
 #: An object can be grasped if valid grasps start at so many of the points of its true surface.
 GRASPABLE = 10
-_FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 _RESAMPLES = 500
 #: Modes of approach whose scores differ by less are in any order.
 _SAME_SCORE = 1e-7
@@ -56,7 +55,7 @@ def proposal_measures(
     z = proposals.approach[some, 0]
     X_OG[:, :3, :3] = np.stack([b, np.cross(z, b), z], axis=2)
     X_OG[:, :3, 3] = points[some] + 0.5 * width[:, None] * b
-    free = truth.hand_free(X_OG, gripper) | truth.hand_free(X_OG @ _FLIP, gripper)
+    free = truth.hand_free(X_OG, gripper) | truth.hand_free(X_OG @ FLIP, gripper)
     return {
         "contact": proposals.contact.round(5).tolist(),
         "is_contact": labels.contact.astype(int).tolist(),

@@ -1,8 +1,7 @@
-"""From one cloud to grasps, without a robot: what was measured, completed, found, and why not."""
+"""A perception as a picture: what was measured, what was completed, and grasps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,18 +9,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.glyphs import spread_order
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.perceive import Perception
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_points import SurfacePoints
 
 #: From surface that was seen to surface that was made up.
@@ -37,69 +32,17 @@ MAX_SHOWN = 12
 GRASP_COLOR = "#10a040"
 
 
-@dataclass(frozen=True, eq=False)
-class Perception:
-    """What one cloud tells about an object.
-
-    Attributes:
-        cloud: The cloud, one point per voxel, with directions to the camera.
-        gpdf: The distance field fitted to it.
-        grasps: The grasps that the filter kept, and why it dropped the others.
-        gripper: The hand they are for.
-        viewpoint: Where the camera was, shape (3,) [m]; None for a cloud of several views.
-    """
-
-    cloud: FusedCloud
-    gpdf: Gpdf
-    grasps: GraspSet
-    gripper: ParallelGripper
-    viewpoint: Array | None
-
-    @property
-    def up(self) -> Array:
-        """What is up: against y in a camera's own frame (origin in the camera), else along z."""
-        in_camera = self.viewpoint is not None and not self.viewpoint.any()
-        return np.array([0.0, -1.0, 0.0] if in_camera else [0.0, 0.0, 1.0])
-
-    @property
-    def towards_viewer(self) -> Array:
-        """Direction from the object to where the pictures are taken from."""
-        if self.viewpoint is None:
-            return np.array([1.0, -1.0, 0.7])
-        return self.viewpoint - self.cloud.points.mean(axis=0)
+def upward(perception: Perception) -> Array:
+    """What is up: against y in a camera's own frame (origin in the camera), else along z."""
+    in_camera = perception.viewpoint is not None and not perception.viewpoint.any()
+    return np.array([0.0, -1.0, 0.0] if in_camera else [0.0, 0.0, 1.0])
 
 
-def perceive(
-    points: ArrayLike,
-    viewpoint: ArrayLike | None = (0.0, 0.0, 0.0),
-    *,
-    voxel_size: float = 0.003,
-    gripper: ParallelGripper | None = None,
-    seed: int = 0,
-) -> Perception:
-    """Fits the distance field to one cloud of an object and samples grasps, as the pipeline does.
-
-    Args:
-        points: Shape (n, 3) [m].
-        viewpoint: Where the camera was, shape (3,) [m]; None for a cloud of several views.
-        voxel_size: Resolution at which points are averaged [m].
-        gripper: The hand; the default one unless given.
-        seed: Seed of the approach directions.
-
-    Raises:
-        PointCloudError: A cloud that no field can be fitted to.
-    """
-    gripper = gripper or ParallelGripper()
-    view = None if viewpoint is None else np.asarray(viewpoint, dtype=float)
-    if view is None:
-        # No camera, so no free space; the normals point away from the middle.
-        cloud = FusedCloud.empty(voxel_size).merged(points, np.zeros(3))
-        gpdf = fit_gpdf(cloud.points)
-    else:
-        cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
-        gpdf = complete_shape(cloud)
-    grasps = AntipodalSampler(gripper, seed=seed)(gpdf)
-    return Perception(cloud, gpdf, grasps, gripper, view)
+def towards_viewer(perception: Perception) -> Array:
+    """Direction from the object to where the pictures are taken from."""
+    if perception.viewpoint is None:
+        return np.array([1.0, -1.0, 0.7])
+    return perception.viewpoint - perception.cloud.points.mean(axis=0)
 
 
 def distance_from_seen(gpdf: Gpdf, variance: Array) -> Array:
@@ -136,8 +79,9 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 4)
     figure.subplots_adjust(left=0.005, right=0.995, top=0.87, bottom=0.13, wspace=0.02)
-    front = Viewer.at(perception.towards_viewer, perception.up, turn=0.4, raised=0.2)
-    behind = Viewer.at(perception.towards_viewer, perception.up, turn=np.pi + 0.4, raised=0.2)
+    towards, up = towards_viewer(perception), upward(perception)
+    front = Viewer.at(towards, up, turn=0.4, raised=0.2)
+    behind = Viewer.at(towards, up, turn=np.pi + 0.4, raised=0.2)
     gpdf, surface = perception.gpdf, dense_surface(perception.gpdf)
     colors = uncertainty_colors(gpdf, surface)
     everything = np.concatenate([surface.points, perception.cloud.points])

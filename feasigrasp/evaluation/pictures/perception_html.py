@@ -11,12 +11,14 @@ from pydrake.perception import BaseField, Fields, PointCloud
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
 from feasigrasp.evaluation.pictures.perception import (
-    Perception,
     shown_grasps,
+    towards_viewer,
     uncertainty_colors,
+    upward,
 )
 from feasigrasp.evaluation.runs.replay import quiet_meshcat
 from feasigrasp.models.grasps.glyphs import disc, frames_along, gripper_glyph, place_copies
+from feasigrasp.models.grasps.perceive import Perception
 
 #: Everything is drawn below this Meshcat path; its children can be switched off by hand.
 _ROOT = "/perception"
@@ -32,9 +34,8 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
     ``/perception/cloud``, the surface under ``completion``, the grasps under ``grasps``.
     """
     meshcat = quiet_meshcat()
-    up = perception.up
     # Meshcat's up is z.
-    R = RotationMatrix.MakeFromOneVector(up, 2).inverse()
+    R = RotationMatrix.MakeFromOneVector(upward(perception), 2).inverse()
     middle = perception.gpdf.completion.points.mean(axis=0)
     meshcat.SetTransform(_ROOT, RigidTransform(R, -(R @ middle)))
 
@@ -60,7 +61,7 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
         meshcat.SetProperty(clutter, "visible", False)
     meshcat.SetProperty("/Background", "top_color", [0.80, 0.85, 0.90])
     meshcat.SetProperty("/Background", "bottom_color", [0.97, 0.98, 0.99])
-    towards = R @ perception.towards_viewer
+    towards = R @ towards_viewer(perception)
     size = float(np.ptp(surface.points, axis=0).max())
     place = 2.2 * size * (towards / np.linalg.norm(towards) + np.array([0.0, 0.0, 0.15]))
     meshcat.SetCameraPose(place, np.zeros(3))

@@ -11,7 +11,7 @@ from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.grasps.filter import filter_grasps
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import MARGIN
 from feasigrasp.models.grasps.thinning import LEAST_SCORE, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -61,7 +61,7 @@ class AntipodalSampler:
         X_OG, width, no_exit = self.candidates(gpdf)
         grasps = filter_grasps(gpdf, X_OG, width, self.gripper)
         thinned = thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
-        return thinned.counted({"too wide": no_exit})
+        return thinned.counted({Rejection.TOO_WIDE: no_exit})
 
     def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, int]:
         """Unfiltered grasps.
@@ -84,12 +84,10 @@ class AntipodalSampler:
             cosine = -np.einsum("ni,ni->n", gpdf.normals(first + width[:, None] * b), b)
             chosen = _spread(first, cosine, n_pairs)
             first, b, width = first[chosen], b[chosen], width[chosen]
-        frames = _frames(b, self.n_approaches, rng)
-        X_OG = np.tile(np.eye(4), (*frames.shape[:2], 1, 1))
-        X_OG[..., :3, :3] = frames
-        X_OG[..., :3, 3] = (first + 0.5 * width[:, None] * b)[:, None]
-        X_OG = X_OG.reshape(-1, 4, 4)[: self.n_candidates]
-        return X_OG, np.repeat(width, self.n_approaches)[: self.n_candidates], int((~hit).sum())
+        approaches = _approaches(b, self.n_approaches, rng)
+        X_OG = grasp_frames(first + 0.5 * width[:, None] * b, b, approaches).reshape(-1, 4, 4)
+        width, n = np.repeat(width, self.n_approaches), self.n_candidates
+        return X_OG[:n], width[:n], int((~hit).sum())
 
 
 def _spread(first: Array, cosine: Array, count: int) -> Indices:
@@ -104,11 +102,9 @@ def _spread(first: Array, cosine: Array, count: int) -> Indices:
     return opposed
 
 
-def _frames(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:
-    """Rotations [b, z x b, z] for approaches z evenly round b, shape (n, n_approaches, 3, 3)."""
+def _approaches(b: Array, n_approaches: int, rng: np.random.Generator) -> Array:
+    """Directions evenly round b, shape (n, n_approaches, 3)."""
     u, v = perpendiculars(b)
     phase = rng.uniform(0.0, 2 * np.pi, (len(b), 1))
     angle = (phase + np.arange(n_approaches) * 2 * np.pi / n_approaches)[..., None]
-    z = np.cos(angle) * u[:, None] + np.sin(angle) * v[:, None]
-    x = np.broadcast_to(b[:, None], z.shape)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
+    return np.asarray(np.cos(angle) * u[:, None] + np.sin(angle) * v[:, None])

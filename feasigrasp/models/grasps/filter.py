@@ -23,8 +23,8 @@ from feasigrasp.models.grasps.certainty import (
     joint_certainty,
     thin_contact_certainty,
 )
-from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.hand_clearance import FLIP, MARGIN, THIN_WALL, hand_freedom
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
+from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import unit_normals
 from feasigrasp.models.shape.gpdf_fit import Gpdf
@@ -75,10 +75,9 @@ def filter_grasps(
             offset h, shape (4,) [m]; points with ``n . p > h`` are above.
 
     Returns:
-        The survivors, best first, with the number of candidates dropped for each reason: "too
-        wide", "off the surface", "nothing between the pads", "not antipodal", "gripper collides",
-        "hits the table". The score is the estimated probability that the grasp is truly valid,
-        slightly less for long lever arms; the ``id`` is the number of the candidate.
+        The survivors, best first, with the number of candidates dropped for each `Rejection`. The
+        score is the estimated probability that the grasp is truly valid, slightly less for long
+        lever arms; the ``id`` is the number of the candidate.
 
     Raises:
         GraspError: If poses, widths and priors do not match, or the table is no plane.
@@ -93,7 +92,8 @@ def filter_grasps(
     if len(candidates) == 0:
         return candidates
 
-    candidates = candidates.select(candidates.width <= gripper.max_opening - 2 * margin, "too wide")
+    narrow = candidates.width <= gripper.max_opening - 2 * margin
+    candidates = candidates.select(narrow, Rejection.TOO_WIDE)
     if plane is not None:
         candidates = _above_table(candidates, plane, gripper, margin)
     pairs, pair_of = _contact_pairs(candidates)
@@ -101,10 +101,10 @@ def filter_grasps(
     off, cosine = _contact_state(gpdf, pairs)
     cosine = np.where(thin, -1.0, cosine)
     touching = np.where(thin, off.min(axis=0), off.max(axis=0)) <= CONTACT_TOLERANCE
-    checks = {
-        "off the surface": touching[pair_of],
-        "nothing between the pads": (thin | _holding(gpdf, pairs))[pair_of],
-        "not antipodal": (cosine <= max(cosine_steps))[pair_of],
+    checks: dict[str, Mask] = {
+        Rejection.OFF_SURFACE: touching[pair_of],
+        Rejection.NOTHING_BETWEEN: (thin | _holding(gpdf, pairs))[pair_of],
+        Rejection.NOT_ANTIPODAL: (cosine <= max(cosine_steps))[pair_of],
     }
     candidates, pair_of = _apply(candidates, pair_of, checks)
     left, pair_of = np.unique(pair_of, return_inverse=True)
@@ -112,14 +112,14 @@ def filter_grasps(
 
     free, certain = hand_freedom(gpdf, candidates, told[candidates.id, 1], gripper, margin, enough)
     certain = certain[free]
-    candidates, pair_of = _apply(candidates, pair_of, {"gripper collides": free})
+    candidates, pair_of = _apply(candidates, pair_of, {Rejection.COLLIDES: free})
 
     for limit in sorted(cosine_steps):
         if np.count_nonzero(cosine[pair_of] <= limit) >= enough:
             break
     opposed = cosine[pair_of] <= limit
     certain = certain[opposed]
-    candidates, pair_of = _apply(candidates, pair_of, {"not antipodal": opposed})
+    candidates, pair_of = _apply(candidates, pair_of, {Rejection.NOT_ANTIPODAL: opposed})
     left, pair_of = np.unique(pair_of, return_inverse=True)
     pairs, pair_of = pairs.select(left), pair_of.reshape(-1)
     angles, deviations = (part[pair_of] for part in contact_evidence(gpdf, pairs))
@@ -186,7 +186,7 @@ def _above_table(
     as_is, flipped = heights[0] >= margin, heights[1] >= margin
     turn = ~as_is & flipped
     poses = np.where(turn[:, None, None], grasps.X_OG @ FLIP, grasps.X_OG)
-    return replace(grasps, X_OG=poses).select(as_is | flipped, "hits the table")
+    return replace(grasps, X_OG=poses).select(as_is | flipped, Rejection.HITS_TABLE)
 
 
 def _checked_prior(prior: ArrayLike, count: int) -> Array:

@@ -5,18 +5,17 @@ grasp pose pulled back along its approach direction, by an amount that shrinks w
 angular error: the hand lines up first and slides in once it is lined up.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry.se3_kernels import inverse_kernel, log_kernel
 
 
-@dataclass(frozen=True)
-class Funnel:
+class Funnel(NamedTuple):
     """Shape of the funnel.
 
     Attributes:
@@ -38,20 +37,10 @@ class Funnel:
     angular_tolerance: float = 0.2
     closing_axis_share: float = 1.0
 
-    @cached_property
-    def parameters(self) -> Array:
-        """The attributes in order, for the kernels."""
-        return np.array(
-            [
-                self.max_standoff,
-                self.lateral_gain,
-                self.angular_gain,
-                self.closing_tolerance,
-                self.width_tolerance,
-                self.angular_tolerance,
-                self.closing_axis_share,
-            ]
-        )
+    @property
+    def parameters(self) -> Funnel:
+        """The same in floats: with integers among them the kernels would be compiled anew."""
+        return Funnel(*map(float, self))
 
 
 @njit(cache=True)
@@ -85,22 +74,14 @@ def standoff_kernel(X_OG, X_OH, funnel):
         d = X_OH[i, 3] - X_OG[i, 3]
         px += X_OG[i, 0] * d
         py += X_OG[i, 1] * d
-    lateral = np.hypot(max(0.0, abs(px) - funnel[3]), max(0.0, abs(py) - funnel[4]))
+    x = max(0.0, abs(px) - funnel.closing_tolerance)
+    y = max(0.0, abs(py) - funnel.width_tolerance)
     angle = _angle_between(X_OG, X_OH)
-    if funnel[6] != 1.0:
-        angle *= _closing_axis_factor(X_OG, X_OH, funnel[6])
-    standoff = funnel[1] * lateral + funnel[2] * max(0.0, angle - funnel[5])
-    return min(funnel[0], standoff)
-
-
-@njit(cache=True)
-def funnel_targets_kernel(X_OG, X_OH, funnel, targets):
-    """Writes the poses (n, 4, 4) that a hand at ``X_OH`` should steer to on its way into grasps."""
-    for k in range(len(X_OG)):
-        standoff = standoff_kernel(X_OG[k], X_OH, funnel)
-        targets[k] = X_OG[k]
-        for i in range(3):
-            targets[k, i, 3] -= standoff * X_OG[k, i, 2]
+    if funnel.closing_axis_share != 1.0:
+        angle *= _closing_axis_factor(X_OG, X_OH, funnel.closing_axis_share)
+    angle = max(0.0, angle - funnel.angular_tolerance)
+    standoff = funnel.lateral_gain * np.hypot(x, y) + funnel.angular_gain * angle
+    return min(funnel.max_standoff, standoff)
 
 
 @njit(cache=True)
@@ -119,25 +100,3 @@ def grasp_errors(X_OG: Array, X_OH: Array) -> Array:
     errors = np.empty((len(X_OG), 2))
     grasp_errors_kernel(np.ascontiguousarray(X_OG), np.ascontiguousarray(X_OH), errors)
     return errors
-
-
-@njit(cache=True)
-def steering_kernel(X_OG, X_OH, funnel, weight, u):
-    """Writes the body twist (6,) that leads the hand along the geodesics into weighted grasps.
-
-    ``u = -sum_i w_i log(target_i^-1 X_OH)`` with the funnel target of every grasp.
-    """
-    targets = np.empty((len(X_OG), 4, 4))
-    funnel_targets_kernel(X_OG, X_OH, funnel, targets)
-    u[:] = 0.0
-    for k in range(len(X_OG)):
-        u -= weight[k] * log_kernel(inverse_kernel(targets[k]) @ X_OH)
-
-
-def funnel_targets(X_OG: Array, X_OH: Array, funnel: Funnel) -> Array:
-    """Poses (n, 4, 4) that the hand H should steer to on its way into the grasps (n, 4, 4)."""
-    targets = np.empty((len(X_OG), 4, 4))
-    funnel_targets_kernel(
-        np.ascontiguousarray(X_OG), np.ascontiguousarray(X_OH), funnel.parameters, targets
-    )
-    return targets

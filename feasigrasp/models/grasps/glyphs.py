@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.se3 import make_pose, perpendiculars
 from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.grasp_set import FLIP
 from feasigrasp.models.robot.gripper import ParallelGripper
 
 #: Corners of a box of edge length 2, and its 12 outward-facing triangles.
@@ -94,13 +95,12 @@ def spread_order(X_OG: ArrayLike, score: ArrayLike) -> Indices:
     X_OG = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
     if len(X_OG) == 0:
         return np.zeros(0, dtype=np.int64)
-    flip = np.diag([-1.0, -1.0, 1.0, 1.0])
     weights = np.array([1.0, _METRES_PER_RADIAN])
     order = [int(np.argmax(score))]
     distance = np.full(len(X_OG), np.inf)
     for _ in range(len(X_OG) - 1):
         chosen = X_OG[order[-1]]
-        twins = [grasp_errors(X_OG, X) @ weights for X in (chosen, chosen @ flip)]
+        twins = [grasp_errors(X_OG, X) @ weights for X in (chosen, chosen @ FLIP)]
         distance = np.minimum(distance, np.minimum(*twins))
         distance[order] = -1.0
         order.append(int(np.argmax(distance)))

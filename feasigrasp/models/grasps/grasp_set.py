@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,22 @@ if TYPE_CHECKING:
 GraspSamplerFn = Callable[["Gpdf"], "GraspSet"]
 #: The ``id`` of a grasp that has not been compared with an earlier set.
 UNKNOWN = -1
+#: Half a turn about the approach direction: the same grasp, another pose of the hand.
+FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+class Rejection(StrEnum):
+    """Why a candidate is no grasp of an object; the words in `GraspSet.rejected`."""
+
+    TOO_WIDE = "too wide"
+    HITS_TABLE = "hits the table"
+    OFF_SURFACE = "off the surface"
+    NOTHING_BETWEEN = "nothing between the pads"
+    NOT_ANTIPODAL = "not antipodal"
+    COLLIDES = "gripper collides"
+    HITS_SCENE = "hits the scene"
+    NEAR_COPY = "near copy"
+    UNCERTAIN = "uncertain"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +51,8 @@ class GraspSet(Frozen):
         X_OG: Grasp poses in the object frame, shape (n, 4, 4) [m].
         width: Distance between the two contact points, shape (n,) [m].
         score: Higher is better, in [0, 1], shape (n,).
-        rejected: How many candidates each filter removed, by reason.
+        rejected: How many candidates each filter removed, by reason (`Rejection`, or a word of
+            your own).
         id: Who is who in successive sets of one object, shape (n,): a grasp keeps its number as
             long as it is found again (see ``grasp_matching``). `UNKNOWN` for grasps that no earlier
             set was compared with; a grasp and its flip have the same number.
@@ -68,7 +86,8 @@ class GraspSet(Frozen):
                 f"GraspSet: {len(width)} grasps and {len(id_)} ids; give one per grasp."
             )
         self._freeze(X_OG=X_OG, width=width, score=score, id=id_)
-        object.__setattr__(self, "rejected", MappingProxyType(dict(self.rejected)))
+        words = {str(reason): count for reason, count in self.rejected.items()}
+        object.__setattr__(self, "rejected", MappingProxyType(words))
 
     @classmethod
     def empty(cls, rejected: Mapping[str, int] | None = None) -> GraspSet:
@@ -97,11 +116,28 @@ class GraspSet(Frozen):
 
     def with_twins(self) -> GraspSet:
         """Adds the 180-degree flip about z of every grasp: the same grasp, another hand pose."""
-        flip = np.diag([-1.0, -1.0, 1.0, 1.0])
-        return GraspSet(
-            np.concatenate([self.X_OG, self.X_OG @ flip]),
-            np.tile(self.width, 2),
-            np.tile(self.score, 2),
-            self.rejected,
-            np.tile(self.id, 2),
-        )
+        return self.joined(replace(self, X_OG=self.X_OG @ FLIP))
+
+    def joined(self, other: GraspSet) -> GraspSet:
+        """This set and another one behind it; what was rejected is that of this one."""
+        pairs = ((getattr(self, n), getattr(other, n)) for n in ("X_OG", "width", "score", "id"))
+        X_OG, width, score, id_ = (np.concatenate(pair) for pair in pairs)
+        return GraspSet(X_OG, width, score, self.rejected, id_)
+
+
+def grasp_frames(middle: Array, b: Array, z: Array) -> Array:
+    """Grasp frames [b, z x b, z] in the middles (n, 3) of closing lines along unit b (n, 3).
+
+    Args:
+        middle: Shape (n, 3) [m].
+        b: Shape (n, 3).
+        z: Approach directions, unit and perpendicular to b, shape (n, m, 3).
+
+    Returns:
+        Shape (n, m, 4, 4).
+    """
+    X_OG = np.tile(np.eye(4), (*z.shape[:2], 1, 1))
+    x = np.broadcast_to(b[:, None], z.shape)
+    X_OG[..., :3, :3] = np.stack([x, np.cross(z, x), z], axis=-1)
+    X_OG[..., :3, 3] = middle[:, None]
+    return X_OG

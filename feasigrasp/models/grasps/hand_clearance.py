@@ -15,7 +15,7 @@ from feasigrasp.models.grasps.certainty import (
     joint_clearance_certainty,
     unseen_clearance_certainty,
 )
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_error import surface_deviation
@@ -29,8 +29,6 @@ THIN_WALL = 0.010
 #: Surface this far from all that was seen may not be there at all [m]: a hand that collides with
 #: nothing else stays, if a network finds it as likely as this that the grasp is good.
 INVENTED, HOPEFUL = 0.010, 0.5
-#: A grasp and its flip by half a turn about the approach are the same grasp.
-FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def hand_freedom(

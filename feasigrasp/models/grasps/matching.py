@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.filter import filter_grasps
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.thinning import SAME_ANGLE, SAME_POSITION, distinct
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -126,14 +126,8 @@ def recheck_grasps(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Gr
 
 def _merged(kept: GraspSet, new: GraspSet, count: int) -> GraspSet:
     """Both sets as one, best first; beside each other an old grasp wins over a new one."""
-    both = GraspSet(
-        np.concatenate([kept.X_OG, new.X_OG]),
-        np.concatenate([kept.width, new.width]),
-        np.concatenate([kept.score, new.score]),
-        new.rejected,
-        np.concatenate([kept.id, new.id]),
-    )
+    both = replace(kept, rejected=new.rejected).joined(new)
     preference = both.score * np.repeat([HYSTERESIS, 1.0], [len(kept), len(new)])
     both = both.select(np.argsort(-preference, kind="stable"))
-    thinned = both.select(distinct(both, count), "near copy")
+    thinned = both.select(distinct(both, count), Rejection.NEAR_COPY)
     return thinned.select(np.argsort(-thinned.score, kind="stable"))

@@ -15,7 +15,7 @@ from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.certainty import mean_certainty
 from feasigrasp.models.grasps.filter import filter_grasps
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import THIN_WALL
 from feasigrasp.models.grasps.network.network import (
     GraspNetwork,
@@ -117,7 +117,9 @@ class NetworkSampler:
         width = _settled_width(gpdf, first, proposals, chosen, self.gripper.max_opening)
         z = proposals.approach[chosen, : self.n_approaches]
         middle, b, width = _straightened(gpdf, first + 0.5 * width[:, None] * b, b, width)
-        X_OG = _frames(middle, b, z)
+        z = z - np.einsum("nmi,ni->nm", z, b)[..., None] * b[:, None]
+        z = z / np.linalg.norm(z, axis=2, keepdims=True)
+        X_OG = grasp_frames(middle, b, z)
         free = proposals.approach_score[chosen, : self.n_approaches].reshape(-1)
         width, contact = (
             np.repeat(each, z.shape[1]) for each in (width, proposals.contact[chosen])
@@ -212,17 +214,3 @@ def _end_normals(gpdf: Gpdf, middle: Array, b: Array, width: Array) -> tuple[Arr
 def _opposition(n1: Array, n2: Array, b: Array) -> Array:
     """As `contact_cosine`, of the normals at both ends: -1 if these are perfectly opposed, (n,)."""
     return np.maximum(np.einsum("ni,ni->n", n1, b), -np.einsum("ni,ni->n", n2, b))
-
-
-def _frames(center: Array, b: Array, approach: Array) -> Array:
-    """Grasp frames [b, a x b, a] with origins (n, 3), for approaches (n, m, 3): (n, m, 4, 4).
-
-    Approaches are made perpendicular to b.
-    """
-    approach = approach - np.einsum("nmi,ni->nm", approach, b)[..., None] * b[:, None]
-    approach = approach / np.linalg.norm(approach, axis=2, keepdims=True)
-    X_OG = np.tile(np.eye(4), (*approach.shape[:2], 1, 1))
-    x = np.broadcast_to(b[:, None], approach.shape)
-    X_OG[..., :3, :3] = np.stack([x, np.cross(approach, x), approach], axis=-1)
-    X_OG[..., :3, 3] = center[:, None]
-    return X_OG

@@ -2,55 +2,75 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 from feasigrasp.errors import GraspError
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.thinning import LEAST_SCORE
 from feasigrasp.models.robot.gripper import ParallelGripper
 
-#: ``network`` (learned, see `NetworkSampler`) or ``antipodal`` (model-free, `AntipodalSampler`).
-METHODS = ("network", "antipodal")
+
+class SamplerName(StrEnum):
+    """Where grasps come from.
+
+    ``network`` is the learned `NetworkSampler`, ``paper`` the same with the paper's architecture
+    and nothing else to fall back on, ``antipodal`` the model-free `AntipodalSampler`.
+    """
+
+    NETWORK = "network"
+    PAPER = "paper"
+    ANTIPODAL = "antipodal"
 
 
 def make_sampler(
-    method: str,
+    name: str = SamplerName.NETWORK,
     gripper: ParallelGripper | None = None,
     *,
     n_candidates: int = 800,
     n_grasps: int = 64,
     least_score: float = LEAST_SCORE,
+    seed: int = 0,
 ) -> GraspSamplerFn:
     """A grasp sampler: from a distance field to filtered grasps, best first.
 
+    Whatever is called like that, ``sampler(gpdf) -> GraspSet``, can take its place.
+
     Args:
-        method: One of `METHODS`.
+        name: One of `SamplerName`.
         gripper: The hand; the default one unless given.
         n_candidates: Grasps that are filtered, at most.
         n_grasps: Grasps that are returned, at most.
         least_score: Grasps that score less are left out, while there are enough. Who judges grasps
             further, by reach above all, gives 0 and has the choice.
+        seed: Of the approach directions of ``antipodal``; a network draws nothing.
 
     Raises:
-        GraspError: There is no such method.
-        GraspWeightsError: The network's weights are missing or broken.
+        GraspError: There is no such sampler.
+        WeightsError: The network's weights are missing or broken.
     """
+    chosen = parse_choice(SamplerName, name, "sampler", GraspError)
     gripper = gripper or ParallelGripper()
-    if method == "antipodal":
+    if chosen == SamplerName.ANTIPODAL:
         return AntipodalSampler(
-            gripper, n_candidates=n_candidates, n_grasps=n_grasps, least_score=least_score
+            gripper,
+            n_candidates=n_candidates,
+            n_grasps=n_grasps,
+            least_score=least_score,
+            seed=seed,
         )
-    if method != "network":
-        raise GraspError(f"sampler {method!r} is unknown; choose one of {', '.join(METHODS)}")
-    from feasigrasp.models.grasps.network_sampler import (
-        NetworkSampler,  # torch takes a second to import
-    )
+    # torch takes a second to import
+    from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
+    from feasigrasp.models.grasps.network_sampler import NetworkSampler
 
-    default = NetworkSampler(gripper)
-    contacts = max(1, n_candidates // default.n_approaches)
+    paper = chosen == SamplerName.PAPER
+    n_approaches = NetworkSampler.n_approaches
     return NetworkSampler(
         gripper,
-        default.network,
-        n_contacts=contacts,
+        load_grasp_network(Preset.PAPER if paper else Preset.DEFAULT),
+        n_contacts=max(1, n_candidates // n_approaches),
         n_grasps=n_grasps,
         least_score=least_score,
+        top_up=not paper,
     )

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Indices
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 
 #: Grasps closer than this to a better one are copies of it.
 SAME_POSITION, SAME_ANGLE = 0.010, np.deg2rad(20.0)
@@ -28,10 +28,10 @@ def thin_grasps(
     Returns:
         Best first; what is dropped counts as "near copy" or "uncertain".
     """
-    kept = grasps.select(distinct(grasps, count), "near copy")
+    kept = grasps.select(distinct(grasps, count), Rejection.NEAR_COPY)
     certain = kept.score >= least_score
     certain[:enough] = True
-    return kept.select(certain, "uncertain")
+    return kept.select(certain, Rejection.UNCERTAIN)
 
 
 def distinct(grasps: GraspSet, count: int) -> Indices:

@@ -18,8 +18,6 @@ Inference needs NumPy and numba only. Everything that comes out lies inside the 
 
 from __future__ import annotations
 
-import json
-import zipfile
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -29,7 +27,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import ThreadpoolController
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.ik.flow_layers import (
     FEATURES,
@@ -41,21 +38,17 @@ from feasigrasp.models.ik.flow_layers import (
 )
 from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.robot.iiwa import NUM_JOINTS, POSITION_LIMITS
+from feasigrasp.models.weights_file import WEIGHTS, WeightArrays, WeightsFormat, check_arrays
 
 WeightArray = NDArray[np.float32]
 
 #: Where the trained weights are.
-DEFAULT_WEIGHTS = Path(__file__).resolve().parents[1] / "weights" / "ik_flow.npz"
-#: Of the weights file; another layout gets another number.
-FORMAT = "feasigrasp ik_flow 1"
+DEFAULT_WEIGHTS = WEIGHTS / "ik_flow.npz"
+_FILE = WeightsFormat("IK flow", "feasigrasp ik_flow 1", "feasigrasp train ik-flow")
 #: Damping of the refinement steps.
 DAMPING = 0.01
 # Rows that go through the networks together: bounds the memory.
 _CHUNK = 4096
-
-
-class WeightsError(FeasigraspError, ValueError):
-    """A file of weights that is missing, broken, or of another network."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,35 +79,19 @@ class IkFlow(Frozen):
         Raises:
             WeightsError: The file is missing, broken, or does not match the sizes it names.
         """
-        path = Path(path)
-        mend = "train it with `feasigrasp train ik-flow`, or reinstall feasigrasp"
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                content = {name: file[name] for name in file.files}
-        except FileNotFoundError:
-            raise WeightsError(f"there are no IK flow weights at {path}; {mend}") from None
-        except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-            raise WeightsError(f"{path} is not a readable weights file ({error}); {mend}") from None
-        try:
-            header = json.loads(str(content.pop("header")))
-            if header["format"] != FORMAT:
-                raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
-            shape = FlowShape.from_dict(header["shape"])
-            _check_arrays(content, shape)
-        except (KeyError, TypeError, ValueError) as error:
-            raise WeightsError(f"{path} does not hold an IK flow: {error}; {mend}") from None
-        for array in content.values():
+        return _FILE.load(path, cls._of)
+
+    @classmethod
+    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> IkFlow:
+        shape = FlowShape.from_dict(header["shape"])
+        check_arrays(arrays, shape.array_shapes())
+        for array in arrays.values():
             array.flags.writeable = False
-        return cls(shape, content)
+        return cls(shape, arrays)
 
     def save(self, path: str | Path) -> None:
         """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        header = json.dumps({"format": FORMAT, "shape": self.shape.as_dict()})
-        partial = path.with_name(f"{path.name}.part.npz")
-        np.savez_compressed(partial, header=np.array(header), **self.arrays)  # type: ignore[arg-type]
-        partial.replace(path)
+        _FILE.save(path, {"shape": self.shape.as_dict()}, self.arrays)
 
     def sample(self, X_WF: ArrayLike, seed: int = 0, per_pose: int = 1) -> Array:
         """Draws configurations, not refined yet.
@@ -258,18 +235,3 @@ def _poses(X_WF: ArrayLike) -> Array:
     if not np.isfinite(X_WF).all():
         raise ValueError("a pose is not finite")
     return X_WF
-
-
-def _check_arrays(arrays: dict[str, NDArray[np.generic]], shape: FlowShape) -> None:
-    """Raises ValueError where arrays are not those of a network of these sizes."""
-    expected = shape.array_shapes()
-    if set(arrays) != set(expected):
-        missing, surplus = sorted(set(expected) - set(arrays)), sorted(set(arrays) - set(expected))
-        raise ValueError(f"arrays missing: {missing or 'none'}, unknown: {surplus or 'none'}")
-    for name, array in arrays.items():
-        if array.shape != expected[name] or array.dtype != np.float32:
-            raise ValueError(
-                f"{name} is {array.dtype} {array.shape}, its sizes need float32 {expected[name]}"
-            )
-        if not np.isfinite(array).all():
-            raise ValueError(f"{name} is not finite")

@@ -8,21 +8,27 @@ from __future__ import annotations
 import itertools
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.clouds.view_image import ViewImage
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.hidden_side import BackSurface, features, picture_scale
+from feasigrasp.models.weights_file import (
+    WEIGHTS,
+    WeightArrays,
+    WeightsFormat,
+    fill_network,
+    network_arrays,
+)
 
 #: Where the trained weights are.
-DEFAULT_WEIGHTS = Path(__file__).resolve().parents[1] / "weights" / "hidden_side.npz"
-#: Of the weights file; another layout gets another number.
-FORMAT = "feasigrasp hidden_side 1"
+DEFAULT_WEIGHTS = WEIGHTS / "hidden_side.npz"
+_FILE = WeightsFormat("hidden side", "feasigrasp hidden_side 2", "feasigrasp train hidden-side")
 #: Channels of a picture, see `hidden_side.features`.
 FEATURES = 7
 #: The channel with the thickness that is believed without the network.
@@ -31,10 +37,6 @@ BELIEVED = 4
 CHANNELS = (32, 64, 96)
 #: Least spread of the thickness, in units of the picture's scale.
 LEAST_SPREAD = 5e-3
-
-
-class HiddenSideError(FeasigraspError, ValueError):
-    """A file of weights that is missing or not one of this network."""
 
 
 class _Block(nn.Sequential):
@@ -60,6 +62,7 @@ class HiddenSideNetwork(nn.Module):
 
     def __init__(self, channels: tuple[int, ...] = CHANNELS) -> None:
         super().__init__()
+        self.channels = channels
         inputs = (4 * FEATURES, *channels[:-1])
         self.down = nn.ModuleList(_Block(a, b) for a, b in zip(inputs, channels, strict=True))
         self.up = nn.ModuleList(_Block(a + b, a) for a, b in itertools.pairwise(channels))
@@ -106,32 +109,21 @@ class HiddenSide:
 
     def save(self, filename: Path) -> None:
         """Writes the weights."""
-        arrays = {name: value.numpy() for name, value in self.network.state_dict().items()}
-        np.savez_compressed(filename, format=FORMAT, channels=CHANNELS, **arrays)
+        _FILE.save(filename, {"channels": self.network.channels}, network_arrays(self.network))
 
     @classmethod
     def load(cls, filename: Path = DEFAULT_WEIGHTS) -> HiddenSide:
         """Reads weights that `save` wrote.
 
         Raises:
-            HiddenSideError: There is no such file, or it is of something else.
+            WeightsError: There is no such file, or it is of something else.
         """
-        try:
-            with np.load(filename) as file:
-                arrays = dict(file)
-        except (OSError, ValueError) as error:
-            raise HiddenSideError(
-                f"cannot read weights of the hidden side from {filename}: {error}; "
-                "train them with 'feasigrasp train hidden-side'"
-            ) from None
-        written = str(arrays.pop("format", "nothing known"))
-        if written != FORMAT:
-            raise HiddenSideError(f"{filename} holds '{written}', not '{FORMAT}'")
-        network = HiddenSideNetwork(tuple(int(c) for c in arrays.pop("channels")))
-        try:
-            network.load_state_dict({name: torch.from_numpy(a) for name, a in arrays.items()})
-        except RuntimeError as error:
-            raise HiddenSideError(f"{filename} holds another network: {error}") from None
+        return _FILE.load(filename, cls._of)
+
+    @classmethod
+    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> HiddenSide:
+        network = HiddenSideNetwork(tuple(header["channels"]))
+        fill_network(network, arrays)
         return cls(network)
 
 

@@ -11,7 +11,7 @@ import torch
 from scipy.stats import kstest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.flow import DEFAULT_WEIGHTS, IkFlow, WeightsError
+from feasigrasp.models.ik.flow import DEFAULT_WEIGHTS, IkFlow
 from feasigrasp.models.ik.flow_layers import (
     FEATURES,
     FlowShape,
@@ -21,6 +21,7 @@ from feasigrasp.models.ik.flow_layers import (
 from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS, POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.models.weights_file import WeightsError
 from feasigrasp.training.ik_flow_network import IkFlowNetwork
 
 SMALL = FlowShape(components=(6, 3, 2, 1, 2, 3, 2), hidden=((16, 16),) * 7, narrowest=0.01)
@@ -232,10 +233,10 @@ def broken_files():
         ("other sizes", {"header": header(shape=FlowShape().as_dict())}, "factors.0"),
         ("six joints", {"header": header(shape={**shape, "components": [1] * 6})}, "7 joints"),
         ("no scale", {"header": header(shape={**shape, "narrowest": 0.0})}, "least scale"),
-        ("no text", {"header": np.array("{")}, "not hold an IK flow"),
+        ("no text", {"header": np.array("{")}, "not hold IK flow weights"),
         ("array missing", lambda arrays: arrays.pop(name), "missing: .*factors.2"),
         ("array too many", {"extra": np.zeros(3)}, "unknown: .*extra"),
-        ("array too small", {name: np.zeros((2, 2), dtype=np.float32)}, "sizes need float32"),
+        ("array too small", {name: np.zeros((2, 2), dtype=np.float32)}, "not float32"),
         ("not finite", {name: np.full((8, 16), np.nan, dtype=np.float32)}, "not finite"),
         ("a pickle", {name: np.array([{}], dtype=object)}, "not a readable weights file"),
     ]

@@ -62,7 +62,7 @@ class JointControlOptions:
             self,
             solutions=replace(self.solutions, glide=0.0),
             outlook=Outlook.free(),
-            funnel=replace(self.funnel, max_standoff=0.0),
+            funnel=self.funnel._replace(max_standoff=0.0),
         )
 
 

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arrays import Floats
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.surroundings import hand_room, neighbourhoods
 from feasigrasp.models.robot.gripper import ParallelGripper
-
-Array = NDArray[np.floating]
 
 #: Lengths enter the network in this unit [m].
 LENGTH_SCALE = 0.05
@@ -55,12 +54,12 @@ class ContactFeatures:
         room: Room for the hand, shape (ROOM, `DIRECTIONS`, n), in units of `ROOM_SCALE`.
     """
 
-    axes: Array
-    across: Array
-    chords: Array
-    vectors: Array
-    numbers: Array
-    room: Array
+    axes: Floats
+    across: Floats
+    chords: Floats
+    vectors: Floats
+    numbers: Floats
+    room: Floats
 
 
 def contact_features(

@@ -13,19 +13,17 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from feasigrasp.models.arrays import Array, Floats
 from feasigrasp.models.grasps.network.architectures import LEAST_SPREAD, SPREAD, WIDTHS
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures
 from feasigrasp.models.grasps.network.inference_kernels import (
+    FusedWeights,
     cloud_kernel,
     contacts_kernel,
     grasps_kernel,
 )
-
-Array = NDArray[np.floating]
-Float64 = NDArray[np.float64]
 
 
 class FusedContactNetwork:
@@ -35,36 +33,25 @@ class FusedContactNetwork:
         weights: Its parameters by the names that torch gives them, all float32 or all float64.
     """
 
-    def __init__(self, weights: Mapping[str, Array]) -> None:
+    def __init__(self, weights: Mapping[str, Floats]) -> None:
         w = {name: np.ascontiguousarray(array) for name, array in weights.items()}
-        self.kind = w["encode.mix.weight"].dtype
-        vectors = w["encode.mix.weight"].shape[0] - 1
-        refine = w["refine.mix.weight"]
-        self.cloud = (w["encode.mix.weight"], w["survey.weight"], w["survey.bias"])
-        self.context = (w["context.weight"], w["context.bias"])
+        refine, vectors = w["refine.mix.weight"], len(w["encode.mix.weight"]) - 1
+        made = {
+            "encode": w["encode.mix.weight"],
+            "refine": np.ascontiguousarray(refine[:, :vectors]),
+            "tilt_beside": np.concatenate([w["tilt.weight"], w["beside.weight"]]),
+            "ring_gates": np.concatenate([w["to_ring.weight"], w["gates.weight"]]),
+            "ring_gates_bias": np.concatenate([w["to_ring.bias"], w["gates.bias"]]),
+        }
+        for name in FusedWeights._fields:
+            if name not in made:
+                layer = name.removesuffix("_bias")
+                made[name] = w[f"{layer}.{'weight' if layer == name else 'bias'}"]
+        self.weights = FusedWeights(**made)
         self.of_mean = np.ascontiguousarray(refine[:, vectors:])
-        self.contact = (
-            np.ascontiguousarray(refine[:, :vectors]),
-            np.concatenate([w["tilt.weight"], w["beside.weight"]]),
-            w["first.weight"],
-            w["first.bias"],
-            w["second.weight"],
-            np.concatenate([w["to_ring.weight"], w["gates.weight"]]),
-            np.concatenate([w["to_ring.bias"], w["gates.bias"]]),
-            w["ring_room.weight"],
-            w["ring_hidden.weight"],
-            w["ring_hidden.bias"],
-            w["ring_free.weight"],
-            w["ring_free.bias"],
-            w["judge.weight"],
-            w["judge.bias"],
-            w["last.weight"],
-            w["last.bias"],
-        )
         self.tilts = len(w["tilt.weight"])
-        self.second_bias = w["second.bias"]
 
-    def __call__(self, x: ContactFeatures, modes: int) -> tuple[Float64, ...]:
+    def __call__(self, x: ContactFeatures, modes: int) -> tuple[Array, ...]:
         """What the network says of n contacts.
 
         Args:
@@ -77,7 +64,8 @@ class FusedContactNetwork:
             best first, none beside a better one on the ring, and the probabilities that they are
             free (n, M).
         """
-        n, kind = len(x.chords), self.kind
+        n, w = len(x.chords), self.weights
+        kind = w.encode.dtype
         frames = np.empty((3, 3, n), dtype=kind)
         frames[0], frames[1] = x.axes.T, x.across.T
         frames[2] = np.cross(x.axes, x.across).T
@@ -88,9 +76,8 @@ class FusedContactNetwork:
         tilt = np.empty((3, n), dtype=kind)
         free = np.empty((directions, n), dtype=kind)
         with _threads().limit(limits=1, user_api="blas"):
-            encoded, mean, pooled = cloud_kernel(x.vectors, x.numbers, *self.cloud, kind.type(0.0))
-            weight, bias = self.context
-            context = weight @ pooled + bias + self.second_bias
+            encoded, mean, pooled = cloud_kernel(x.vectors, x.numbers, w)
+            context = w.context @ pooled + w.context_bias + w.second_bias
             contacts_kernel(
                 encoded,
                 mean @ self.of_mean.T,
@@ -99,9 +86,8 @@ class FusedContactNetwork:
                 frames,
                 turns,
                 context,
-                self.contact,
+                w,
                 self.tilts,
-                kind.type(0.0),
                 said,
                 tilt,
                 free,

@@ -3,9 +3,12 @@
 Matrix products go to BLAS, on tiles of contacts; everything between them is fused here.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from feasigrasp.models.arrays import Floats
 from feasigrasp.models.grasps.network.architectures import NARROWEST, WIDTHS
 from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE
 from feasigrasp.models.grasps.network.surroundings import ROOM
@@ -16,6 +19,33 @@ from feasigrasp.models.numerics.simd import wide_vectors
 _TILE = 52
 #: Squared lengths up to this are zero, as in `feasigrasp.models.grasps.network.vector_neurons`.
 _NOTHING = 1.2e-38
+
+
+class FusedWeights(NamedTuple):
+    """Weights of the layers in the order of their use; some that see the same input are stacked."""
+
+    encode: Floats
+    survey: Floats
+    survey_bias: Floats
+    context: Floats
+    context_bias: Floats
+    refine: Floats
+    tilt_beside: Floats
+    first: Floats
+    first_bias: Floats
+    second: Floats
+    second_bias: Floats
+    ring_gates: Floats
+    ring_gates_bias: Floats
+    ring_room: Floats
+    ring_hidden: Floats
+    ring_hidden_bias: Floats
+    ring_free: Floats
+    ring_free_bias: Floats
+    judge: Floats
+    judge_bias: Floats
+    last: Floats
+    last_bias: Floats
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -57,13 +87,13 @@ def _length_rows(x0, x1, x2, nothing, out):
 
 
 @njit(cache=True, error_model="numpy")
-def cloud_kernel(vectors, numbers, encode, survey, survey_bias, zero):
+def cloud_kernel(vectors, numbers, w):
     """Encoded vectors (3, C, n), their means (3, C), and the pooled survey of the cloud."""
-    channels, n = len(encode) - 1, numbers.shape[1]
+    channels, n, zero = len(w.encode) - 1, numbers.shape[1], numbers.dtype.type(0.0)
     nothing, share = numbers.dtype.type(_NOTHING), numbers.dtype.type(1.0 / n)
     encoded = np.empty((3, channels + 1, n), dtype=vectors.dtype)
     for axis in range(3):
-        np.dot(encode, vectors[axis], encoded[axis])
+        np.dot(w.encode, vectors[axis], encoded[axis])
     seen = np.empty((len(numbers) + channels, n), dtype=vectors.dtype)
     seen[: len(numbers)] = numbers
     mean = np.empty((3, channels), dtype=vectors.dtype)
@@ -74,12 +104,12 @@ def cloud_kernel(vectors, numbers, encode, survey, survey_bias, zero):
         _length_rows(x, y, z, nothing, seen[len(numbers) + c])
         for axis in range(3):
             mean[axis, c] = _mean(encoded[axis, c], share)
-    surveyed = np.dot(survey, seen)
-    _relu(surveyed, survey_bias, zero)
+    surveyed = np.dot(w.survey, seen)
+    _relu(surveyed, w.survey_bias, zero)
     outputs = len(surveyed)
     pooled = np.empty(2 * outputs, dtype=vectors.dtype)
     for c in range(outputs):
-        pooled[c], pooled[outputs + c] = _mean_and_greatest(surveyed[c], share)
+        pooled[c], pooled[outputs + c] = _mean(surveyed[c], share), surveyed[c].max()
     return encoded[:, :channels], mean, pooled
 
 
@@ -143,22 +173,6 @@ def _greatest(x, bias, zero, out):
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _mean_and_greatest(row, share):
-    """The mean of a row, and its greatest entry by folding, which overwrites it."""
-    wide_vectors()
-    total = share - share
-    for i in range(len(row)):
-        total += row[i]
-    size = len(row)
-    while size > 1:
-        half = (size + 1) // 2
-        for i in range(size - half):
-            row[i] = max(row[i], row[half + i])
-        size = half
-    return total * share, row[0]
-
-
-@njit(cache=True, fastmath=True, error_model="numpy")
 def _mean(row, share):
     wide_vectors()
     total = share - share
@@ -176,7 +190,7 @@ def _add_product(x, y, out):
 
 @njit(cache=True, error_model="numpy")
 def contacts_kernel(
-    encoded, shift, numbers, room, frames, turns, context, weights, tilts, zero, said, tilt, free
+    encoded, shift, numbers, room, frames, turns, context, w, tilts, said, tilt, free
 ):
     """Writes what is said of contacts, their tilts (3, n), and how free approaches are.
 
@@ -188,22 +202,18 @@ def contacts_kernel(
         frames: Axis, reference direction and their cross product (3, 3, n).
         turns: Cosines and sines of the ring (2, K).
         context: What the pooled survey adds to the second layer.
-        weights: Of the layers, in the order of their use.
+        w: The weights.
         tilts: Number of vectors that may tilt the closing direction.
-        zero: In the precision of all of this.
         said: Written: logit, then `WIDTHS` corrections of the width, spreads and weights.
         tilt: Written.
         free: Written.
     """
-    (
-        refine, linear, first, first_bias, second, gate, gate_bias, ring_room, ring_hidden,
-        ring_hidden_bias, ring_free, ring_free_bias, judge, judge_bias, last, last_bias,
-    ) = weights  # fmt: skip
     kind = encoded.dtype
     n, channels, K = numbers.shape[1], encoded.shape[1], len(free)
-    nothing, lowest = numbers.dtype.type(_NOTHING), numbers.dtype.type(-3e38)
+    nothing, zero = numbers.dtype.type(_NOTHING), numbers.dtype.type(0.0)
+    lowest = numbers.dtype.type(-3e38)
     uv = np.empty((2, _TILE), dtype=kind)
-    ring, hidden = len(ring_hidden), len(second)
+    ring, hidden = len(w.ring_hidden), len(w.second)
     for start in range(0, n, _TILE):
         t = min(_TILE, n - start)
         tile = slice(start, start + t)
@@ -211,14 +221,14 @@ def contacts_kernel(
         part = np.empty((channels, t), dtype=kind)
         for axis in range(3):
             part[:] = encoded[axis, :, tile]
-            np.dot(refine, part, vectors[axis])
+            np.dot(w.refine, part, vectors[axis])
             for c in range(channels + 1):
                 vectors[axis, c] += shift[axis, c]
         inputs = np.empty((len(numbers) + 2 * channels, t), dtype=kind)
         inputs[: len(numbers)] = numbers[:, tile]
         frame = frames[:, :, tile].copy()
         d = vectors[:, channels]
-        mixed = np.empty((3, len(linear), t), dtype=kind)
+        mixed = np.empty((3, len(w.tilt_beside), t), dtype=kind)
         for c in range(channels):
             x, y, z = vectors[0, c], vectors[1, c], vectors[2, c]
             _half_space(x, y, z, d[0], d[1], d[2], zero, nothing)
@@ -226,34 +236,34 @@ def contacts_kernel(
             _dot_rows(x, y, z, frame[0, 0], frame[0, 1], frame[0, 2], inputs[row])
             _length_rows(x, y, z, nothing, inputs[row + channels])
         for axis in range(3):
-            np.dot(linear, vectors[axis, :channels], mixed[axis])
-        h = np.dot(first, inputs)
-        _relu(h, first_bias, zero)
-        h = np.dot(second, h)
+            np.dot(w.tilt_beside, vectors[axis, :channels], mixed[axis])
+        h = np.dot(w.first, inputs)
+        _relu(h, w.first_bias, zero)
+        h = np.dot(w.second, h)
         _relu(h, context, zero)
-        to_ring = np.dot(gate, h)
-        for c in range(len(gate)):
-            to_ring[c] += gate_bias[c]
+        to_ring = np.dot(w.ring_gates, h)
+        for c in range(len(w.ring_gates)):
+            to_ring[c] += w.ring_gates_bias[c]
 
-        ringed = np.empty((ring_room.shape[1], K, t), dtype=kind)
+        ringed = np.empty((w.ring_room.shape[1], K, t), dtype=kind)
         _room_inputs(room, start, ringed)
         _side_inputs(mixed[:, tilts:], frame, turns, uv, ringed[3 * ROOM :])
-        r = np.dot(ring_room, ringed.reshape(len(ringed), K * t))
+        r = np.dot(w.ring_room, ringed.reshape(len(ringed), K * t))
         _add_relu(r.reshape(ring, K, t), to_ring, zero)
-        r = np.dot(ring_hidden, r)
+        r = np.dot(w.ring_hidden, r)
         judged = np.empty((hidden + ring + 1, t), dtype=kind)
         judged[:hidden] = h
-        _greatest(r.reshape(ring, K, t), ring_hidden_bias, zero, judged[hidden:])
-        _relu(r, ring_hidden_bias, zero)
-        logits = np.dot(ring_free, r).reshape(1, K, t)
-        _greatest(logits, ring_free_bias, lowest, judged[hidden + ring :])
+        _greatest(r.reshape(ring, K, t), w.ring_hidden_bias, zero, judged[hidden:])
+        _relu(r, w.ring_hidden_bias, zero)
+        logits = np.dot(w.ring_free, r).reshape(1, K, t)
+        _greatest(logits, w.ring_free_bias, lowest, judged[hidden + ring :])
         for k in range(K):
-            free[k, tile] = logits[0, k] + ring_free_bias[0]
-        h = np.dot(judge, judged)
-        _relu(h, judge_bias, zero)
-        h = np.dot(last, h)
+            free[k, tile] = logits[0, k] + w.ring_free_bias[0]
+        h = np.dot(w.judge, judged)
+        _relu(h, w.judge_bias, zero)
+        h = np.dot(w.last, h)
         for c in range(len(said)):
-            said[c, tile] = h[c] + last_bias[c]
+            said[c, tile] = h[c] + w.last_bias[c]
         for axis in range(3):
             total = np.zeros(t, dtype=kind)
             for f in range(tilts):

@@ -7,20 +7,19 @@ compute. Both are exactly equivariant: grasps move with the object.
 
 from __future__ import annotations
 
-import json
-import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
-from feasigrasp.errors import FeasigraspError
+from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.grasps.network.architectures import (
     ContactNetwork,
     Contacts,
@@ -31,22 +30,32 @@ from feasigrasp.models.grasps.network.contact_features import ContactFeatures, c
 from feasigrasp.models.grasps.network.inference import FusedContactNetwork
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.weights_file import (
+    WEIGHTS,
+    WeightArrays,
+    WeightsFormat,
+    fill_network,
+    network_arrays,
+)
 
-#: Architectures by preset.
-ARCHITECTURES: dict[str, type[nn.Module]] = {"default": ContactNetwork, "paper": PaperNetwork}
-PRESETS = tuple(ARCHITECTURES)
+
+class Preset(StrEnum):
+    """Which network."""
+
+    DEFAULT = "default"
+    PAPER = "paper"
+
+
+_ARCHITECTURES: dict[Preset, type[nn.Module]] = {
+    Preset.DEFAULT: ContactNetwork,
+    Preset.PAPER: PaperNetwork,
+}
 #: Approach directions that are handed on for each contact.
 MODES = 6
 #: Where the contact opposite may be farther away than it likely is, the hand makes room for so many
 #: standard deviations of that, and for this much more on either side [m].
 ROOM_DEVIATIONS, ROOM_BESIDE = 2.0, 6e-3
-#: Of the weights files; another layout gets another number.
-FORMAT = "feasigrasp grasp_network 1"
-_FOLDER = Path(__file__).resolve().parents[2] / "weights"
-
-
-class GraspWeightsError(FeasigraspError, ValueError):
-    """Weights of a grasp network that are missing, broken, or of another network."""
+_FILE = WeightsFormat("grasp network", "feasigrasp grasp_network 1", "feasigrasp train sampler")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,71 +89,49 @@ class GraspNetwork(Frozen):
     """A grasp network, ready to propose.
 
     Attributes:
-        preset: One of `PRESETS`.
+        preset: Which one.
         network: Its torch module.
         gripper: The hand whose room is measured round each contact.
     """
 
-    preset: str
+    preset: Preset
     network: nn.Module
-    gripper: ParallelGripper
+    gripper: ParallelGripper = field(default_factory=ParallelGripper)
 
     @classmethod
-    def untrained(cls, preset: str = "default", seed: int = 0) -> GraspNetwork:
+    def untrained(cls, preset: str = Preset.DEFAULT, seed: int = 0) -> GraspNetwork:
         """A network with random weights, to train or to test.
 
         Raises:
-            GraspWeightsError: There is no such preset.
+            GraspError: There is no such preset.
         """
         state = torch.random.get_rng_state()
         torch.manual_seed(seed)
-        network = _architecture(preset)()
+        preset = _parse(preset)
+        network = _ARCHITECTURES[preset]()
         torch.random.set_rng_state(state)
-        return cls(preset, network.eval().requires_grad_(False), ParallelGripper())
+        return cls(preset, network.eval().requires_grad_(False))
 
     @classmethod
-    def load(cls, path: str | Path, gripper: ParallelGripper | None = None) -> GraspNetwork:
+    def load(cls, path: str | Path) -> GraspNetwork:
         """Loads a network that `save` wrote.
 
         Raises:
-            GraspWeightsError: The file is missing, broken, or does not match its architecture.
+            WeightsError: The file is missing, broken, or does not match its architecture.
         """
-        path = Path(path)
-        mend = "train it with `feasigrasp train sampler`, or reinstall feasigrasp"
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                content = {name: file[name] for name in file.files}
-        except FileNotFoundError:
-            raise GraspWeightsError(
-                f"there are no grasp network weights at {path}; {mend}"
-            ) from None
-        except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-            raise GraspWeightsError(
-                f"{path} is not a readable weights file ({error}); {mend}"
-            ) from None
-        try:
-            header = json.loads(str(content.pop("header")))
-            if header["format"] != FORMAT:
-                raise ValueError(f"its format is {header['format']!r}, not {FORMAT!r}")
-            network = _architecture(header["preset"])(**header["sizes"])
-            _fill(network, content)
-        except (KeyError, TypeError, ValueError) as error:
-            raise GraspWeightsError(
-                f"{path} does not hold a grasp network of this version: {error}; {mend}"
-            ) from None
-        network.eval().requires_grad_(False)
-        return cls(header["preset"], network, gripper or ParallelGripper())
+        return _FILE.load(path, cls._of)
+
+    @classmethod
+    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> GraspNetwork:
+        preset = _parse(header["preset"])
+        network = _ARCHITECTURES[preset](**header["sizes"])
+        fill_network(network, arrays)
+        return cls(preset, network.eval().requires_grad_(False))
 
     def save(self, path: str | Path) -> None:
         """Writes preset, sizes and weights into one ``.npz`` file, whole or not at all."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        header = {"format": FORMAT, "preset": self.preset, "sizes": self.network.sizes}
-        state = self.network.state_dict()
-        arrays = {name: tensor.float().cpu().numpy() for name, tensor in state.items()}
-        partial = path.with_name(f"{path.name}.part.npz")
-        np.savez_compressed(partial, header=np.array(json.dumps(header)), **arrays)
-        partial.replace(path)
+        header = {"preset": self.preset, "sizes": self.network.sizes}
+        _FILE.save(path, header, network_arrays(self.network))
 
     def with_gripper(self, gripper: ParallelGripper) -> GraspNetwork:
         """The same network for another hand; no training is needed."""
@@ -210,51 +197,26 @@ def with_room(width: Array, deviation: Array, opening: float) -> Array:
     return np.asarray(width + 2.0 * more)
 
 
-def load_grasp_network(preset: str = "default") -> GraspNetwork:
+def load_grasp_network(preset: str = Preset.DEFAULT) -> GraspNetwork:
     """The trained network that comes with the package, loaded once.
 
-    Args:
-        preset: One of `PRESETS`.
-
     Raises:
-        GraspWeightsError: There is no such preset, or see `GraspNetwork.load`.
+        GraspError: There is no such preset.
+        WeightsError: See `GraspNetwork.load`.
     """
-    return _load(preset)
+    return _load(_parse(preset))
 
 
-def weights_file(preset: str) -> Path:
-    """Where the trained weights of a preset are.
-
-    Raises:
-        GraspWeightsError: There is no such preset.
-    """
-    _architecture(preset)
-    return _FOLDER / ("grasp_network.npz" if preset == "default" else f"grasp_network_{preset}.npz")
+def weights_file(preset: Preset) -> Path:
+    """Where the trained weights of a preset are."""
+    name = "grasp_network" if preset == Preset.DEFAULT else f"grasp_network_{preset}"
+    return WEIGHTS / f"{name}.npz"
 
 
-@lru_cache(maxsize=len(PRESETS))
-def _load(preset: str) -> GraspNetwork:
+@lru_cache(maxsize=len(Preset))
+def _load(preset: Preset) -> GraspNetwork:
     return GraspNetwork.load(weights_file(preset))
 
 
-def _architecture(preset: str) -> type[nn.Module]:
-    if preset not in ARCHITECTURES:
-        raise GraspWeightsError(
-            f"there is no grasp network {preset!r}; there are {', '.join(PRESETS)}"
-        )
-    return ARCHITECTURES[preset]
-
-
-def _fill(network: nn.Module, arrays: dict[str, NDArray[Any]]) -> None:
-    """Fills a network; raises ValueError where arrays are not its own."""
-    expected = network.state_dict()
-    if set(arrays) != set(expected):
-        missing, surplus = sorted(set(expected) - set(arrays)), sorted(set(arrays) - set(expected))
-        raise ValueError(f"arrays missing: {missing or 'none'}, unknown: {surplus or 'none'}")
-    for name, array in arrays.items():
-        shape = tuple(expected[name].shape)
-        if array.shape != shape or array.dtype != np.float32:
-            raise ValueError(f"{name} is {array.dtype} {array.shape}, not float32 {shape}")
-        if not np.isfinite(array).all():
-            raise ValueError(f"{name} is not finite")
-    network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
+def _parse(preset: str) -> Preset:
+    return parse_choice(Preset, preset, "the preset of a grasp network", GraspError)

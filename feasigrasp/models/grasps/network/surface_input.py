@@ -11,17 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.arrays import Array, Float32, Frozen, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.chords import chords
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 from feasigrasp.models.shape.surface_error import surface_deviation
-
-Float32 = NDArray[np.float32]
 
 #: Names of the invariant features of a point, in the order of `GraspInput.scalars`.
 SCALARS = ("deviation", "chord", "chord_cosine", "chord_deviation")

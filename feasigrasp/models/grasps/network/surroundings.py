@@ -23,12 +23,14 @@ prove it to rounding.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from feasigrasp.models.grasps.network.surroundings_kernels import neighbourhood_kernel, room_kernel
+from feasigrasp.models.arrays import Floats
+from feasigrasp.models.grasps.network.surroundings_kernels import (
+    HandSizes,
+    neighbourhood_kernel,
+    room_kernel,
+)
 from feasigrasp.models.robot.gripper import ParallelGripper
-
-Array = NDArray[np.floating]
 
 #: Points farther than this from a box of the hand do not count [m].
 REACH = 0.025
@@ -40,13 +42,13 @@ _PAD_CLEARANCE = 0.004
 
 
 def neighbourhoods(
-    centers: Array,
-    facing: Array,
-    points: Array,
-    normals: Array,
-    sure: Array,
+    centers: Floats,
+    facing: Floats,
+    points: Floats,
+    normals: Floats,
+    sure: Floats,
     radii: tuple[float, ...],
-) -> Array:
+) -> Floats:
     """How a surface bends round some places.
 
     Args:
@@ -72,15 +74,15 @@ def neighbourhoods(
 
 
 def hand_room(
-    points: Array,
-    axes: Array,
-    across: Array,
-    widths: Array,
-    cloud: Array,
-    sure: Array,
+    points: Floats,
+    axes: Floats,
+    across: Floats,
+    widths: Floats,
+    cloud: Floats,
+    sure: Floats,
     gripper: ParallelGripper,
     directions: int,
-) -> Array:
+) -> Floats:
     """How far the open hand would be inside the cloud, for directions round each closing axis.
 
     Args:
@@ -104,11 +106,11 @@ def hand_room(
         points,
         axes,
         across,
-        widths,
+        kind(0.5) * widths,
         np.ascontiguousarray(cloud.T),
         sure,
         turns,
-        _hand_sizes(gripper).astype(kind),
+        HandSizes(*np.array(_hand_sizes(gripper), dtype=kind)),
         kind(REACH),
         kind(1.0 / len(cloud)),
         room,
@@ -116,26 +118,22 @@ def hand_room(
     return room
 
 
-def _hand_sizes(gripper: ParallelGripper) -> Array:
-    """What the kernel has to know of the hand, see its first lines."""
+def _hand_sizes(gripper: ParallelGripper) -> HandSizes:
     half = gripper.finger_thickness / 2
     length = gripper.tip - gripper.heel
     camera_y, camera_z = gripper.camera_center[1:]
-    return np.array(
-        [
-            gripper.max_opening / 2 + half,
-            half,
-            gripper.finger_width / 2,
-            gripper.tip - length / 2,
-            length / 2,
-            gripper.palm_size[0] / 2,
-            gripper.palm_size[1] / 2,
-            gripper.heel,
-            gripper.camera_box[0] / 2,
-            camera_y,
-            gripper.camera_box[1] / 2,
-            camera_z + gripper.camera_box[2] / 2,
-            _PAD_CLEARANCE,
-            0.5,
-        ]
+    return HandSizes(
+        finger_x=gripper.max_opening / 2 + half,
+        finger_half_x=half,
+        finger_half_y=gripper.finger_width / 2,
+        finger_z=gripper.tip - length / 2,
+        finger_half_z=length / 2,
+        palm_half_x=gripper.palm_size[0] / 2,
+        palm_half_y=gripper.palm_size[1] / 2,
+        heel=gripper.heel,
+        camera_half_x=gripper.camera_box[0] / 2,
+        camera_y=camera_y,
+        camera_half_y=gripper.camera_box[1] / 2,
+        camera_top=camera_z + gripper.camera_box[2] / 2,
+        clearance=_PAD_CLEARANCE,
     )

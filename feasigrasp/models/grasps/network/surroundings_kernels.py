@@ -1,9 +1,51 @@
 """Compiled loops of `surroundings`, over pairs of contact and point."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from feasigrasp.models.arrays import Floats
 from feasigrasp.models.numerics.simd import wide_vectors
+
+
+class HandSizes(NamedTuple):
+    """Where the boxes of the open hand lie in its grasp frame, as `room_kernel` takes it [m].
+
+    Attributes:
+        finger_x: From the middle to the middle of a finger, along the closing axis.
+        finger_half_x: Half the size of a finger along it; the others likewise.
+        finger_z: Of the middle of a finger, along the approach; it is symmetric in y.
+        heel: Where the palm ends.
+        camera_y: Of the middle of the camera.
+        camera_top: Where it ends, in z.
+        clearance: Between the pads and a contact: points nearer than this are not in the way.
+    """
+
+    finger_x: float
+    finger_half_x: float
+    finger_half_y: float
+    finger_z: float
+    finger_half_z: float
+    palm_half_x: float
+    palm_half_y: float
+    heel: float
+    camera_half_x: float
+    camera_y: float
+    camera_half_y: float
+    camera_top: float
+    clearance: float
+
+
+class Profile(NamedTuple):
+    """The cloud across a closing axis, and its distances along the axis from the hand's parts."""
+
+    p: Floats
+    q: Floats
+    finger: Floats
+    way: Floats
+    palm: Floats
+    camera: Floats
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -52,73 +94,55 @@ def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def room_kernel(points, axes, across, widths, cloud, sure, turns, hand, reach, share, room):
-    """Writes `hand_room` (ROOM, K, n); ``hand`` holds the sizes that it gathers."""
+def room_kernel(points, axes, across, half_widths, cloud, sure, turns, hand, reach, share, room):
+    """Writes `hand_room` (ROOM, K, n)."""
     sums = np.empty((len(turns), room.shape[0]), dtype=points.dtype)
-    scratch = np.empty((6, cloud.shape[1]), dtype=points.dtype)
+    rows = np.empty((6, cloud.shape[1]), dtype=points.dtype)
+    profile = Profile(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5])
+    opposite = len(turns) // 2
     for i in range(len(points)):
-        b, u = axes[i], across[i]
+        b, u, half = axes[i], across[i], half_widths[i]
         v = (b[1] * u[2] - b[2] * u[1], b[2] * u[0] - b[0] * u[2], b[0] * u[1] - b[1] * u[0])
-        half = widths[i] * hand[13]
         x, y, z = points[i, 0] + half * b[0], points[i, 1] + half * b[1], points[i, 2] + half * b[2]
         u, b = (u[0], u[1], u[2]), (b[0], b[1], b[2])
-        _project(x, y, z, b, u, v, half, cloud, hand, scratch)
-        half_turn = len(turns) // 2
-        for k in range(half_turn):
-            _directions(
-                turns[k, 0], turns[k, 1], scratch, sure, hand, reach, sums[k], sums[k + half_turn]
-            )
+        _project(x, y, z, b, u, v, half, cloud, hand, profile)
+        for k in range(opposite):
+            cos, sin = turns[k, 0], turns[k, 1]
+            _directions(cos, sin, profile, sure, hand, reach, sums[k], sums[k + opposite])
         for f in range(room.shape[0]):
             for k in range(len(turns)):
                 room[f, k, i] = np.sqrt(np.sqrt(sums[k, f] * share))
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _project(x, y, z, b, u, v, half, cloud, hand, scratch):
-    """The cloud across the axis, and its distances along the axis from each part of the hand."""
+def _project(x, y, z, b, u, v, half, cloud, hand, profile):
+    """Writes the profile of the cloud (3, c) about the axis b through (x, y, z)."""
     wide_vectors()
     xs, ys, zs = cloud[0], cloud[1], cloud[2]
-    p, q, finger, way, palm, camera = (
-        scratch[0],
-        scratch[1],
-        scratch[2],
-        scratch[3],
-        scratch[4],
-        scratch[5],
-    )
+    p, q, finger, way, palm, camera = profile
     b0, b1, b2 = b
     u0, u1, u2 = u
     v0, v1, v2 = v
-    center, thick, palm_x, camera_x = hand[0], hand[1], hand[5], hand[8]
-    inner, outer = half + hand[12], center + thick
+    inner, outer = half + hand.clearance, hand.finger_x + hand.finger_half_x
     for j in range(len(xs)):
         a, b, c = xs[j] - x, ys[j] - y, zs[j] - z
         h = abs(a * b0 + b * b1 + c * b2)
         p[j] = a * u0 + b * u1 + c * u2
         q[j] = a * v0 + b * v1 + c * v2
-        finger[j] = abs(h - center) - thick
+        finger[j] = abs(h - hand.finger_x) - hand.finger_half_x
         way[j] = max(inner - h, h - outer)
-        palm[j] = h - palm_x
-        camera[j] = h - camera_x
+        palm[j] = h - hand.palm_half_x
+        camera[j] = h - hand.camera_half_x
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _directions(cos, sin, scratch, sure, hand, reach, out, opposite):
+def _directions(cos, sin, profile, sure, hand, reach, out, opposite):
     """Sums of the fourth powers for an approach direction and its opposite.
 
     z lies along the approach and y across; for the opposite one both change sign.
     """
     wide_vectors()
-    p, q, finger, way, palm, camera = (
-        scratch[0],
-        scratch[1],
-        scratch[2],
-        scratch[3],
-        scratch[4],
-        scratch[5],
-    )
-    width, middle, length = hand[2], hand[3], hand[4]
-    palm_y, heel, camera_y, camera_w, camera_z = hand[6], hand[7], hand[9], hand[10], hand[11]
+    p, q, finger, way, palm, camera = profile
     zero = reach - reach
     a0, a1, a2, a3, a4, a5, a6 = zero, zero, zero, zero, zero, zero, zero
     b0, b1, b2, b3, b4, b5, b6 = zero, zero, zero, zero, zero, zero, zero
@@ -126,52 +150,39 @@ def _directions(cos, sin, scratch, sure, hand, reach, out, opposite):
         z = cos * p[j] + sin * q[j]
         y = sin * p[j] - cos * q[j]
         beside = abs(y)
-        finger_y, palm_xy = beside - width, max(palm[j], beside - palm_y)
-        left = max(camera[j], abs(y - camera_y) - camera_w)
-        right = max(camera[j], abs(y + camera_y) - camera_w)
+        finger_y, palm_xy = beside - hand.finger_half_y, max(palm[j], beside - hand.palm_half_y)
+        left = max(camera[j], abs(y - hand.camera_y) - hand.camera_half_y)
+        right = max(camera[j], abs(y + hand.camera_y) - hand.camera_half_y)
 
-        fingers = max(finger_y, abs(z - middle) - length)
-        d = max(reach - max(finger[j], fingers), zero)
-        d *= d
-        d *= d
-        a0 += d
-        a1 += d * sure[j]
-        d = max(reach - max(palm_xy, z - heel), zero)
-        d *= d
-        d *= d
-        a2 += d
-        a3 += d * sure[j]
-        d = max(reach - max(way[j], fingers), zero)
-        d *= d
-        a4 += d * d
-        d = max(reach - max(left, z - camera_z), zero)
-        d *= d
-        a5 += d * d
-        d = max(reach - max(right, z - camera_z), zero)
-        d *= d
-        a6 += d * d
-
-        z = -z
-        fingers = max(finger_y, abs(z - middle) - length)
-        d = max(reach - max(finger[j], fingers), zero)
-        d *= d
-        d *= d
-        b0 += d
-        b1 += d * sure[j]
-        d = max(reach - max(palm_xy, z - heel), zero)
-        d *= d
-        d *= d
-        b2 += d
-        b3 += d * sure[j]
-        d = max(reach - max(way[j], fingers), zero)
-        d *= d
-        b4 += d * d
-        d = max(reach - max(left, z - camera_z), zero)
-        d *= d
-        b5 += d * d
-        d = max(reach - max(right, z - camera_z), zero)
-        d *= d
-        b6 += d * d
+        shape = (finger[j], finger_y, way[j], palm_xy, left, right)
+        f, p4, w, l4, r4 = _one_way(z, shape, hand, reach, zero)
+        a0, a1, a2, a3 = a0 + f, a1 + f * sure[j], a2 + p4, a3 + p4 * sure[j]
+        a4, a5, a6 = a4 + w, a5 + l4, a6 + r4
+        f, p4, w, l4, r4 = _one_way(-z, shape, hand, reach, zero)
+        b0, b1, b2, b3 = b0 + f, b1 + f * sure[j], b2 + p4, b3 + p4 * sure[j]
+        b4, b5, b6 = b4 + w, b5 + l4, b6 + r4
     out[0], out[1], out[2], out[3], out[4], out[5] = a0, a1, a2, a3, a4, min(a5, a6)
     opposite[0], opposite[1], opposite[2] = b0, b1, b2
     opposite[3], opposite[4], opposite[5] = b3, b4, min(b5, b6)
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _one_way(z, across, hand, reach, zero):
+    """Fourth powers of how deep a point is in fingers, palm, their way, and cameras either side."""
+    finger, finger_y, way, palm, left, right = across
+    fingers = max(finger_y, abs(z - hand.finger_z) - hand.finger_half_z)
+    above_camera = z - hand.camera_top
+    return (
+        _fourth_power(reach - max(finger, fingers), zero),
+        _fourth_power(reach - max(palm, z - hand.heel), zero),
+        _fourth_power(reach - max(way, fingers), zero),
+        _fourth_power(reach - max(left, above_camera), zero),
+        _fourth_power(reach - max(right, above_camera), zero),
+    )
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _fourth_power(d, zero):
+    d = max(d, zero)
+    d *= d
+    return d * d

@@ -15,7 +15,7 @@ from feasigrasp.models.control.joint.solutions import (
     solution_velocity_kernel,
 )
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import Funnel, funnel_targets
+from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
@@ -75,7 +75,9 @@ def test_they_reach_their_grasps_wherever_the_object_goes(seed):
     X_WF, found, index = placed(solutions, X_WO, X_OH, funnel)
     assert (np.abs(found) <= POSITION_LIMITS).all()
     np.testing.assert_array_equal(branches_of(found), solutions.branch[index])
-    targets = X_WO @ funnel_targets(solutions.X_OG[index], X_OH, funnel)
+    targets = X_WO @ solutions.X_OG[index]
+    standoff = [standoff_kernel(X, X_OH, funnel.parameters) for X in solutions.X_OG[index]]
+    targets[:, :3, 3] -= np.array(standoff)[:, None] * targets[:, :3, 2]
     np.testing.assert_allclose(X_WF @ X_FG, targets, atol=1e-9)
     np.testing.assert_allclose(forward_kinematics(found, X_FG), targets, atol=1e-9)
 

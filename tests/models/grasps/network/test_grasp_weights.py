@@ -6,15 +6,16 @@ import json
 import numpy as np
 import pytest
 
+from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.network import network as grasp_network
 from feasigrasp.models.grasps.network.network import (
-    PRESETS,
     GraspNetwork,
-    GraspWeightsError,
+    Preset,
     load_grasp_network,
     weights_file,
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput
+from feasigrasp.models.weights_file import WeightsError
 
 
 def ellipsoid(seed, n=120):
@@ -28,7 +29,7 @@ def ellipsoid(seed, n=120):
     return GraspInput(*(x.astype(np.float32) for x in (direction * radii, normals, scalars)))
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", Preset)
 def test_loaded_is_what_was_saved(preset, tmp_path):
     network = GraspNetwork.untrained(preset, seed=7)
     network.save(tmp_path / "weights.npz")
@@ -41,7 +42,7 @@ def test_loaded_is_what_was_saved(preset, tmp_path):
     np.testing.assert_array_equal(a.approach, b.approach)
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", Preset)
 def test_the_trained_networks_are_there(preset):
     network = load_grasp_network(preset)
     assert load_grasp_network(preset) is network
@@ -52,14 +53,14 @@ def test_the_trained_networks_are_there(preset):
 
 
 def test_there_are_two_presets():
-    with pytest.raises(GraspWeightsError, match="no grasp network 'best'; there are default"):
+    with pytest.raises(GraspError, match="is 'best'; choose one of default, paper"):
         load_grasp_network("best")
 
 
 def test_missing_weights_are_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(grasp_network, "_FOLDER", tmp_path)
-    with pytest.raises(GraspWeightsError, match="no grasp network weights.*train sampler"):
-        GraspNetwork.load(weights_file("default"))
+    monkeypatch.setattr(grasp_network, "WEIGHTS", tmp_path)
+    with pytest.raises(WeightsError, match="no grasp network weights.*train sampler"):
+        GraspNetwork.load(weights_file(Preset.DEFAULT))
 
 
 def broken_files():
@@ -74,7 +75,7 @@ def broken_files():
         ("no header", lambda arrays: arrays.pop("header"), "header"),
         ("another format", made(format="grasps 7"), "format is 'grasps 7'"),
         ("another preset", made(preset="paper", sizes={}), "missing"),
-        ("unknown preset", made(preset="best"), "no grasp network 'best'"),
+        ("unknown preset", made(preset="best"), "network is 'best'"),
         ("other sizes", made(sizes={**sizes, "hidden": 8}), "not float32"),
         ("unknown sizes", made(sizes={"depth": 3}), "depth"),
         ("array missing", lambda arrays: arrays.pop(name), f"missing: .*{name}"),
@@ -98,8 +99,8 @@ def test_broken_weights_are_named(tmp_path, change, message):
     else:
         arrays.update(change)
     np.savez(tmp_path / "bad.npz", **arrays)
-    with pytest.raises(GraspWeightsError, match=message):
+    with pytest.raises(WeightsError, match=message):
         GraspNetwork.load(tmp_path / "bad.npz")
     (tmp_path / "text.npz").write_text("weights")
-    with pytest.raises(GraspWeightsError, match="not a readable weights file"):
+    with pytest.raises(WeightsError, match="not a readable weights file"):
         GraspNetwork.load(tmp_path / "text.npz")

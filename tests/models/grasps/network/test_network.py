@@ -14,10 +14,10 @@ from feasigrasp.models.grasps.network.architectures import Contacts
 from feasigrasp.models.grasps.network.contact_features import DIRECTIONS, contact_features
 from feasigrasp.models.grasps.network.network import (
     MODES,
-    PRESETS,
     ROOM_BESIDE,
     ROOM_DEVIATIONS,
     GraspNetwork,
+    Preset,
     with_room,
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput
@@ -49,7 +49,7 @@ def blob(seed, n=120):
     return points, normals, scalars
 
 
-@pytest.fixture(scope="module", params=PRESETS)
+@pytest.fixture(scope="module", params=list(Preset))
 def network(request):
     """Float64, and far from the initial weights: every path carries something."""
     made = GraspNetwork.untrained(request.param, seed=2)
@@ -197,7 +197,7 @@ def test_the_fused_network_is_the_torch_one():
 
 
 def test_torch_gives_chosen_contacts_as_it_gives_all():
-    for preset in PRESETS:
+    for preset in Preset:
         network = GraspNetwork.untrained(preset, seed=9).network.double()
         x = Contacts.of(contact_features(*blob(20)))
         rows = torch.tensor([[3, 100, 7]])

@@ -1,0 +1,81 @@
+"""From one cloud to grasps, without a robot: what was measured, completed, found, and why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
+
+
+@dataclass(frozen=True, eq=False)
+class Perception:
+    """What one cloud tells about an object.
+
+    Attributes:
+        cloud: The cloud, one point per voxel, with directions to the camera.
+        gpdf: The distance field fitted to it.
+        grasps: The grasps that the filter kept, and why it dropped the others.
+        gripper: The hand they are for.
+        viewpoint: Where the camera was, shape (3,) [m]; None for a cloud of several views.
+    """
+
+    cloud: FusedCloud
+    gpdf: Gpdf
+    grasps: GraspSet
+    gripper: ParallelGripper
+    viewpoint: Array | None
+
+
+def perceive(
+    points: ArrayLike,
+    viewpoint: ArrayLike | None = (0.0, 0.0, 0.0),
+    *,
+    sampler: str | GraspSamplerFn = SamplerName.NETWORK,
+    voxel_size: float = 0.003,
+    gripper: ParallelGripper | None = None,
+    seed: int = 0,
+) -> Perception:
+    """Fits the distance field to one cloud of an object and samples grasps, as the pipeline does.
+
+    The shortest way from points to grasps::
+
+        found = perceive(read_cloud("mug.ply"))
+        print(len(found.grasps), dict(found.grasps.rejected))
+
+    Args:
+        points: Shape (n, 3) [m].
+        viewpoint: Where the camera was, shape (3,) [m]; None for a cloud of several views.
+        sampler: One of `SamplerName`, or anything called like one, ``sampler(gpdf) -> GraspSet``.
+        voxel_size: Resolution at which points are averaged [m].
+        gripper: The hand; the default one unless given. A sampler of your own has its own.
+        seed: Of a sampler that draws, see `make_sampler`.
+
+    Returns:
+        The field and the grasps in the frame of the points; `GraspSet.rejected` counts by
+        `Rejection` what was found and dropped.
+
+    Raises:
+        PointCloudError: A cloud that no field can be fitted to.
+        GraspError: There is no such sampler.
+    """
+    gripper = gripper or ParallelGripper()
+    if isinstance(sampler, str):
+        sampler = make_sampler(sampler, gripper, seed=seed)
+    view = None if viewpoint is None else np.asarray(viewpoint, dtype=float)
+    if view is None:
+        # No camera, so no free space; the normals point away from the middle.
+        cloud = FusedCloud.empty(voxel_size).merged(points, np.zeros(3))
+        gpdf = fit_gpdf(cloud.points)
+    else:
+        cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
+        gpdf = complete_shape(cloud)
+    return Perception(cloud, gpdf, sampler(gpdf), gripper, view)

@@ -1,0 +1,110 @@
+"""Files of trained weights: ``.npz`` without pickles, with a header in JSON beside the arrays."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.errors import FeasigraspError
+
+if TYPE_CHECKING:
+    from torch import nn
+
+#: Where the weights that come with the package are.
+WEIGHTS = Path(__file__).resolve().parent / "weights"
+#: What `WeightsFormat.load` hands to whoever builds a network from it.
+WeightArrays = dict[str, NDArray[np.float32]]
+_Network = TypeVar("_Network")
+
+
+class WeightsError(FeasigraspError, ValueError):
+    """A file of weights that is missing, broken, or of another network."""
+
+
+@dataclass(frozen=True)
+class WeightsFormat:
+    """One kind of weights file.
+
+    Attributes:
+        name: What messages call the network.
+        format: Written into every file; another layout gets another number.
+        command: Trains such a network.
+    """
+
+    name: str
+    format: str
+    command: str
+
+    def save(self, path: str | Path, header: Mapping[str, Any], arrays: WeightArrays) -> None:
+        """Writes header and arrays into one file, whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = np.array(json.dumps({"format": self.format, **header}))
+        partial = path.with_name(f"{path.name}.part.npz")
+        np.savez_compressed(partial, header=text, **arrays)  # type: ignore[arg-type]
+        partial.replace(path)
+
+    def load(
+        self, path: str | Path, build: Callable[[dict[str, Any], WeightArrays], _Network]
+    ) -> _Network:
+        """Reads what `save` wrote.
+
+        Args:
+            path: The file.
+            build: Makes the network of header and arrays; a KeyError, TypeError or ValueError
+                says that these are not its own.
+
+        Raises:
+            WeightsError: The file is missing, broken, or of another network.
+        """
+        mend = f"train it with `{self.command}`, or reinstall feasigrasp"
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+        except FileNotFoundError:
+            raise WeightsError(f"there are no {self.name} weights at {path}; {mend}") from None
+        except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+            raise WeightsError(f"{path} is not a readable weights file ({error}); {mend}") from None
+        try:
+            header = json.loads(str(arrays.pop("header")))
+            if header["format"] != self.format:
+                raise ValueError(f"its format is {header['format']!r}, not {self.format!r}")
+            return build(header, arrays)
+        except (KeyError, TypeError, ValueError) as error:
+            raise WeightsError(
+                f"{path} does not hold {self.name} weights of this version: {error}; {mend}"
+            ) from None
+
+
+def check_arrays(arrays: WeightArrays, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raises ValueError where arrays are not finite float32 of these names and shapes."""
+    if set(arrays) != set(shapes):
+        missing, surplus = sorted(set(shapes) - set(arrays)), sorted(set(arrays) - set(shapes))
+        raise ValueError(f"arrays missing: {missing or 'none'}, unknown: {surplus or 'none'}")
+    for name, array in arrays.items():
+        if array.shape != shapes[name] or array.dtype != np.float32:
+            raise ValueError(f"{name} is {array.dtype} {array.shape}, not float32 {shapes[name]}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite")
+
+
+def fill_network(network: nn.Module, arrays: WeightArrays) -> None:
+    """Fills a torch network; raises ValueError where the arrays are not its own."""
+    import torch  # takes a second to import, and not every network needs it
+
+    shapes = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    check_arrays(arrays, shapes)
+    network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
+
+
+def network_arrays(network: nn.Module) -> WeightArrays:
+    """The weights of a torch network by name."""
+    state = network.state_dict()
+    return {name: tensor.float().cpu().numpy() for name, tensor in state.items()}
