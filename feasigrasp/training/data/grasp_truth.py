@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.training.data.grasp_label_kernels import collides
+from feasigrasp.training.data.rays import cast_rays, ray_scene, tensor
 
 #: Half angle of the friction cone at either contact [deg].
 CONE_DEG = 20.0
@@ -55,11 +55,7 @@ class TrueGrasps:
 
     def __init__(self, mesh: trimesh.Trimesh, spacing: float = SAMPLE_SPACING) -> None:
         self.mesh = mesh
-        self.scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        self.scene.add_triangles(
-            _tensor(np.asarray(mesh.vertices, dtype=np.float32)),
-            _tensor(np.asarray(mesh.faces, dtype=np.uint32)),
-        )
+        self.scene = ray_scene(mesh.vertices, mesh.faces)
         self.samples = surface_samples(mesh, spacing)
 
     def cast(self, starts: Array, directions: Array) -> tuple[Array, Array]:
@@ -72,20 +68,18 @@ class TrueGrasps:
         Returns:
             Shapes (n,) [m] and (n, 3).
         """
-        rays = np.concatenate([starts, directions], axis=1).astype(np.float32)
-        hit = self.scene.cast_rays(_tensor(rays), nthreads=1)
-        length = np.asarray(hit["t_hit"].numpy(), dtype=float)
-        return length, self._normals(hit["primitive_ids"].numpy())
+        length, faces = cast_rays(self.scene, starts, directions)
+        return length, self._normals(faces)
 
     def closest(self, points: Array) -> tuple[Array, Array]:
         """Nearest points of the surface to points (n, 3), and the outward normals there."""
-        found = self.scene.compute_closest_points(_tensor(points.astype(np.float32)), nthreads=1)
+        found = self.scene.compute_closest_points(tensor(points.astype(np.float32)), nthreads=1)
         at = np.asarray(found["points"].numpy(), dtype=float)
         return at, self._normals(found["primitive_ids"].numpy())
 
     def inside(self, points: Array) -> Mask:
         """Which points (n, 3) are inside the solid, shape (n,)."""
-        query = _tensor(points.astype(np.float32))
+        query = tensor(points.astype(np.float32))
         return np.asarray(self.scene.compute_occupancy(query, nthreads=1).numpy() > 0.5)
 
     def close(self, X_OG: ArrayLike, opening: float) -> Closing:
@@ -208,9 +202,3 @@ def surface_samples(mesh: trimesh.Trimesh, spacing: float = SAMPLE_SPACING) -> A
     sides = cells.max(axis=0) + 1
     _, kept = np.unique(np.ravel_multi_index(tuple(cells.T), tuple(sides)), return_index=True)
     return np.ascontiguousarray(everything[kept])
-
-
-def _tensor(array: Any) -> Any:
-    """An Open3D tensor; its stubs refuse typed arrays."""
-    core: Any = o3d.core
-    return core.Tensor(np.ascontiguousarray(array))

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import open3d as o3d
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.systems.segment_point_cloud import edge_pixels
+from feasigrasp.training.data.rays import cast_rays, ray_scene, tensor
 
 #: The depth stream of the scenarios' camera: a RealSense D435 in its 424 x 240 mode, 87 x 58 deg.
 WIDTH, HEIGHT = 424, 240
@@ -25,6 +26,8 @@ CAMERA = (
 )
 #: Distance from the camera to the object's centre, lowest and highest [m].
 DISTANCE = (0.45, 0.55)
+#: Voxels in which views are merged, as in the scenarios [m].
+VOXEL_SIZE = 0.003
 #: Points of neighbouring pixels that are farther apart lie on different surfaces [m].
 EDGE_JUMP = 0.02
 #: A point closer to the first hit of its line of sight than this is seen [m].
@@ -56,13 +59,14 @@ class ViewedObject:
     """
 
     def __init__(self, obj: RigidObject) -> None:
-        mesh = o3d.t.geometry.TriangleMesh(
-            _tensor(np.asarray(obj.vertices, dtype=np.float32)),
-            _tensor(np.asarray(obj.faces, dtype=np.int32)),
-        )
         self.obj = obj
-        self.scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        self.scene.add_triangles(mesh)
+        self.scene = ray_scene(obj.vertices, obj.faces)
+
+    @property
+    def center(self) -> Array:
+        """Middle of the object's box, shape (3,) [m]."""
+        middle: Array = 0.5 * (self.obj.vertices.min(axis=0) + self.obj.vertices.max(axis=0))
+        return middle
 
     def view(
         self,
@@ -111,10 +115,8 @@ class ViewedObject:
         start = view.X_OC[:3, 3]
         way = points - start
         length = np.linalg.norm(way, axis=1)
-        rays = np.concatenate(
-            [np.broadcast_to(start, points.shape), way / length[:, None]], axis=1
-        ).astype(np.float32)
-        hit = self.scene.cast_rays(_tensor(rays), nthreads=1)["t_hit"].numpy()
+        starts = np.broadcast_to(start, points.shape)
+        hit, _ = cast_rays(self.scene, starts, way / length[:, None])
         # A ray now and then slips through an edge of the mesh, so the normal has a say as well.
         in_sight = (hit > length - _VISIBLE) & (np.einsum("ij,ij->i", way, normals) < 0.0)
         fx, fy, cx, cy = CAMERA
@@ -123,15 +125,9 @@ class ViewedObject:
         row = np.clip(np.rint(fy * y / z + cy), 0, HEIGHT - 1).astype(int)
         return in_sight, in_sight & view.measured[row, column]
 
-    def first_hit(self, starts: Array, ways: Array) -> Array:
-        """How far rays from ``starts`` (n, 3) along unit vectors (n, 3) go, inf for ever, (n,)."""
-        rays = np.concatenate([starts, ways], axis=1).astype(np.float32)
-        hit = self.scene.cast_rays(_tensor(rays), nthreads=1)["t_hit"].numpy()
-        return np.asarray(hit, dtype=float)
-
     def distance(self, points: Array) -> Array:
         """Unsigned distance of points (n, 3) to the true surface, shape (n,) [m]."""
-        query = _tensor(points.astype(np.float32))
+        query = tensor(points.astype(np.float32))
         return np.asarray(self.scene.compute_distance(query, nthreads=1).numpy(), dtype=float)
 
     def _render(self, X_OC: Array) -> tuple[Array, tuple[int, int]]:
@@ -151,17 +147,19 @@ class ViewedObject:
         # Open3D's pixel centres are at halves.
         K = np.array([[fx, 0.0, cx + 0.5], [0.0, fy, cy + 0.5], [0.0, 0.0, 1.0]])
         rays = self.scene.create_rays_pinhole(
-            _tensor(K), _tensor(X_CO), int(right - left), int(bottom - top)
+            tensor(K), tensor(X_CO), int(right - left), int(bottom - top)
         )
         # The rays' directions have z = 1 in the camera's frame, so lengths along them are depths.
         hits = self.scene.cast_rays(rays, nthreads=1)["t_hit"].numpy()
         return np.asarray(hits, dtype=float), (int(left), int(top))
 
 
-def _tensor(array: Any) -> Any:
-    """An Open3D tensor; its stubs refuse typed arrays."""
-    core: Any = o3d.core
-    return core.Tensor(array)
+def fused(views: Sequence[PartialView], *, smooth: bool = True) -> FusedCloud:
+    """The cloud of some views, merged as perception does it."""
+    cloud = FusedCloud.empty(VOXEL_SIZE, smooth=smooth)
+    for view in views:
+        cloud = cloud.merged(view.points, view.p_OC)
+    return cloud
 
 
 def look_at(p_OC: Array, roll: float = 0.0) -> Array:
@@ -190,7 +188,9 @@ def turning_views(
     angle of 60 to 120 degrees with the line of sight, as a table in front of a camera at up to 30
     degrees would.
     """
-    first = look_at(_unit(rng.normal(size=3)) * rng.uniform(*DISTANCE), rng.uniform(0, 2 * np.pi))
+    way = rng.normal(size=3)
+    way /= float(np.linalg.norm(way))
+    first = look_at(way * rng.uniform(*DISTANCE), rng.uniform(0, 2 * np.pi))
     tilt = np.deg2rad(rng.uniform(-30.0, 30.0))
     axis = first[:3, :3] @ np.array([0.0, np.cos(tilt), np.sin(tilt)])
     poses, angle = [], 0.0
@@ -202,7 +202,3 @@ def turning_views(
         poses.append(X_OC)
         angle += np.deg2rad(rng.uniform(*turn))
     return poses
-
-
-def _unit(vector: Array) -> Array:
-    return vector / float(np.linalg.norm(vector))

@@ -1,0 +1,46 @@
+"""Objects that no grasp network of ours was trained on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feasigrasp.models.objects.rigid_object import RigidObject, load_object
+from feasigrasp.results.arguments import names, select_objects
+from feasigrasp.training.data.household_shapes import HELD_OUT, make_shape
+
+#: Part of ``--objects``: generated shapes of the families that are held out.
+GENERATED = "held-out"
+#: Default of ``--objects``; the folder is left out where it is missing.
+DEFAULT_OBJECTS = f"{GENERATED},../shared/data/ycb"
+#: Seeds from here on are used by no training; its validation takes those from 0 on.
+FIRST_SEED = 10_000_000
+
+
+def unseen_objects(selection: str, count: int, seed: int) -> dict[str, str]:
+    """What `make_object` makes of objects that ``--objects`` asks for.
+
+    Args:
+        selection: ``held-out``, folders of meshes, names or mesh files, separated by commas.
+        count: Number of generated shapes.
+        seed: Of the generated shapes.
+    """
+    found: dict[str, str] = {}
+    for part in names(selection):
+        if part == GENERATED:
+            for index in range(count):
+                family = HELD_OUT[index % len(HELD_OUT)]
+                shape = f"{family}/{FIRST_SEED + 1000 * seed + index // len(HELD_OUT)}"
+                found[shape.replace("/", "_")] = f"{GENERATED}/{shape}"
+        elif part in DEFAULT_OBJECTS and not Path(part).is_dir():
+            print(f"{part} is not there: its objects are left out")
+        else:
+            found |= select_objects(part)
+    return found
+
+
+def make_object(what: str) -> RigidObject:
+    """The object of a value of `unseen_objects`."""
+    if what.startswith(f"{GENERATED}/"):
+        _, family, seed = what.split("/")
+        return make_shape(family, int(seed))
+    return load_object(what)
