@@ -1,4 +1,4 @@
-"""``feasigrasp bench shape``: how quick the distance field is, beside its peers.
+"""``feasigrasp bench shape``: time the distance field beside its peers.
 
 Everything is timed in one go on one thread, so that what is compared ran under the same
 conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all timings.
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.bench.report import report_bench, timing_row
-from feasigrasp.evaluation.bench.timing import Timing, cpu_time
+from feasigrasp.evaluation.measures.timing import Case, Timing, cpu_time, report_bench, timing_row
 from feasigrasp.evaluation.peers.shape import (
     PRESETS,
     ValidationStep,
@@ -32,7 +31,7 @@ from feasigrasp.evaluation.peers.shape import (
 )
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.shape.gpdf_fit import PAPER, extend_field
+from feasigrasp.models.shape.gpdf_fit import PAPER
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.rows import Row
 
@@ -40,10 +39,6 @@ from feasigrasp.results.rows import Row
 SIZES = (512, 1024)
 #: Points at which value and gradient are asked for.
 QUERIES = 100_000
-#: Nodes that a further view adds.
-ADDED = 128
-
-Case = tuple[str, str, Callable[[], object]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,29 +73,6 @@ def cases(cloud: Array, seed: int) -> Iterator[Case]:
     yield "bench.gpdf_query_ms", "peer:numpy", lambda: _in_parts(in_numpy, x)
     single = torch.as_tensor(x, dtype=torch.float32)
     yield "bench.gpdf_query_ms", "peer:torch", lambda: _in_parts(in_torch, single)
-    yield from update_cases(cloud)
-
-
-def update_cases(cloud: Array) -> Iterator[Case]:
-    """A further view: the Cholesky factor extended, and the field fitted anew."""
-    for n in SIZES:
-        points = cloud[farthest_points(cloud, n + ADDED)]
-        old, new = fit_from_points(points[:n]), points[n:]
-        name, s2 = f"bench.gpdf_update_ms.{n}", PAPER["noise_variance"]
-        yield (
-            name,
-            "extend",
-            partial(
-                extend_field,
-                old,
-                new,
-                np.ones(ADDED),
-                points=new,
-                bounds=old.bounds,
-                noise_variance=s2,
-            ),
-        )
-        yield name, "refit", partial(fit_from_points, points)
 
 
 def peer_fits(points: Array) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -147,6 +119,6 @@ def main(args: argparse.Namespace) -> int:
     for n in SIZES:
         own, peer = (timings[f"bench.gpdf_fit_ms.{n}", of] for of in ("default", "peer:potrf"))
         ratio = own.median / peer.median
-        rows.append(Row(f"bench.gpdf_fit_over_potrf.{n}", "default", ratio, None, None, "", own.n))
-    report_bench(args, f"shape --objects {args.objects}", rows)
+        rows.append(Row.plain(f"bench.gpdf_fit_over_potrf.{n}", "default", ratio, "", own.n))
+    report_bench(args, "shape", rows)
     return 0
