@@ -1,31 +1,22 @@
-"""``feasigrasp evaluate rollout``: the control loop without physics, to tune controllers with."""
+"""``feasigrasp evaluate rollout``: follow objects without physics, to tune controllers."""
 
 from __future__ import annotations
 
 import argparse
-import csv
 import itertools
 import json
-import shlex
 import time
 from pathlib import Path
-from typing import Any
-
-import joblib
-from tqdm import tqdm
 
 from feasigrasp.evaluation.runs.rollout import roll_out
 from feasigrasp.evaluation.runs.rollout_metrics import ROLLOUT_METRICS
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.results.provenance import git_revision, versions
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.results.statistics import mean
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
-
-Record = dict[str, Any]
 
 SCENARIOS = "PaperCircular,PaperLinear,PaperSinusoidal"
 #: Metrics of the printed table.
@@ -90,27 +81,11 @@ def plan(args: argparse.Namespace) -> dict[str, tuple[str, Scenario]]:
     return runs
 
 
-def _run(text: str, duration: float | None, filename: Path) -> None:
+def measure(_: str, text: str, duration: float | None) -> list[Record]:
+    """The metrics of the run of a scenario, given as text."""
     started = time.process_time()
     metrics = roll_out(parse_scenario(text), duration=duration).metrics
-    cpu = time.process_time() - started
-    write_json({"key": _key(text, duration), "metrics": metrics | {"cpu_s": cpu}}, filename)
-
-
-def _key(text: str, duration: float | None) -> Record:
-    return {
-        "git": git_revision(),
-        "versions": versions(),
-        "scenario_yaml": text,
-        "duration": duration,
-    }
-
-
-def _finished(filename: Path, text: str, duration: float | None) -> bool:
-    try:
-        return bool(json.loads(filename.read_text())["key"] == _key(text, duration))
-    except (FileNotFoundError, json.JSONDecodeError, KeyError):
-        return False
+    return [metrics | {"cpu_s": time.process_time() - started}]
 
 
 def summary_rows(records: dict[str, list[Record]]) -> list[Row]:
@@ -134,59 +109,18 @@ def summary_rows(records: dict[str, list[Record]]) -> list[Row]:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     runs = plan(args)
-    folder = args.out / "runs"
-    folder.mkdir(parents=True, exist_ok=True)
     duration = 10.0 if args.quick and args.duration is None else args.duration
     # As text: a scenario with Drake's types cannot be sent to another process.
     texts = {name: dump_scenario(scenario) for name, (_, scenario) in runs.items()}
-    missing = [n for n in runs if not _finished(folder / f"{n}.json", texts[n], duration)]
-    if len(missing) < len(runs):
-        print(f"{len(runs) - len(missing)} of {len(runs)} runs are finished already in {folder}")
-    parallel = joblib.Parallel(args.jobs, return_as="generator_unordered")
-    work = parallel(
-        joblib.delayed(_run)(texts[name], duration, folder / f"{name}.json") for name in missing
+    finished = finish_all(
+        texts, args.out / "runs", {"duration": duration}, measure, jobs=args.jobs, desc="rollout"
     )
-    try:
-        for _ in tqdm(work, total=len(missing), unit="run", desc="rollout"):
-            pass
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here")
-        return 130
     records: dict[str, list[Record]] = {}
-    table: list[Record] = []
     for name, (preset, _) in runs.items():
-        metrics = json.loads((folder / f"{name}.json").read_text())["metrics"]
-        records.setdefault(preset, []).append(metrics)
-        table.append({"run": name, "preset": preset} | metrics)
-    with (args.out / "runs.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(table[0]))
-        writer.writeheader()
-        writer.writerows(table)
+        records.setdefault(preset, []).extend(finished[name])
+    table = [{"run": name, "preset": runs[name][0]} | finished[name][0] for name in runs]
+    write_csv(args.out / "runs.csv", table)
     rows = summary_rows(records)
-    write_summary(
-        args.out / "summary.json",
-        command=_command(args),
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
-    )
-    print(format_rows([row for row in rows if row.name.removeprefix("rollout.") in _PRINTED]))
-    print(f"{args.out / 'summary.json'}, {args.out / 'runs.csv'}, {folder}/*.json")
+    printed = [row for row in rows if row.name.removeprefix("rollout.") in _PRINTED]
+    report_rows(args, "evaluate rollout", rows, format_rows(printed))
     return 0
-
-
-def _command(args: argparse.Namespace) -> str:
-    options = {
-        "--objects": args.objects,
-        "--scenarios": ",".join(args.scenarios),
-        "--controllers": ",".join(args.controllers),
-        "--mode": args.mode,
-        "--seed": args.seed,
-        "--seeds": args.seeds,
-        "--duration": args.duration,
-        "--scenario_file": args.scenario_file,
-        "--scenario_text": args.scenario_text,
-    }
-    words = [str(x) for key, value in options.items() if value is not None for x in (key, value)]
-    return shlex.join(["feasigrasp", "evaluate", "rollout", *words, *["--quick"] * args.quick])
