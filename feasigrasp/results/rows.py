@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 from feasigrasp.results.arguments import command_line
 from feasigrasp.results.provenance import git_revision, machine, versions
@@ -39,7 +39,7 @@ class Row:
     n: int
 
     @classmethod
-    def plain(cls, name: str, preset: str, value: float, unit: str, n: int) -> Row:
+    def plain(cls, name: str, preset: str, value: SupportsFloat, unit: str, n: int) -> Row:
         """A row without an interval."""
         return cls(name, preset, float(value), None, None, unit, n)
 

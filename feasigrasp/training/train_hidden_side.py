@@ -2,9 +2,7 @@
 
 First it makes pictures of household shapes (`feasigrasp.training.data.hidden_side`), in shards
 that are kept; then it trains the network of `feasigrasp.models.shape.hidden_side` on them. Whole
-families are held out and judge. The batch of a step depends on the seed and the step alone: a run
-that was interrupted goes on as if it had not been; start the same command again to resume. The
-running means of the weights are what is judged and written.
+families are held out and judge; start the same command again to resume.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """``feasigrasp train ik-flow``: train the IK flow by maximum likelihood.
 
 Every batch is drawn anew: configurations uniform inside the limits and free of self-collision, and
-their flange poses. The batch of a step depends on the seed and the step alone, so that a run that
-was interrupted goes on as if it had not been; start the same command again to resume.
+their flange poses. Start the same command again to resume.
 """
 
 from __future__ import annotations

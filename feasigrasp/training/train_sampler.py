@@ -1,10 +1,8 @@
 """``feasigrasp train sampler``: train the network that proposes grasps.
 
-It learns from the shards that `feasigrasp.training.sampler_data` makes, whole clouds of points.
-Families of shapes that are held out are never trained on: they judge. The batch of a step depends
-on the seed and the step alone, so that a run that was interrupted goes on as if it had not been;
-start the same command again to resume. What is judged, exported and shipped are the running means
-of the weights.
+It learns from the shards that `feasigrasp.training.train_sampler_data` makes, whole clouds of
+points. Families of shapes that are held out are never trained on: they judge. What is judged,
+exported and shipped are the running means of the weights; start the same command again to resume.
 """
 
 from __future__ import annotations

@@ -8,8 +8,7 @@ import json
 import time
 from pathlib import Path
 
-from feasigrasp.evaluation.runs.rollout import roll_out
-from feasigrasp.evaluation.runs.rollout_metrics import ROLLOUT_METRICS
+from feasigrasp.evaluation.runs.rollout import ROLLOUT_METRICS, roll_out
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
