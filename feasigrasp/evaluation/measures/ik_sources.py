@@ -238,7 +238,7 @@ def _speed_row(name: str, source: Source, X_WF: Array, seed: int) -> Row:
         _, position, angle = refine(X_WF, q, 0)
         speeds.append(float(_reached(position, angle).sum()) / spent)
     value = float(np.median(speeds))
-    return Row("kinematics.solutions_per_s", name, value, None, None, "1/s", _REPEATS)
+    return Row.plain("kinematics.solutions_per_s", name, value, "1/s", _REPEATS)
 
 
 def _jumps(source: Source, X_WF: Array, seed: int) -> Estimate:

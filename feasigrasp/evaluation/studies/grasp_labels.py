@@ -15,6 +15,7 @@ import trimesh
 
 from feasigrasp.evaluation.runs.floating_gripper import hold_trials
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
@@ -145,9 +146,7 @@ def _skew_lines(
 
 
 def _frame(x: Array, z: Array, origin: Array) -> Array:
-    X = np.eye(4)
-    X[:3, 0], X[:3, 1], X[:3, 2], X[:3, 3] = x, np.cross(z, x), z, origin
-    return X
+    return se3.make_pose(np.stack([x, np.cross(z, x), z], axis=-1), origin)
 
 
 def _unit(vectors: Array) -> Array:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import time
-from pathlib import Path
 
+from feasigrasp.evaluation.runs.plan import PlannedRun, add_scenario_arguments, plan_run
 from feasigrasp.evaluation.runs.rollout import ROLLOUT_METRICS, roll_out
-from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.results.statistics import mean
-from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.files import dump_scenario, parse_scenario
 
 SCENARIOS = "PaperCircular,PaperLinear,PaperSinusoidal"
 #: Metrics of the printed table.
@@ -44,40 +41,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=positive, default=5, help="repeats, with seeds that count")
     parser.add_argument("--mode", choices=("safe", "paper"), default="safe")
     parser.add_argument("--duration", type=float, help="length of a run [s]; default: three laps")
-    parser.add_argument(
-        "--scenario_file", type=Path, default=None, help="default: diagrams/dynamic.scenarios.yaml"
-    )
-    parser.add_argument(
-        "--scenario_text",
-        help="YAML applied on top of every scenario, e.g. "
-        "'{tracker: {latency: 0.05, position_noise: 0.002, rotation_noise: 0.0175}}'",
-    )
+    add_scenario_arguments(parser)
 
 
-def plan(args: argparse.Namespace) -> dict[str, tuple[str, Scenario]]:
-    """The runs that the arguments ask for: by id, the preset and the scenario.
+def plan(args: argparse.Namespace) -> list[PlannedRun]:
+    """The runs that the arguments ask for.
 
     Raises:
         ScenarioError: Unknown scenario, key or value.
         MeshError: A folder without meshes.
     """
-    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
     seeds = range(args.seed, args.seed + (1 if args.quick else args.seeds))
-    objects = select_objects(args.objects)
-    runs = {}
-    for name, controller, (object_name, model), seed in itertools.product(
-        args.scenarios, args.controllers, objects.items(), seeds
-    ):
-        choice = {
-            "random_seed": seed,
-            "tracker": {"seed": seed},
-            "object": {"model": model},
-            "control": {"controller": controller, "mode": args.mode},
-        }
-        scenario = load_scenario(filename, name, args.scenario_text, json.dumps(choice))
-        preset = f"{name}/{controller}/{args.mode}"
-        runs[f"{name}-{object_name}-{controller}-{args.mode}-{seed}"] = preset, scenario
-    return runs
+    objects = select_objects(args.objects).items()
+    return [
+        plan_run(args, name, chosen, controller, args.mode, seed, {"tracker": {"seed": seed}})
+        for name, controller, chosen, seed in itertools.product(
+            args.scenarios, args.controllers, objects, seeds
+        )
+    ]
 
 
 def measure(_: str, text: str, duration: float | None) -> list[Record]:
@@ -110,14 +91,17 @@ def main(args: argparse.Namespace) -> int:
     runs = plan(args)
     duration = 10.0 if args.quick and args.duration is None else args.duration
     # As text: a scenario with Drake's types cannot be sent to another process.
-    texts = {name: dump_scenario(scenario) for name, (_, scenario) in runs.items()}
+    texts = {planned.id: dump_scenario(planned.scenario) for planned in runs}
     finished = finish_all(
         texts, args.out / "runs", {"duration": duration}, measure, jobs=args.jobs, desc="rollout"
     )
     records: dict[str, list[Record]] = {}
-    for name, (preset, _) in runs.items():
-        records.setdefault(preset, []).extend(finished[name])
-    table = [{"run": name, "preset": runs[name][0]} | finished[name][0] for name in runs]
+    table = []
+    for planned in runs:
+        preset = f"{planned.name}/{planned.scenario.control.controller}/{args.mode}"
+        (metrics,) = finished[planned.id]
+        records.setdefault(preset, []).append(metrics)
+        table.append({"run": planned.id, "preset": preset} | metrics)
     write_csv(args.out / "runs.csv", table)
     rows = summary_rows(records)
     printed = [row for row in rows if row.name.removeprefix("rollout.") in _PRINTED]
