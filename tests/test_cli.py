@@ -9,6 +9,8 @@ import pytest
 from feasigrasp import __version__, cli
 from feasigrasp.errors import ScenarioError
 
+COMMANDS = [(group, name) for group in cli.GROUPS for name in cli.commands(group)]
+
 
 def test_version(capsys):
     with pytest.raises(SystemExit) as ended:
@@ -23,7 +25,7 @@ def test_without_a_command_it_lists_them(argv, capsys):
     assert ("dynamic" if argv else "evaluate") in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("group", "name"), list(cli.COMMANDS))
+@pytest.mark.parametrize(("group", "name"), COMMANDS)
 def test_every_command_has_its_own_help(group, name, capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main([group, name, "--help"])
@@ -35,11 +37,27 @@ def test_every_command_has_its_own_help(group, name, capsys):
             assert option in out
 
 
-@pytest.mark.parametrize(("group", "name"), list(cli.COMMANDS))
-def test_every_command_is_a_module_of_a_known_group(group, name):
-    module = importlib.import_module(cli.COMMANDS[group, name][0])
+@pytest.mark.parametrize(("group", "name"), COMMANDS)
+def test_every_command_is_a_module_that_says_what_it_does(group, name):
+    module_name, purpose = cli.commands(group)[name]
+    module = importlib.import_module(module_name)
     assert callable(module.main) and callable(module.add_arguments)
-    assert group in cli.GROUPS
+    first = module.__doc__.splitlines()[0]
+    assert first == f"``feasigrasp {group} {name}``: {purpose}."
+
+
+def test_the_commands_are_those_that_users_rely_on():
+    found = {group: list(cli.commands(group)) for group in cli.GROUPS}
+    assert found == {
+        "evaluate": [
+            *("capability", "dynamic", "gallery", "grasp-labels", "grasp-targets", "kinematics"),
+            *("length-scale", "prediction", "reachability", "rollout", "sampler"),
+            *("sampler-figures", "shape", "shape-figures"),
+        ],
+        "bench": ["all", "control", "kinematics", "reachability", "safety", "sampler", "shape"],
+        "fit": ["certainty", "reachability"],
+        "train": ["hidden-side", "ik-flow", "sampler", "sampler-data"],
+    }
 
 
 @pytest.mark.parametrize("name", list(cli.SINGLE_COMMANDS))
@@ -99,6 +117,17 @@ def test_errors_of_the_project_become_a_message(monkeypatch, capsys):
     monkeypatch.setattr(module, "main", fail)
     assert cli.main(["evaluate", "dynamic"]) == 2
     assert capsys.readouterr().err == "error: no such thing; take another\n"
+
+
+def test_an_interruption_has_a_status_of_its_own(monkeypatch, capsys):
+    module = importlib.import_module("feasigrasp.evaluation.studies.dynamic")
+
+    def interrupted(args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "main", interrupted)
+    assert cli.main(["evaluate", "dynamic"]) == 130
+    assert "the same command goes on from here" in capsys.readouterr().err
 
 
 def test_help_is_quick_because_nothing_heavy_is_imported():

@@ -1,13 +1,23 @@
-"""The arguments that every ``feasigrasp evaluate`` and ``feasigrasp bench`` takes."""
+"""The arguments that many commands take, and how they are read and written again."""
 
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 
 import joblib
 
 from feasigrasp.models.objects.rigid_object import builtin_objects, find_objects
+
+
+def add_run_arguments(parser: argparse.ArgumentParser, *, out: str, jobs: bool = True) -> None:
+    """Adds ``--out --seed --jobs``, which a command that trains or fits takes as well."""
+    parser.add_argument("--out", type=Path, default=Path(out), help="folder of the results")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the first repeat")
+    if jobs:
+        cpus = joblib.cpu_count()
+        parser.add_argument("--jobs", type=positive, default=cpus, help="processes at a time")
 
 
 def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: str | None) -> None:
@@ -18,11 +28,7 @@ def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: 
         out: Default folder of the results.
         objects: Default objects, see `select_objects`; None if they depend on other arguments.
     """
-    parser.add_argument("--out", type=Path, default=Path(out), help="folder of the results")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the first repeat")
-    parser.add_argument(
-        "--jobs", type=positive, default=joblib.cpu_count(), help="processes at a time"
-    )
+    add_run_arguments(parser, out=out)
     parser.add_argument(
         "--objects",
         default=objects,
@@ -46,6 +52,30 @@ def names(text: str) -> list[str]:
     if not found:
         raise argparse.ArgumentTypeError("no name given")
     return found
+
+
+def minutes(text: str) -> float:
+    """Reads a length of time from the command line."""
+    length = float(text)
+    if not length > 0.0:
+        raise argparse.ArgumentTypeError(f"{text} minutes are no time")
+    return length
+
+
+def command_line(args: argparse.Namespace, command: str) -> str:
+    """The line that gives a command these arguments, those with a default included.
+
+    Args:
+        args: Arguments of the command; an option is spelt as its entry.
+        command: Its name, e.g. ``evaluate shape``.
+    """
+    words = ["feasigrasp", *command.split()]
+    for name, value in vars(args).items():
+        if value is True:
+            words.append(f"--{name}")
+        elif value is not None and value is not False:
+            words += [f"--{name}", ",".join(value) if isinstance(value, list) else str(value)]
+    return shlex.join(words)
 
 
 def select_objects(selection: str) -> dict[str, str]:

@@ -1,62 +1,116 @@
-"""Parts of an evaluation that need not be done again when its command is repeated."""
+"""Work that need not be done again when its command is repeated."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import joblib
+from tqdm import tqdm
+
 from feasigrasp.results.provenance import git_revision, versions
-from feasigrasp.results.rows import Row, write_json
+from feasigrasp.results.rows import write_json
+
+Record = dict[str, Any]
 
 
-def finish_part(
-    filename: Path, settings: dict[str, Any], measure: Callable[[], Sequence[Row]]
-) -> list[Row]:
-    """The rows of one part, from its file if that was made with the same settings and code.
-
-    Args:
-        filename: JSON file of the part.
-        settings: What the rows depend on, e.g. the seed.
-        measure: Makes the rows.
-    """
-    key = {"git": git_revision(), "versions": versions(), **settings}
-    try:
-        content = json.loads(filename.read_text())
-        if content["key"] == json.loads(json.dumps(key)):
-            rows = [Row(**row) for row in content["rows"]]
-            dirty = ": uncommitted changes cannot be told apart" if _is_dirty(key["git"]) else ""
-            print(f"{filename} is finished already{dirty}")
-            return rows
-    except (FileNotFoundError, json.JSONDecodeError, KeyError, TypeError):
-        pass  # not there, or not one of ours: measure
-    rows = list(measure())
-    write_json({"key": key, "rows": [asdict(row) for row in rows]}, filename)
-    return rows
+def made_with() -> dict[str, Any]:
+    """The code that results depend on: its revision and the versions."""
+    return {"git": git_revision(), "versions": versions()}
 
 
-def finished_records(filename: Path, key: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """The records in a file, if the same code made them in the same way.
+def read_finished(filename: Path, wanted: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What a JSON file holds, if its entries are as wanted; None if it is missing or no such file.
 
     Args:
-        filename: JSON file with the entries ``key`` and ``records``.
-        key: What the records depend on: revision, versions and settings.
-
-    Returns:
-        The records; None if there is no such file, if it was made with another key, or if it is not
-        one of ours.
+        filename: The file.
+        wanted: Entries that it must have, e.g. revision, versions and settings.
     """
     try:
         content = json.loads(filename.read_text())
-        if content["key"] != json.loads(json.dumps(key)):
-            return None
-        records: list[dict[str, Any]] = content["records"]
-    except (FileNotFoundError, json.JSONDecodeError, KeyError, TypeError):
+    except (FileNotFoundError, json.JSONDecodeError):
         return None
-    return records
+    same = isinstance(content, dict) and all(
+        key in content and content[key] == value
+        for key, value in json.loads(json.dumps(wanted)).items()
+    )
+    return content if same else None
 
 
-def _is_dirty(revision: str | None) -> bool:
-    return (revision or "").endswith("-dirty")
+def finish(
+    filename: Path, settings: Mapping[str, Any], make: Callable[[], Sequence[Record]]
+) -> list[Record]:
+    """The records of a piece of work, from its file if the same code and settings made that.
+
+    Args:
+        filename: JSON file of the work; a number that is not finite is null in it.
+        settings: What the records depend on, e.g. the seed.
+        make: Makes them.
+    """
+    key = {**made_with(), **settings}
+    content = read_finished(filename, {"key": key})
+    if content is None:
+        records = [{name: _plain(value) for name, value in r.items()} for r in make()]
+        content = {"key": key, "records": records}
+        write_json(content, filename)
+    found: list[Record] = content["records"]
+    return found
+
+
+def finish_all(
+    items: Mapping[str, Any],
+    folder: Path,
+    settings: Mapping[str, Any],
+    measure: Callable[..., Sequence[Record]],
+    *,
+    jobs: int,
+    desc: str,
+) -> dict[str, list[Record]]:
+    """The records of many items; in processes, with a progress bar, and one file for each.
+
+    Args:
+        items: What is measured, by name.
+        folder: Where the files are.
+        settings: Further arguments of ``measure``.
+        measure: Makes the records of one item, ``measure(name, item, **settings)``.
+        jobs: Processes at a time.
+        desc: What the bar is called.
+    """
+    keys = {name: {**settings, "item": item} for name, item in items.items()}
+    files = {name: folder / f"{name}.json" for name in items}
+    missing = [n for n in items if read_finished(files[n], {"key": made_with() | keys[n]}) is None]
+    report_reuse(len(items) - len(missing), len(items), folder)
+    work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
+        joblib.delayed(_finish_item)(files[name], keys[name], measure, name, items[name], settings)
+        for name in missing
+    )
+    with tqdm(total=len(items), initial=len(items) - len(missing), desc=desc) as bar:
+        for _ in work:
+            bar.update()
+    return {name: json.loads(files[name].read_text())["records"] for name in items}
+
+
+def report_reuse(kept: int, total: int, folder: Path) -> None:
+    """Says how much of the work is there already."""
+    if kept:
+        print(f"{kept} of {total} are finished already in {folder}")
+        if (git_revision() or "").endswith("-dirty"):
+            print("  uncommitted changes cannot be told apart: use a new --out after changing code")
+
+
+def _finish_item(
+    filename: Path,
+    key: Mapping[str, Any],
+    measure: Callable[..., Sequence[Record]],
+    name: str,
+    item: Any,
+    settings: Mapping[str, Any],
+) -> None:
+    finish(filename, key, lambda: measure(name, item, **settings))
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

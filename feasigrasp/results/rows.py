@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
+import csv
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
-from feasigrasp.results.provenance import machine, versions
+from feasigrasp.results.arguments import command_line
+from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.results.statistics import Estimate
 
 
@@ -36,6 +39,11 @@ class Row:
     n: int
 
     @classmethod
+    def plain(cls, name: str, preset: str, value: SupportsFloat, unit: str, n: int) -> Row:
+        """A row without an interval."""
+        return cls(name, preset, float(value), None, None, unit, n)
+
+    @classmethod
     def of(cls, name: str, preset: str, estimate: Estimate, unit: str, factor: float = 1.0) -> Row:
         """A row from an estimate; ``factor`` converts its figures to ``unit``."""
         low, high = (
@@ -54,6 +62,35 @@ def write_json(content: dict[str, Any], filename: Path) -> None:
     partial = filename.with_name(f"{filename.name}.{os.getpid()}.part")
     partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
     partial.replace(filename)
+
+
+def write_csv(
+    filename: Path,
+    rows: Iterable[Mapping[str, Any] | Sequence[Any]],
+    heads: Sequence[str] = (),
+    floats: str = "",
+) -> None:
+    """Writes a table.
+
+    Args:
+        filename: Where; its folder is made if need be.
+        rows: Its lines, sequences or mappings; of mappings, other entries are left out.
+        heads: Names of the columns; by default the keys of the first row.
+        floats: Format of floating point numbers, e.g. ``.6g``.
+    """
+    table = list(rows)
+    columns = list(heads or table[0])
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    with filename.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        for row in table:
+            cells = [row[head] for head in columns] if isinstance(row, Mapping) else row
+            writer.writerow(
+                [format(cell, floats) if isinstance(cell, float) else cell for cell in cells]
+                if floats
+                else cells
+            )
 
 
 def write_summary(
@@ -79,3 +116,36 @@ def write_summary(
         "rows": [asdict(row) for row in rows],
     }
     write_json(content, filename)
+
+
+def format_rows(rows: Sequence[Row]) -> str:
+    """One line per row: name, preset, value with its interval, unit, number of samples."""
+    names = max((len(row.name) for row in rows), default=0)
+    presets = max((len(row.preset) for row in rows), default=0)
+    lines = []
+    for row in rows:
+        bounds = "" if row.low is None else f"[{row.low:.4g}, {row.high:.4g}]"
+        lines.append(
+            f"{row.name:{names}s}  {row.preset:{presets}s}  {row.value:10.4g} {row.unit:6s}"
+            f" {bounds:24s} n = {row.n}"
+        )
+    return "\n".join(lines)
+
+
+def report_rows(
+    args: argparse.Namespace, command: str, rows: Sequence[Row], table: str = "", **more: Any
+) -> None:
+    """Ends a command: writes ``summary.json`` and prints its rows and what lies beside it.
+
+    Args:
+        args: Arguments of the command, as `add_common_arguments` makes them.
+        command: Its name, e.g. ``evaluate shape``.
+        rows: The figures.
+        table: What is printed instead of all rows.
+        **more: Further entries of the summary.
+    """
+    line = command_line(args, command)
+    filename = args.out / "summary.json"
+    write_summary(filename, line, git_revision(), args.seed, rows, quick=args.quick, **more)
+    print(table or format_rows(rows))
+    print(f"{args.out}: {', '.join(sorted(p.name for p in args.out.iterdir() if p.is_file()))}")

@@ -1,18 +1,22 @@
-"""What training runs share: what they resume from, how they went, the processor's setting.
+"""The files of trainings and of their data, whole or not there at all; the processor's setting.
 
-``checkpoint.pt`` holds the state of the run, ``curve.csv`` one line for every evaluation.
+``checkpoint.pt`` holds the state of a run, ``curve.csv`` one line for every evaluation, and the
+examples are in shards, ``npz`` files that are made once.
 """
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import joblib
+import numpy as np
 import torch
+from tqdm import tqdm
 
 from feasigrasp.errors import FeasigraspError
 
@@ -90,3 +94,38 @@ def append_curve(folder: Path, columns: Sequence[str], row: Mapping[str, float])
         if new:
             writer.writerow(columns)
         writer.writerow([f"{row.get(column, math.nan):.6g}" for column in columns])
+
+
+def write_arrays(filename: Path, arrays: Mapping[str, Any]) -> None:
+    """Writes an ``npz`` file: one of its name is a whole one."""
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    partial = filename.with_suffix(".part")
+    with partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    partial.replace(filename)
+
+
+def make_shards(
+    files: Sequence[Path], make: Callable[[Path, int], bool], *, jobs: int, desc: str
+) -> int:
+    """Makes the shards that are not there yet, with a progress bar.
+
+    Args:
+        files: Where they are, in the order of their numbers.
+        make: Makes one, from its file and number; whether it did.
+        jobs: Processes at a time.
+        desc: What the bar is called.
+
+    Returns:
+        How many are there in the end.
+    """
+    missing = [number for number, file in enumerate(files) if not file.exists()]
+    work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
+        joblib.delayed(make)(files[number], number) for number in missing
+    )
+    there = len(files) - len(missing)
+    with tqdm(total=len(files), initial=there, desc=desc, unit="shard") as bar:
+        for made in work:
+            there += made
+            bar.update(made)
+    return there

@@ -1,4 +1,4 @@
-"""``feasigrasp fit certainty``: how far fields and networks are to be believed about grasps.
+"""``feasigrasp fit certainty``: fit how far field and network are believed.
 
 Household shapes that no training and no evaluation uses, half of them of the families that no
 training uses, are seen from one to three sides. What field and network say of grasp candidates is
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 
 import joblib
 import numpy as np
@@ -34,8 +33,8 @@ from feasigrasp.models.grasps.hand_clearance import (
 )
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.results.arguments import positive
-from feasigrasp.results.provenance import git_revision, versions
+from feasigrasp.results.arguments import add_run_arguments, positive
+from feasigrasp.results.finished import made_with
 from feasigrasp.results.rows import write_json
 from feasigrasp.training.data.grasp_examples import fuse_and_complete
 from feasigrasp.training.data.grasp_truth import TrueGrasps
@@ -62,10 +61,8 @@ NAMES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("--out", type=Path, default=Path("out/fit_certainty"))
+    add_run_arguments(parser, out="out/fit_certainty")
     parser.add_argument("--objects", type=positive, default=240, help="household shapes")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=positive, default=joblib.cpu_count())
 
 
 def shape_names(count: int, seed: int) -> list[tuple[str, int]]:
@@ -81,8 +78,7 @@ def object_cases(family: str, number: int) -> Cases:
     """What field and network say of grasps of one shape, and what is true."""
     obj = make_shape(family, number)
     viewed, truth, rng = ViewedObject(obj), TrueGrasps(obj.mesh), np.random.default_rng(number)
-    center = 0.5 * (obj.vertices.min(axis=0) + obj.vertices.max(axis=0))
-    cameras = turning_views(rng, center, int(rng.choice(_VIEWS)))
+    cameras = turning_views(rng, viewed.center, int(rng.choice(_VIEWS)))
     try:
         field = fuse_and_complete([viewed.view(X_OC, rng) for X_OC in cameras])
     except PointCloudError:  # it can hardly be seen from there
@@ -182,6 +178,6 @@ def main(args: argparse.Namespace) -> int:
         rounded = tuple(round(c, 3) for c in coefficients)
         print(f"{name} = {rounded}  (log loss {loss:.4f}, {count} grasps)")
         written[name] = {"coefficients": coefficients, "log_loss": loss, "n": count}
-    about = {"git": git_revision(), "versions": versions(), "seed": args.seed}
-    write_json(written | about | {"objects": args.objects}, args.out / "certainty.json")
+    about = made_with() | {"seed": args.seed, "objects": args.objects}
+    write_json(written | about, args.out / "certainty.json")
     return 0

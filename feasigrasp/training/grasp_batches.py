@@ -1,4 +1,4 @@
-"""Training examples as tensors: the shards of `feasigrasp.training.sampler_data`."""
+"""Training examples as tensors: the shards of `feasigrasp.training.train_sampler_data`."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ def load_examples(
     files = sorted(Path(folder).glob("*.npz"))
     if not files:
         raise TrainingDataError(
-            f"there are no shards in {folder}; make them with `python -m "
-            "feasigrasp.training.sampler_data`, or name their folder with --data"
+            f"there are no shards in {folder}; make them with `feasigrasp "
+            "train sampler-data`, or name their folder with --data"
         )
     shards = [_read(file) for file in files]
     family = np.concatenate([shard["family"] for shard in shards])

@@ -1,21 +1,18 @@
-"""``feasigrasp train ik-flow``: trains the IK flow by maximum likelihood on forward kinematics.
+"""``feasigrasp train ik-flow``: train the IK flow by maximum likelihood.
 
 Every batch is drawn anew: configurations uniform inside the limits and free of self-collision, and
-their flange poses. The batch of a step depends on the seed and the step alone, so that a run that
-was interrupted goes on as if it had not been; start the same command again to resume.
+their flange poses. Start the same command again to resume.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import time
-from pathlib import Path
+from collections.abc import Mapping
 
 import numpy as np
 import torch
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.ik.flow import DAMPING, IkFlow
@@ -24,63 +21,19 @@ from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
-from feasigrasp.results.arguments import positive
-from feasigrasp.results.provenance import git_revision, versions
-from feasigrasp.results.rows import write_json
-from feasigrasp.training.files import (
-    TrainingError,
-    append_curve,
-    read_checkpoint,
-    write_checkpoint,
-)
+from feasigrasp.results.arguments import add_run_arguments
 from feasigrasp.training.ik_flow_network import IkFlowNetwork
+from feasigrasp.training.loop import TrainingRun, add_evaluation_arguments, add_loop_arguments
 
-#: Steps over which the learning rate rises to its full value.
-WARM_UP = 200
-#: Largest gradient norm of one joint's network.
-LARGEST_GRADIENT = 5.0
 #: Entry of the random seed that keeps the held-out poses apart from all batches.
 _HELD_OUT = 2**32 - 1
-COLUMNS = (
-    "step",
-    "minutes",
-    "learning_rate",
-    "train_nll",
-    "held_out_nll",
-    *(f"held_out_nll_q{joint + 1}" for joint in range(7)),
-    "position_mm_median",
-    "position_mm_mean",
-    "angle_deg_median",
-    "angle_deg_mean",
-    "refined_percent",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("--out", type=Path, default=Path("out/ik_flow"), help="folder of the run")
-    parser.add_argument("--seed", type=int, default=0)
-    length = parser.add_mutually_exclusive_group()
-    length.add_argument("--minutes", type=_minutes, help="length of the training (default: 60)")
-    length.add_argument("--steps", type=positive, help="its length in steps instead")
-    parser.add_argument("--batch", type=positive, default=1024, help="samples of a step")
-    parser.add_argument("--learning-rate", type=float, default=2e-3)
-    parser.add_argument("--every", type=positive, default=500, help="steps between evaluations")
-    parser.add_argument(
-        "--patience",
-        type=positive,
-        default=20,
-        help="evaluations without a better held-out likelihood after which it stops",
-    )
-    parser.add_argument("--held-out", type=positive, default=4000, help="poses of an evaluation")
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-
-
-def _minutes(text: str) -> float:
-    minutes = float(text)
-    if not minutes > 0.0:
-        raise argparse.ArgumentTypeError(f"{text} minutes are no time")
-    return minutes
+    add_run_arguments(parser, out="out/ik_flow", jobs=False)
+    length = add_loop_arguments(parser, steps=None, batch=1024, rate=2e-3, of="samples")
+    add_evaluation_arguments(parser, length, minutes_=60, every=500, patience=20, held_out=4000)
 
 
 def training_batch(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
@@ -88,12 +41,6 @@ def training_batch(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
     q = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, len(POSITION_LIMITS)))
     q = q[~in_collision(q)]
     return q, forward_kinematics(q)
-
-
-def learning_rate(peak: float, step: int, fraction: float) -> float:
-    """Linear rise, then half a cosine down to a thousandth at ``fraction`` = 1 of the run."""
-    fall = 0.5 * (1.0 + math.cos(math.pi * min(fraction, 1.0)))
-    return peak * min(1.0, (step + 1) / WARM_UP) * (1e-3 + (1.0 - 1e-3) * fall)
 
 
 def export(network: IkFlowNetwork) -> IkFlow:
@@ -124,101 +71,57 @@ def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str,
     }
 
 
-class Training:
-    """One training run with its files in a folder.
-
-    ``checkpoint.pt`` is what it resumes from, ``curve.csv`` one line for every evaluation,
-    ``ik_flow.npz`` the weights with the best held-out likelihood.
+class Training(TrainingRun[IkFlowNetwork]):
+    """One training run; the weights with the best held-out likelihood are kept.
 
     Args:
         args: Arguments of the command.
         shape: Sizes of the networks.
-
-    Raises:
-        TrainingError: The folder holds a run with another seed, batch or network, or there is no
-            such device.
     """
 
+    weights = "ik_flow.npz"
+    columns = (
+        *("step", "minutes", "learning_rate", "train_nll", "held_out_nll"),
+        *(f"held_out_nll_q{joint + 1}" for joint in range(7)),
+        *("position_mm_median", "position_mm_mean", "angle_deg_median", "angle_deg_mean"),
+        "refined_percent",
+    )
+    criterion, less_is_better = "held_out_nll", True
+    warm_up, least, averaged_over = 200, 1e-3, 0
+    #: Of one joint's network.
+    largest_gradient = 5.0
+
     def __init__(self, args: argparse.Namespace, shape: FlowShape) -> None:
-        self.args, self.folder = args, args.out
-        self.minutes = 60.0 if args.minutes is None and args.steps is None else args.minutes
+        identity = {"seed": args.seed, "batch": args.batch, "shape": shape.as_dict()}
         torch.manual_seed(args.seed)
-        try:
-            self.network = IkFlowNetwork(shape).to(args.device)
-        except RuntimeError as error:
-            raise TrainingError(f"cannot train on --device {args.device}: {error}") from None
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=args.learning_rate)
-        self.step, self.seconds = 0, 0.0
-        self.best, self.worse = math.inf, 0
-        self.identity = {"seed": args.seed, "batch": args.batch, "shape": shape.as_dict()}
+        optimizer = torch.optim.Adam, {"lr": args.learning_rate}
+        super().__init__(args, IkFlowNetwork(shape), optimizer, identity)
         self.held_out = training_batch(np.random.default_rng([args.seed, _HELD_OUT]), args.held_out)
-        self._resume()
 
-    @property
-    def fraction(self) -> float:
-        """How much of the run is done, in [0, 1]."""
-        if self.minutes is None:
-            return self.step / float(self.args.steps)
-        return self.seconds / (60.0 * self.minutes)
-
-    @property
-    def finished(self) -> bool:
-        """Whether its time or its steps are used up, or it got no better for too long."""
-        return self.fraction >= 1.0 or self.worse >= self.args.patience
-
-    def advance(self) -> float:
-        """One step of the optimiser; the negative log likelihood of its batch."""
-        started = time.perf_counter()
-        rate = learning_rate(self.args.learning_rate, self.step, self.fraction)
-        for group in self.optimizer.param_groups:
-            group["lr"] = rate
+    def losses(self) -> dict[str, Tensor]:
+        """The negative log likelihood of new samples."""
         rng = np.random.default_rng([self.args.seed, self.step])
         q, X_WF = (_tensor(part, self.args.device) for part in training_batch(rng, self.args.batch))
-        loss = -self.network(q, X_WF)[1].mean(0).sum()
-        self.optimizer.zero_grad()
-        loss.backward()
-        for factor in self.network.factors:
-            nn.utils.clip_grad_norm_(factor.parameters(), LARGEST_GRADIENT)
-        self.optimizer.step()
-        self.step += 1
-        self.seconds += time.perf_counter() - started
-        return float(loss.detach())
+        return {"nll": -self.network(q, X_WF)[1].mean(0).sum()}
 
-    def evaluate(self, train_nll: float) -> dict[str, float]:
-        """Held-out metrics; writes the curve, the best weights and the checkpoint."""
-        metrics = {
-            "step": float(self.step),
-            "minutes": self.seconds / 60.0,
-            "learning_rate": self.optimizer.param_groups[0]["lr"],
-            "train_nll": train_nll,
-            **held_out_metrics(self.network, *self.held_out),
-        }
-        if metrics["held_out_nll"] < self.best:
-            self.best, self.worse = metrics["held_out_nll"], 0
-            export(self.network).save(self.folder / "ik_flow.npz")
-        else:
-            self.worse += 1
-        append_curve(self.folder, COLUMNS, metrics)
-        self.save()
-        return metrics
+    def clipped(self) -> list[nn.Module]:
+        """The network of each joint."""
+        return list(self.network.factors)
 
-    def save(self) -> None:
-        """Writes the checkpoint."""
-        write_checkpoint(
-            self.folder,
-            self.identity,
-            network=self.network.state_dict(),
-            optimizer=self.optimizer.state_dict(),
-            progress=[self.step, self.seconds, self.best, self.worse],
+    def measure(self) -> dict[str, float]:
+        """See `held_out_metrics`."""
+        return held_out_metrics(self.network, *self.held_out)
+
+    def export(self) -> None:
+        """Writes the flow."""
+        export(self.network).save(self.folder / self.weights)
+
+    def progress(self, metrics: Mapping[str, float]) -> str:
+        """Likelihood and errors."""
+        return (
+            f"held-out NLL {metrics['held_out_nll']:.2f}, "
+            f"{metrics['position_mm_median']:.1f} mm, refined {metrics['refined_percent']:.1f} %"
         )
-
-    def _resume(self) -> None:
-        state = read_checkpoint(self.folder, self.identity, self.args.device)
-        if state is None:
-            return
-        self.network.load_state_dict(state["network"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.step, self.seconds, self.best, self.worse = state["progress"]
 
 
 def _tensor(array: Array, device: torch.device | str) -> Tensor:
@@ -226,39 +129,5 @@ def _tensor(array: Array, device: torch.device | str) -> Tensor:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Trains, or goes on with training, and prints the last held-out metrics."""
-    training = Training(args, FlowShape())
-    write_json(
-        {"git": git_revision(), "versions": versions(), **training.identity},
-        args.out / "run.json",
-    )
-    if training.finished:
-        print(f"{args.out} is finished; give more --minutes or --steps to go on with it")
-        return 0
-    try:
-        _train(training)
-    except KeyboardInterrupt:
-        training.save()
-        print(f"interrupted at step {training.step}; the same command goes on from there")
-        return 130
-    print(f"step {training.step}: best held-out NLL {training.best:.3f}; weights and curve in")
-    print(f"{args.out}/ik_flow.npz and {args.out}/curve.csv")
-    return 0
-
-
-def _train(training: Training) -> None:
-    losses: list[float] = []
-    format_bar = "{l_bar}{bar}| {elapsed}{postfix}"
-    with tqdm(total=1.0, initial=training.fraction, bar_format=format_bar) as bar:
-        while not training.finished:
-            losses.append(training.advance())
-            bar.n = min(training.fraction, 1.0)
-            bar.update(0)
-            if training.step % training.args.every == 0 or training.fraction >= 1.0:
-                metrics = training.evaluate(float(np.mean(losses)))
-                losses.clear()
-                bar.set_postfix_str(
-                    f"step {training.step}, held-out NLL {metrics['held_out_nll']:.2f}, "
-                    f"{metrics['position_mm_median']:.1f} mm, "
-                    f"refined {metrics['refined_percent']:.1f} %"
-                )
+    """Trains, or goes on with training."""
+    return Training(args, FlowShape()).run()

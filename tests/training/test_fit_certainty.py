@@ -7,8 +7,8 @@ import pytest
 
 from feasigrasp.cli import main
 from feasigrasp.errors import GraspError
-from feasigrasp.evaluation.studies.sampler_objects import unseen_objects
 from feasigrasp.models.grasps.certainty import probability
+from feasigrasp.training.data.unseen_objects import unseen_objects
 from feasigrasp.training.fit_certainty import FIRST_SEED, NAMES, fit, shape_names, stages
 
 

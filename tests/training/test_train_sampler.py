@@ -18,7 +18,7 @@ from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.grasp_batches import TrainingDataError, load_examples
 from feasigrasp.training.grasp_losses import Labels, free_share, loss
 from feasigrasp.training.grasp_validation import average_precision, held_out_metrics, measures
-from feasigrasp.training.train_sampler import Training, learning_rate
+from feasigrasp.training.train_sampler import Training
 
 POINTS, TURNS = 40, 36
 
@@ -298,9 +298,3 @@ def test_average_precision_against_hand_made_curves():
     assert average_precision(score, np.array([1.0, 1.0, 0.0, 0.0])) == pytest.approx(1.0)
     assert average_precision(score, np.array([0.0, 1.0, 0.0, 1.0])) == pytest.approx(0.5)
     assert average_precision(np.ones(4), np.array([0.0, 1.0, 0.0, 0.0])) == pytest.approx(0.25)
-
-
-def test_the_learning_rate_rises_and_falls():
-    assert learning_rate(1.0, 0, 0.0) < 0.02
-    assert learning_rate(1.0, 1000, 0.0) == pytest.approx(1.0)
-    assert learning_rate(1.0, 1000, 1.0) == pytest.approx(1e-2)

@@ -1,25 +1,13 @@
-"""``feasigrasp bench all``: every benchmark, one after the other, each in a folder of its own."""
+"""``feasigrasp bench all``: run all benchmarks, one after the other."""
 
 from __future__ import annotations
 
 import argparse
+from importlib import import_module
 
-from feasigrasp.evaluation.bench import control as bench_control
-from feasigrasp.evaluation.bench import kinematics as bench_kinematics
-from feasigrasp.evaluation.bench import reachability as bench_reachability
-from feasigrasp.evaluation.bench import safety as bench_safety
-from feasigrasp.evaluation.bench import sampler as bench_sampler
-from feasigrasp.evaluation.bench import shape as bench_shape
 from feasigrasp.results.arguments import add_common_arguments
 
-BENCHMARKS = {
-    "shape": bench_shape,
-    "kinematics": bench_kinematics,
-    "reachability": bench_reachability,
-    "control": bench_control,
-    "safety": bench_safety,
-    "sampler": bench_sampler,
-}
+BENCHMARKS = ("shape", "kinematics", "reachability", "control", "safety", "sampler")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command; ``DIR/shape/summary.json`` and so on are those of the single benchmarks."""
     status = 0
-    for name, benchmark in BENCHMARKS.items():
+    for name in BENCHMARKS:
+        benchmark = import_module(f"feasigrasp.evaluation.bench.{name}")
         parser = argparse.ArgumentParser()
         benchmark.add_arguments(parser)
         options = ["--out", str(args.out / name), "--seed", str(args.seed)]

@@ -1,4 +1,4 @@
-"""``feasigrasp bench control``: how often the controllers can run, beside the paper's Table III.
+"""``feasigrasp bench control``: time the controllers beside the paper's Table III.
 
 What is timed is a whole evaluation of a controller's output, by Drake, after its joint positions
 and the object's pose have changed; on one thread. `DIR/timings.csv` has all timings.
@@ -23,22 +23,18 @@ import torch
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.bench.controller_probe import V_WO, ControllerProbe, grasps_in_reach
-from feasigrasp.evaluation.bench.report import report_bench
-from feasigrasp.evaluation.bench.timing import Timing, cpu_time
+from feasigrasp.evaluation.measures.timing import Case, Timing, cpu_time, report_bench
 from feasigrasp.evaluation.peers.control import ArrayJointStep, ArrayTaskStep
 from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp.evaluation.runs.controller_probe import V_WO, ControllerProbe, grasps_in_reach
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.results.arguments import add_common_arguments
-from feasigrasp.results.rows import Row
+from feasigrasp.results.rows import Row, format_rows
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
-
-#: A row name, a preset, and what is timed.
-Case = tuple[str, str, Callable[[], object]]
 
 #: Components of the safe task controller, solutions of the safe joint controller.
 SAFE_COMPONENTS, SAFE_SOLUTIONS = 8, 64
@@ -68,8 +64,7 @@ def main(args: argparse.Namespace) -> int:
             ]
     finally:
         torch.set_num_threads(threads)
-    report_bench(args, "control", rows)
-    print(format_table_3(rows))
+    report_bench(args, "control", rows, f"{format_rows(rows)}\n{format_table_3(rows)}")
     return 0
 
 

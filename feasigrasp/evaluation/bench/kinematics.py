@@ -1,4 +1,4 @@
-"""``feasigrasp bench kinematics``: how quick the arm's kinematics are, beside its peers.
+"""``feasigrasp bench kinematics``: time the arm's kinematics beside its peers.
 
 Everything is timed in one go on one thread, so that what is compared ran under the same
 conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all timings.
@@ -7,19 +7,16 @@ conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Iterator
 from importlib.util import find_spec
 
 import numpy as np
-from threadpoolctl import threadpool_limits
-from tqdm import tqdm
 
-from feasigrasp.evaluation.bench.report import report_bench, timing_row
-from feasigrasp.evaluation.bench.timing import cpu_time
+from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
-from feasigrasp.models.ik.closed_form import nearest_inside_limits
 from feasigrasp.models.ik.flow import IkFlow
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import in_collision
@@ -41,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser, out="out/bench_kinematics", objects="builtin")
 
 
-def cases(seed: int) -> list[tuple[str, str, str, float, Callable[[], object]]]:
-    """What is timed: row name, preset, unit, factor from seconds per call, function.
+def cases(seed: int) -> Iterator[tuple[Case, str, float]]:
+    """What is timed, the unit of its row, and the factor from seconds per call to it.
 
     Args:
         seed: Seed of the random configurations, uniform inside the joint limits.
@@ -51,41 +48,40 @@ def cases(seed: int) -> list[tuple[str, str, str, float, Callable[[], object]]]:
     Q = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (COLLISION_BATCH, 7))
     batch = Q[:BATCH].copy()
     X_WF = forward_kinematics(batch)
-    psis = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)
+    reachability = Reachability(
+        n_arm_angles=ARM_ANGLES, limit_margin=0.0, clearance=0.0, table_height=-10.0
+    )
+    X_WG = X_WF @ reachability.gripper.X_FG
     drake = DrakeArm()
     fk, collision, inverse = _ROW_NAMES
     per_configuration = 1e6 / len(Q)
-    found: list[tuple[str, str, str, float, Callable[[], object]]] = [
-        (fk, "default", "us", 1e6, lambda: pose_and_jacobian(batch)),
-        (fk, "peer:drake", "us", 1e6, lambda: drake.pose_and_jacobian(batch)),
-        (collision, "default", "us", per_configuration, lambda: in_collision(Q)),
-        (collision, "peer:drake", "us", per_configuration, lambda: drake.in_collision(Q)),
-        (inverse, "default", "ms", 1e3, lambda: nearest_inside_limits(X_WF, HOME, psis)),
-    ]
+    yield (fk, "default", lambda: pose_and_jacobian(batch)), "us", 1e6
+    yield (fk, "peer:drake", lambda: drake.pose_and_jacobian(batch)), "us", 1e6
+    yield (collision, "default", lambda: in_collision(Q)), "us", per_configuration
+    yield (collision, "peer:drake", lambda: drake.in_collision(Q)), "us", per_configuration
+    yield (inverse, "default", lambda: reachability.nearest(X_WG, HOME)), "ms", 1e3
     if find_spec("pinocchio"):
         pinocchio = pinocchio_kinematics()
-        found.append((fk, "peer:pinocchio", "us", 1e6, lambda: pinocchio(batch)))
+        yield (fk, "peer:pinocchio", lambda: pinocchio(batch)), "us", 1e6
     else:
         print("pinocchio is not installed (PyPI: pin): its row is left out")
     if find_spec("eaik"):
         eaik = eaik_nearest(np.linspace(-POSITION_LIMITS[2], POSITION_LIMITS[2], ARM_ANGLES))
-        found.append((inverse, "peer:eaik", "ms", 1e3, lambda: eaik(X_WF, HOME)))
+        yield (inverse, "peer:eaik", lambda: eaik(X_WF, HOME)), "ms", 1e3
     else:
         print("EAIK is not installed (PyPI: eaik): its row is left out")
     try:
         flow = IkFlow.load_default()
-        found.append(("bench.ik_flow_ms.100", "default", "ms", 1e3, lambda: flow.solve(X_WF)))
+        yield ("bench.ik_flow_ms.100", "default", lambda: flow.solve(X_WF)), "ms", 1e3
     except WeightsError as error:
         print(f"bench.ik_flow_ms.100 is left out: {error}")
-    return found
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
+    seconds = 0.2 if args.quick else 2.0
     rows = []
-    with threadpool_limits(1):
-        for name, preset, unit, factor, function in tqdm(cases(args.seed), desc="kinematics"):
-            timing = cpu_time(function, 0.2 if args.quick else 2.0)
-            rows.append(timing_row(name, preset, timing, unit, factor))
+    for case, unit, factor in cases(args.seed):
+        rows += time_cases([case], seconds, unit, factor)
     report_bench(args, "kinematics", rows)
     return 0

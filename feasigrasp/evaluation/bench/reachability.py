@@ -1,4 +1,4 @@
-"""``feasigrasp bench reachability``: how quick the reachability filter and its fit are.
+"""``feasigrasp bench reachability``: time the reachability filter and its fit.
 
 Timed on one thread unless a preset says otherwise; nothing is taken over from an earlier run.
 `DIR/timings.csv` has all timings.
@@ -17,7 +17,6 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -28,8 +27,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.bench.report import report_bench, timing_row
-from feasigrasp.evaluation.bench.timing import Timing, cpu_time
+from feasigrasp.evaluation.measures.timing import Case, Timing, report_bench, time_cases, timing_row
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.judge import METHODS, PoseJudge
@@ -77,30 +75,19 @@ def main(args: argparse.Namespace) -> int:
     if args.fit:
         rows.append(_fit_row(args))
     print(f"{reachable:.0%} of the {GRASPS} hand poses are reachable")
-    what = "reachability" + " --fit" * args.fit
-    report_bench(args, what, rows, reachable_share=float(reachable))
+    report_bench(args, "reachability", rows, reachable_share=float(reachable))
     return 0
 
 
 def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
     reachability, X_WG = Reachability(), X_WO @ grasps.X_OG
-    cases: list[tuple[str, str, Callable[[], object]]] = []
+    cases: list[Case] = []
     for method in METHODS:
-        judge = PoseJudge(reachability, method)
-        cases += [
-            (method, "default", partial(judge.verdicts, X_WG)),
-            (
-                method,
-                "whole filter",
-                partial(
-                    judge_grasps, grasps, X_WO, V_WO, judge, n_best=2 * GRASPS, score_share=0.0
-                ),
-            ),
-        ]
-    return [
-        timing_row(f"{_FILTER}.{method}", preset, cpu_time(function, seconds), "ms", 1e3)
-        for method, preset, function in tqdm(cases, desc="filter")
-    ]
+        judge, name = PoseJudge(reachability, method), f"{_FILTER}.{method}"
+        whole = partial(judge_grasps, n_best=2 * GRASPS, score_share=0.0)
+        cases.append((name, "default", partial(judge.verdicts, X_WG)))
+        cases.append((name, "whole filter", partial(whole, grasps, X_WO, V_WO, judge)))
+    return time_cases(cases, seconds, "ms", 1e3)
 
 
 def _em_rows(seed: int, quick: bool) -> list[Row]:
@@ -133,7 +120,7 @@ def _em_rows(seed: int, quick: bool) -> list[Row]:
     if find_spec("sklearn"):
         seconds = _scikit_learn_iteration(quaternions, positions, n, seed)
         preset = ", ".join(filter(None, ("peer:scikit-learn", size)))
-        rows.append(Row("bench.em_pass_s", preset, seconds, None, None, "s", 1))
+        rows.append(Row.plain("bench.em_pass_s", preset, seconds, "s", 1))
     else:
         print("scikit-learn is not installed: its row is left out")
     return rows
@@ -197,4 +184,4 @@ def _fit_row(args: argparse.Namespace) -> Row:
     if done.returncode != 0:
         raise ReachabilityError(f"'{' '.join(command[2:])}' ended with status {done.returncode}")
     preset = "300,000 samples" if args.quick else "default"
-    return Row("bench.reachability_fit_s", preset, seconds, None, None, "s", 1)
+    return Row.plain("bench.reachability_fit_s", preset, seconds, "s", 1)

@@ -1,4 +1,4 @@
-"""``feasigrasp bench safety``: ways to keep the arm safe, side by side on the same control ticks.
+"""``feasigrasp bench safety``: compare ways to keep the arm safe, on the same control ticks.
 
 Two tables. Whole laws (`feasigrasp.evaluation.peers.safety_laws`) get a state and a twist and
 return a joint velocity. Solvers (`feasigrasp.evaluation.peers.safety_solvers`) get the matrices of
@@ -11,18 +11,16 @@ the table or back at the base, and at half of the ticks a clearance limits the m
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.bench.report import report_bench, timing_row
-from feasigrasp.evaluation.bench.timing import cpu_time
+from feasigrasp.evaluation.measures.timing import cpu_time, report_bench, timing_row
 from feasigrasp.evaluation.peers.safety_laws import (
     Law,
     State,
@@ -34,12 +32,12 @@ from feasigrasp.evaluation.peers.safety_laws import (
 )
 from feasigrasp.evaluation.peers.safety_solvers import Solver, solvers
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions, velocity_bounds
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp.models.robot.self_collision import min_distance, table_distances_and_gradients
 from feasigrasp.results.arguments import add_common_arguments
-from feasigrasp.results.rows import Row
+from feasigrasp.results.rows import Row, write_csv
 
 #: Ticks, and how many in the quick run; ticks of one run, and how many lie between two taken.
 TICKS, QUICK_TICKS, RUN, STRIDE = 600, 120, 360, 8
@@ -101,14 +99,15 @@ def _twist(X_WF: Array, rng: np.random.Generator) -> Array:
 
 
 def _start(rng: np.random.Generator) -> Array:
+    clear = Reachability(clearance=0.03, limit_margin=0.0)
     while True:
         q = rng.uniform(-0.95, 0.95, 7) * POSITION_LIMITS
-        if min(min_distance(q), table_distances_and_gradients(q)[0].min()) > 0.03:
+        if clear.admissible(q).all():
             return q
 
 
 def judge(
-    states: Sequence[State], commands: Sequence[Array | None], options: SafetyOptions
+    states: Sequence[State], commands: Sequence[Array | None], safety: Safety
 ) -> dict[str, Array]:
     """What the commands do at each tick; infinity or NaN without a command.
 
@@ -117,13 +116,14 @@ def judge(
         those of the accelerations (``acceleration``, rad/s) and the rows (``clearance``, m/s);
         and how far they are from the twist, ``|W (J qd - V)|`` (``error``, m/s).
     """
+    options = safety.options
     outcome = {key: np.full(len(states), np.nan) for key in (*KINDS, "error")}
     weights = np.array([options.rotation_weight] * 3 + [1.0] * 3)
     change = options.acceleration_scale * options.period * ACCELERATION_LIMITS
     for k, (s, qd) in enumerate(zip(states, commands, strict=True)):
         if qd is None or not np.isfinite(qd).all():
             continue
-        lower, upper = velocity_bounds(s.q, options)
+        lower, upper = safety.problem(s.q, s.qd_preferred)[1][:2, :7]
         outcome["limits"][k] = max(0.0, (lower - qd).max(), (qd - upper).max())
         outcome["acceleration"][k] = max(0.0, (np.abs(qd - s.qd_last) - change).max())
         outcome["clearance"][k] = (s.lower[7:] - s.rows @ qd).max(initial=0.0)
@@ -136,13 +136,13 @@ def rows_of(name: str, preset: str, outcome: dict[str, Array]) -> list[Row]:
     answered = np.isfinite(outcome["error"])
     silent = 100 * float(np.mean(~answered))
     n = int(answered.sum())
-    found = [Row(f"{name}_no_answer_percent", preset, silent, None, None, "%", len(answered))]
+    found = [Row.plain(f"{name}_no_answer_percent", preset, silent, "%", len(answered))]
     for kind in KINDS if n else ():
         broken = 100 * float(np.mean(outcome[kind][answered] > TOLERANCE))
-        found.append(Row(f"{name}_{kind}_broken_percent", preset, broken, None, None, "%", n))
+        found.append(Row.plain(f"{name}_{kind}_broken_percent", preset, broken, "%", n))
     if n:
         mean = 1e3 * float(outcome["error"][answered].mean())
-        found.append(Row(f"{name}_error_mm_s", preset, mean, None, None, "mm/s", n))
+        found.append(Row.plain(f"{name}_error_mm_s", preset, mean, "mm/s", n))
     return found
 
 
@@ -196,24 +196,15 @@ def main(args: argparse.Namespace) -> int:
         for (name, preset), law in tqdm(laws.items(), desc="safety"):
             with _quiet():
                 commands = [law(s) for s in states]
-                timing = cpu_time(_all(law, states), 0.5 if args.quick else 4.0)
+                timing = cpu_time(
+                    lambda law=law: [law(s) for s in states],  # type: ignore[misc]
+                    0.5 if args.quick else 4.0,
+                )
             rows.append(timing_row(f"{name}_us", preset, timing, "us", 1e6 / len(states)))
-            outcome = judge(states, commands, options)
+            outcome = judge(states, commands, safety)
             rows += rows_of(name, preset, outcome)
             for k in range(len(states)):
                 raw.append([name, preset, k, *(float(column[k]) for column in outcome.values())])
-    args.out.mkdir(parents=True, exist_ok=True)
-    with (args.out / "ticks.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["name", "preset", "tick", *KINDS, "error"])
-        writer.writerows(raw)
+    write_csv(args.out / "ticks.csv", raw, ("name", "preset", "tick", *KINDS, "error"))
     report_bench(args, "safety", rows)
     return 0
-
-
-def _all(law: Law, states: Sequence[State]) -> Callable[[], None]:
-    def run() -> None:
-        for s in states:
-            law(s)
-
-    return run

@@ -1,4 +1,4 @@
-"""``feasigrasp bench sampler``: how quickly a cloud becomes grasps, on one thread.
+"""``feasigrasp bench sampler``: time the way from a cloud to grasps, on one thread.
 
 One noisy view of an object, as the depth camera gives it, is smoothed, completed by a field of 512
 points, shown to the network, and its grasps are filtered: `bench.perception_ms` is all of that, the
@@ -15,13 +15,9 @@ from functools import partial
 
 import numpy as np
 import torch
-from threadpoolctl import threadpool_limits
 from torch import nn
-from tqdm import tqdm
 
-from feasigrasp.evaluation.bench.report import report_bench, timing_row
-from feasigrasp.evaluation.bench.timing import cpu_time
-from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
@@ -34,14 +30,10 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
+from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 #: Points of the field and of the network's input; points of the forward pass alone.
 POINTS, NETWORK_POINTS = 512, 1024
-#: Voxels in which views are merged, as in the scenarios [m].
-VOXEL_SIZE = 0.003
-
-Case = tuple[str, str, Callable[[], object]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +45,7 @@ def cases(view: PartialView) -> Iterator[Case]:
     """What is timed on one view: row name, preset, function."""
     network = load_grasp_network()
     sampler, antipodal = NetworkSampler(network=network, n_points=POINTS), AntipodalSampler()
-    cloud = fused(view)
+    cloud = fused([view])
     field = complete_shape(cloud, max_points=POINTS)
     surface = grasp_input(field, POINTS)
     for preset in ("default", "paper"):
@@ -68,7 +60,7 @@ def cases(view: PartialView) -> Iterator[Case]:
     yield "bench.perception_ms", "antipodal", lambda: cloud_to_grasps(view, antipodal)
     X_OG, width, prior = sampler.candidates(field)
     parts: dict[str, Callable[[], object]] = {
-        "smoothing": lambda: fused(view),
+        "smoothing": lambda: fused([view]),
         "fit": lambda: complete_shape(cloud, max_points=POINTS),
         "completion": field.surface,
         "input": lambda: grasp_input(field, POINTS),
@@ -100,28 +92,18 @@ def traced_heads(network: nn.Module, features: ContactFeatures) -> Callable[[], 
     return forward
 
 
-def fused(view: PartialView) -> FusedCloud:
-    """The smoothed cloud of one view."""
-    return FusedCloud.empty(VOXEL_SIZE, smooth=True).merged(view.points, view.p_OC)
-
-
 def cloud_to_grasps(view: PartialView, sampler: GraspSamplerFn) -> object:
     """Everything between a camera's points and filtered grasps."""
-    field: Gpdf = complete_shape(fused(view), max_points=POINTS)
+    field: Gpdf = complete_shape(fused([view]), max_points=POINTS)
     return sampler(field)
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     viewed = ViewedObject(load_object(next(iter(select_objects(args.objects).values()))))
-    center = 0.5 * (viewed.obj.vertices.min(axis=0) + viewed.obj.vertices.max(axis=0))
     rng = np.random.default_rng(args.seed)
-    view = viewed.view(turning_views(rng, center, 1)[0], rng)
+    view = viewed.view(turning_views(rng, viewed.center, 1)[0], rng)
     torch.set_num_threads(1)
-    rows = []
-    with threadpool_limits(1):
-        for name, preset, function in tqdm(cases(view), desc="sampler", unit="case"):
-            timing = cpu_time(function, 0.5 if args.quick else 3.0)
-            rows.append(timing_row(name, preset, timing, "ms", 1e3))
-    report_bench(args, f"sampler --objects {args.objects}", rows)
+    rows = time_cases(cases(view), 0.5 if args.quick else 3.0, "ms", 1e3)
+    report_bench(args, "sampler", rows)
     return 0

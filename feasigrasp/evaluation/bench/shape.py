@@ -1,4 +1,4 @@
-"""``feasigrasp bench shape``: how quick the distance field is, beside its peers.
+"""``feasigrasp bench shape``: time the distance field beside its peers.
 
 Everything is timed in one go on one thread, so that what is compared ran under the same
 conditions; nothing is taken over from an earlier run. `DIR/timings.csv` has all timings.
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.bench.report import report_bench, timing_row
-from feasigrasp.evaluation.bench.timing import Timing, cpu_time
+from feasigrasp.evaluation.measures.timing import Case, Timing, cpu_time, report_bench, timing_row
 from feasigrasp.evaluation.peers.shape import (
     PRESETS,
     ValidationStep,
@@ -40,8 +39,6 @@ from feasigrasp.results.rows import Row
 SIZES = (512, 1024)
 #: Points at which value and gradient are asked for.
 QUERIES = 100_000
-
-Case = tuple[str, str, Callable[[], object]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +119,6 @@ def main(args: argparse.Namespace) -> int:
     for n in SIZES:
         own, peer = (timings[f"bench.gpdf_fit_ms.{n}", of] for of in ("default", "peer:potrf"))
         ratio = own.median / peer.median
-        rows.append(Row(f"bench.gpdf_fit_over_potrf.{n}", "default", ratio, None, None, "", own.n))
-    report_bench(args, f"shape --objects {args.objects}", rows)
+        rows.append(Row.plain(f"bench.gpdf_fit_over_potrf.{n}", "default", ratio, "", own.n))
+    report_bench(args, "shape", rows)
     return 0

@@ -24,6 +24,7 @@ from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.robot.iiwa import NUM_JOINTS, POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.results.markdown import markdown_table
 from feasigrasp.results.rows import Row
 from feasigrasp.results.statistics import Estimate, mean, proportion
 
@@ -110,21 +111,11 @@ def from_random_seeds(X_WF: Array, seed: int) -> Array:
     return q
 
 
-def from_flow(X_WF: Array, seed: int) -> Array:
-    """The flow with three refinement steps."""
-    return IkFlow.load_default().solve(X_WF, seed)
-
-
-def unrefined_flow(X_WF: Array, seed: int) -> Array:
-    """The flow alone."""
-    return IkFlow.load_default().sample(X_WF, seed)[:, 0]
-
-
 SOURCES: dict[str, Source] = {
     "closed_form": from_closed_form,
     "dls": from_random_seeds,
-    "flow": from_flow,
-    "flow_unrefined": unrefined_flow,
+    "flow": lambda X_WF, seed: IkFlow.load_default().solve(X_WF, seed),  # three refinement steps
+    "flow_unrefined": lambda X_WF, seed: IkFlow.load_default().sample(X_WF, seed)[:, 0],
 }
 
 
@@ -172,10 +163,9 @@ def ik_source_rows(seed: int, quick: bool) -> list[Row]:
             if exact_diversity is None:
                 exact_diversity = distance.value
             ratio = distance.value / exact_diversity
-            n = sizes.diversity
             rows += [
                 Row.of("kinematics.diversity_rad", name, distance, "rad"),
-                Row("kinematics.diversity_ratio", name, ratio, None, None, "1", n),
+                Row.plain("kinematics.diversity_ratio", name, ratio, "1", sizes.diversity),
                 Row.of("kinematics.branches", name, branches, "1"),
                 Row.of("kinematics.jump_percent", name, _jumps(source, poses, seed), "%", 100.0),
             ]
@@ -185,28 +175,25 @@ def ik_source_rows(seed: int, quick: bool) -> list[Row]:
 def format_source_table(rows: Sequence[Row]) -> str:
     """The rows as a table for people: one line for each source."""
     columns = (
-        ("solutions/s", "solutions_per_s", "{:.0f}"),
-        ("mm median", "position_error_mm_median", "{:.3g}"),
-        ("mm mean", "position_error_mm_mean", "{:.3g}"),
-        ("deg median", "angle_error_deg_median", "{:.3g}"),
-        ("deg mean", "angle_error_deg_mean", "{:.3g}"),
-        ("reached %", "reached_percent", "{:.1f}"),
-        ("in limits %", "inside_limits_percent", "{:.1f}"),
-        ("coll.-free %", "collision_free_percent", "{:.1f}"),
-        ("diversity", "diversity_ratio", "{:.2f}"),
-        ("branches", "branches", "{:.1f}"),
-        ("jumps %", "jump_percent", "{:.1f}"),
+        ("solutions/s", "solutions_per_s", ".0f"),
+        ("mm median", "position_error_mm_median", ".3g"),
+        ("mm mean", "position_error_mm_mean", ".3g"),
+        ("deg median", "angle_error_deg_median", ".3g"),
+        ("deg mean", "angle_error_deg_mean", ".3g"),
+        ("reached %", "reached_percent", ".1f"),
+        ("in limits %", "inside_limits_percent", ".1f"),
+        ("coll.-free %", "collision_free_percent", ".1f"),
+        ("diversity", "diversity_ratio", ".2f"),
+        ("branches", "branches", ".1f"),
+        ("jumps %", "jump_percent", ".1f"),
     )
     values = {(row.name, row.preset): row.value for row in rows}
-    lines = ["| source | " + " | ".join(head for head, _, _ in columns) + " |"]
-    lines.append("|---" * (len(columns) + 1) + "|")
+    lines = []
     for source in SOURCES:
-        cells = []
-        for _, name, form in columns:
-            value = values.get((f"kinematics.{name}", source))
-            cells.append("-" if value is None else form.format(value))
-        lines.append(f"| {source} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        found = [values.get((f"kinematics.{name}", source)) for _, name, _ in columns]
+        forms = zip(found, (form for _, _, form in columns), strict=True)
+        lines.append([source, *("-" if v is None else format(v, form) for v, form in forms)])
+    return markdown_table(["source", *(head for head, _, _ in columns)], lines)
 
 
 def _reached(position: Array, angle: Array) -> Mask:
@@ -221,17 +208,14 @@ def _error_rows(name: str, q: Array, X_WF: Array) -> list[Row]:
     free = ~in_collision(q[reached])
     mm, deg = 1e3 * position[found], np.rad2deg(angle[found])
 
-    def median(values: Array) -> Estimate:
-        return Estimate(float(np.median(values)), None, None, len(values))
-
     def percent(figure: str, yes: Mask, preset: str = name) -> Row:
         estimate = proportion(int(yes.sum()), len(yes))
         return Row.of(f"kinematics.{figure}", preset, estimate, "%", 100.0)
 
     rows = [
-        Row.of("kinematics.position_error_mm_median", name, median(mm), "mm"),
+        Row.plain("kinematics.position_error_mm_median", name, np.median(mm), "mm", len(mm)),
         Row.of("kinematics.position_error_mm_mean", name, mean(list(mm), lower=0.0), "mm"),
-        Row.of("kinematics.angle_error_deg_median", name, median(deg), "deg"),
+        Row.plain("kinematics.angle_error_deg_median", name, np.median(deg), "deg", len(deg)),
         Row.of("kinematics.angle_error_deg_mean", name, mean(list(deg), lower=0.0), "deg"),
         percent("reached_percent", reached),
     ]
@@ -254,7 +238,7 @@ def _speed_row(name: str, source: Source, X_WF: Array, seed: int) -> Row:
         _, position, angle = refine(X_WF, q, 0)
         speeds.append(float(_reached(position, angle).sum()) / spent)
     value = float(np.median(speeds))
-    return Row("kinematics.solutions_per_s", name, value, None, None, "1/s", _REPEATS)
+    return Row.plain("kinematics.solutions_per_s", name, value, "1/s", _REPEATS)
 
 
 def _jumps(source: Source, X_WF: Array, seed: int) -> Estimate:

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.results.rows import Row
+from feasigrasp.results.rows import Row, write_csv
 
 #: Groups of equally many completed points, by predicted deviation.
 _BINS = 12
@@ -32,9 +31,9 @@ def write_reliability(
         bins, ``shape.calibration_error_mm``, and their rank correlation.
     """
     figure = Figure(figsize=(5.0, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    lines, rows, top = ["group,predicted_mm,mean_error_mm,p90_error_mm,points"], [], 0.0
+    lines: list[tuple[Any, ...]] = []
+    rows, top = [], 0.0
     groups = {"calibrated on": True, "held out": False}
     for label, inside in groups.items():
         chosen = [
@@ -48,18 +47,19 @@ def write_reliability(
         error = 1e3 * np.concatenate([r["error"] for r in chosen])
         predicted = 1e3 * np.concatenate([r["deviation"] for r in chosen])
         table = _binned(predicted, error)
-        lines += [f"{label},{p:.3f},{m:.3f},{q:.3f},{n:.0f}" for p, m, q, n in table]
+        lines += [(label, float(p), float(m), float(q), int(n)) for p, m, q, n in table]
         axes.plot(table[:, 0], table[:, 1], "o-", label=f"mean error, objects {label}")
         axes.plot(table[:, 0], table[:, 2], ":", color=axes.lines[-1].get_color(), label="90 %")
         top = max(top, table[:, :2].max())
         gap = float(np.abs(table[:, 0] - table[:, 1]).mean())
         preset = "default" + ("/builtin" if inside else "/others")
-        rows.append(Row("shape.calibration_error_mm", preset, gap, None, None, "mm", len(error)))
+        rows.append(Row.plain("shape.calibration_error_mm", preset, gap, "mm", len(error)))
     axes.plot([0, top], [0, top], color="0.6", lw=1, label="perfect")
     axes.set(xlabel="predicted deviation [mm]", ylabel="distance to the true surface [mm]")
     axes.legend(fontsize=8)
     figure.savefig(folder / "reliability.png", dpi=150)
-    (folder / "reliability.csv").write_text("\n".join(lines) + "\n")
+    heads = ("group", "predicted_mm", "mean_error_mm", "p90_error_mm", "points")
+    write_csv(folder / "reliability.csv", lines, heads, ".3f")
     return rows
 
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import trimesh
-from scipy.stats import rankdata
 
 from feasigrasp.evaluation.measures.level_set import sample_level_set
+from feasigrasp.evaluation.measures.roc import area_under_curve
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.training.data.views import PartialView, ViewedObject
@@ -67,15 +67,10 @@ def measure(
 
 
 def auc(score: Array, positive: Mask) -> float:
-    """Area under the ROC curve of a score (n,) that should be larger for positives.
-
-    The Mann-Whitney statistic: the chance that a positive scores higher than a negative.
-    """
-    n_positive, n_negative = int(positive.sum()), int((~positive).sum())
-    if n_positive == 0 or n_negative == 0:
+    """`area_under_curve` of a score (n,) that should be larger for positives; NaN without both."""
+    if positive.all() or not positive.any():
         return float("nan")
-    ranks = rankdata(score)[positive].sum()
-    return float((ranks - n_positive * (n_positive + 1) / 2) / (n_positive * n_negative))
+    return area_under_curve(score, positive).value
 
 
 def _mean(values: Array) -> float:

@@ -25,6 +25,8 @@ CAMERA = np.array([0.35, 0.2, 0.3])
 CLOUD_POINTS, DEPTH_NOISE = 4000, 0.001
 #: The validation step: grasps, gripper points, points with normals, steps of the refinement.
 GRASPS, GRIPPER_POINTS, NORMALS, STEPS = 512, 64, 1024, 5
+#: A hand whose points come closer than this collides [m].
+MARGIN = 0.003
 #: Keyword arguments of `fit_gpdf` by preset.
 PRESETS: dict[str, dict[str, Any]] = {"paper": {**PAPER}, "default": {}}
 
@@ -102,7 +104,7 @@ class ValidationStep:
     def __call__(self) -> tuple[Array, Mask, Array]:
         """Variance of the completed surface, which grasps collide, refined normals."""
         field = whole_fit(self.cloud, self.preset, self.nodes)
-        collides = field.clearance(self.X_OG, self.hand, 0.003, 0.003)[0] < 0.003
+        collides = field.clearance(self.X_OG, self.hand, MARGIN, MARGIN)[0] < MARGIN
         return field.completion.variance, collides, field.refine(self.at, STEPS)[2]
 
 

@@ -5,20 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+from scipy.spatial import ConvexHull
 
 from feasigrasp.models.arrays import Array
-
-matplotlib.use("Agg")
-import numpy as np  # noqa: E402 - the backend comes first
-from matplotlib import pyplot as plt  # noqa: E402
-from matplotlib.axes import Axes  # noqa: E402
-from matplotlib.patches import PathPatch  # noqa: E402
-from matplotlib.path import Path as Outline  # noqa: E402
-from scipy.spatial import ConvexHull  # noqa: E402
-
-from feasigrasp.models.robot.capsule_kernels import link_poses_kernel  # noqa: E402
-from feasigrasp.models.robot.capsules import capsule_model  # noqa: E402
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
+from feasigrasp.models.robot.capsules import capsule_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +49,8 @@ def plot_slices(
         filename: Where to.
     """
     heights = [np.ptp(vertical.up), np.ptp(horizontal.up)]
-    figure, axes = plt.subplots(
-        2, 3, figsize=(10.0, 5.9), height_ratios=heights, layout="compressed"
-    )
+    figure = Figure(figsize=(10.0, 5.9), layout="compressed")
+    axes = figure.subplots(2, 3, height_ratios=heights)
     densest = max(vertical.density.max(), horizontal.density.max())
     titles = (
         "orientations reached\n(exact inverse kinematics)",
@@ -90,7 +85,6 @@ def plot_slices(
     percent = "{x:.0%}"
     figure.colorbar(first, ax=axes[:, 1], shrink=0.7, ticks=ticks, format=percent)
     figure.savefig(filename, dpi=95, bbox_inches="tight")
-    plt.close(figure)
 
 
 def _draw_arm(ax: Axes, posture: Array, normal: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -98,12 +99,12 @@ def draw_lines(
     ax: Axes,
     viewer: Viewer,
     lines: ArrayLike,
-    color: str,
+    color: Any,
     *,
     width: float = 1.2,
     alpha: float = 1.0,
 ) -> None:
-    """Draws polylines, shape (n, k, 3) [m], over everything."""
+    """Draws polylines, shape (n, k, 3) [m], over everything, in one colour or in one for each."""
     seen = viewer.project(lines)[..., :2]
     ax.add_collection(
         LineCollection(list(seen), colors=color, linewidths=width, alpha=alpha, zorder=3)

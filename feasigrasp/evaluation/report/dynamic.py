@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from feasigrasp.evaluation.report.paper_tables import TABLE_2, TABLE_2_COLUMNS
@@ -160,13 +160,13 @@ def _figure(row: Row, digits: int) -> str:
 
 def draw_table_2(found: Rows, filename: Path) -> None:
     """Draws the columns of Table II as bars, the paper's methods and ours side by side."""
-    figure, axes = plt.subplots(2, 2, figsize=(11.0, 6.4), layout="constrained")
+    figure = Figure(figsize=(11.0, 6.4), layout="constrained")
+    axes = figure.subplots(2, 2)
     for column, (axis, name) in enumerate(zip(axes.flat, TABLE_2_COLUMNS, strict=True)):
         _draw_column(axis, found, name, column)
     handles = [Patch(color=color, label=label) for label, color in _COLORS.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     figure.savefig(filename, dpi=110)
-    plt.close(figure)
 
 
 def _draw_column(axis: Axes, found: Rows, name: str, column: int) -> None:

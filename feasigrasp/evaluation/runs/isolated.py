@@ -15,19 +15,74 @@ import signal
 import tempfile
 import threading
 import traceback
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-from feasigrasp.evaluation.runs.run import crash_record, run, write_result
+import joblib
+from tqdm import tqdm
+
+from feasigrasp.evaluation.runs.plan import PlannedRun
+from feasigrasp.evaluation.runs.run import crash_record, run
+from feasigrasp.results.finished import Record, made_with, read_finished, report_reuse
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 
 
+def run_all(
+    runs: Sequence[PlannedRun], folder: Path, jobs: int, *, desc: str, replays: bool = False
+) -> list[Record]:
+    """Runs what is not finished, each in a process of its own, and returns all records in order.
+
+    A record in the folder counts if it came from the same scenario (object, seed, controller and
+    mode included), revision and versions, and if its process did not crash. The threads only wait
+    for the processes; joblib's ``parallel_config`` can send the runs to a cluster instead.
+
+    Args:
+        runs: What to run.
+        folder: Where the records are, ``<id>.json``.
+        jobs: Processes at a time.
+        desc: What the progress bar is called.
+        replays: Whether every run leaves a replay ``<id>.html`` as well.
+    """
+    code = made_with()
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def is_finished(planned: PlannedRun) -> bool:
+        text = dump_scenario(planned.scenario)
+        wanted = code | {"scenario": planned.name, "scenario_yaml": text}
+        record = read_finished(folder / f"{planned.id}.json", wanted)
+        if record is None or (replays and not (folder / f"{planned.id}.html").exists()):
+            return False
+        return record.get("timings", {}).get("wall_s") is not None
+
+    missing = [planned for planned in runs if not is_finished(planned)]
+    outdated = sum((folder / f"{planned.id}.json").exists() for planned in missing)
+    if outdated:
+        print(f"{outdated} results are from another revision or setting, or crashed: run again")
+    report_reuse(len(runs) - len(missing), len(runs), folder)
+    work = joblib.Parallel(jobs, prefer="threads", return_as="generator_unordered")(
+        joblib.delayed(run_isolated)(
+            planned.scenario,
+            planned.name,
+            folder / f"{planned.id}.json",
+            replay=folder / f"{planned.id}.html" if replays else None,
+        )
+        for planned in missing
+    )
+    with tqdm(total=len(runs), initial=len(runs) - len(missing), unit="run", desc=desc) as bar:
+        for record in work:
+            bar.update()
+            if record["error"]:
+                bar.write(f"{record['scenario']}, {record['object']}: {record['error'][:200]}")
+    # From the files: they are what a later command finds too.
+    return [json.loads((folder / f"{planned.id}.json").read_text()) for planned in runs]
+
+
 def run_isolated(
     scenario: Scenario, name: str, filename: Path, *, replay: Path | None = None
-) -> dict[str, Any]:
+) -> Record:
     """Runs a scenario in its own single-threaded process and writes its record.
 
     However the process ends, there is a record: one that did not finish has its ``error``, and its
@@ -56,7 +111,7 @@ def run_isolated(
         process.start()
         process.join()
         if filename.exists():
-            record: dict[str, Any] = json.loads(filename.read_text())
+            record: Record = json.loads(filename.read_text())
             return record
         last = messages.read_text(errors="replace")[-2000:].strip() if messages.exists() else ""
     error = f"the process ended with status {process.exitcode}: {last}"
@@ -85,7 +140,7 @@ def _run_to_file(
     threading.Thread(target=_end_with_parent, daemon=True).start()
     scenario = parse_scenario(scenario_text)
     try:
-        write_result(run(scenario, name, replay=replay), filename)
+        write_json(run(scenario, name, replay=replay).record, filename)
     except Exception as error:
         traceback.print_exc()
         write_json(crash_record(scenario, name, f"{type(error).__name__}: {error}"), filename)

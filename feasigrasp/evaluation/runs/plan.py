@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -107,10 +108,16 @@ def add_plan_arguments(parser: argparse.ArgumentParser) -> None:
         "--mode", type=names, help="safe, paper or both, separated by commas (default: the study's)"
     )
     parser.add_argument("--seeds", type=positive, help="repeats, with seeds that count")
-    parser.add_argument(
-        "--scenario_file", type=Path, default=None, help="default: diagrams/dynamic.scenarios.yaml"
-    )
-    parser.add_argument("--scenario_text", help="YAML applied on top of every scenario")
+    add_scenario_arguments(parser)
+
+
+def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds where scenarios come from, and what is changed in them."""
+    default = diagram_path("dynamic.scenarios.yaml").name
+    parser.add_argument("--scenario_file", type=Path, help=f"default: diagrams/{default}")
+    text = "{tracker: {latency: 0.05, position_noise: 0.002, rotation_noise: 0.0175}}"
+    help_ = f"YAML applied on top of every scenario, e.g. '{text}'"
+    parser.add_argument("--scenario_text", help=help_)
 
 
 def study_of(scenario_name: str) -> Study:
@@ -135,34 +142,49 @@ def plan(args: argparse.Namespace) -> list[PlannedRun]:
         modes: Sequence[str] = args.mode or study.modes
         if args.quick:
             objects, seeds = objects[:1], seeds[:1]
-        for object_name, model in objects:
-            for controller in args.controllers:
-                for mode in modes:
-                    for seed in seeds:
-                        choice = {
-                            "random_seed": seed,
-                            "object": {"model": model},
-                            "control": {"controller": controller, "mode": mode},
-                        }
-                        scenario = _load(args, name, study.change, choice)
-                        runs.append(PlannedRun(name, object_name, scenario))
+        for chosen in objects:
+            for controller, mode, seed in itertools.product(args.controllers, modes, seeds):
+                planned = plan_run(args, name, chosen, controller, mode, seed, study.change)
+                scenario = planned.scenario
+                if args.quick and not scenario.grasp.close:
+                    duration = min(scenario.simulation_duration, _QUICK_DURATION)
+                    scenario.simulation_duration = duration
+                runs.append(planned)
             load_scenario_object(runs[-1].scenario)  # a wrong mesh is told now, not run by run
     return runs
+
+
+def plan_run(
+    args: argparse.Namespace,
+    name: str,
+    chosen: tuple[str, str],
+    controller: str,
+    mode: str,
+    seed: int,
+    change: dict[str, Any],
+) -> PlannedRun:
+    """One run, as the arguments of `add_scenario_arguments` change it.
+
+    Args:
+        args: Arguments of the command.
+        name: Name of the scenario.
+        chosen: Name of the object, and what it is loaded from.
+        controller: The controller.
+        mode: Its mode.
+        seed: Of everything.
+        change: What is changed in the scenario before all that.
+    """
+    choice = {
+        "random_seed": seed,
+        "object": {"model": chosen[1]},
+        "control": {"controller": controller, "mode": mode},
+    }
+    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
+    texts = json.dumps(change), args.scenario_text, json.dumps(choice)
+    return PlannedRun(name, chosen[0], load_scenario(filename, name, *texts))
 
 
 def _scenarios_of(study: str) -> Sequence[str]:
     if study == "all":
         return [name for part in STUDIES.values() for name in part.scenarios]
     return STUDIES[study].scenarios
-
-
-def _load(
-    args: argparse.Namespace, name: str, change: dict[str, Any], choice: dict[str, Any]
-) -> Scenario:
-    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    scenario = load_scenario(
-        filename, name, json.dumps(change), args.scenario_text, json.dumps(choice)
-    )
-    if args.quick and not scenario.grasp.close:
-        scenario.simulation_duration = min(scenario.simulation_duration, _QUICK_DURATION)
-    return scenario

@@ -27,7 +27,9 @@ from pydrake.systems.primitives import (
 )
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.runs.rollout_metrics import rollout_metrics
+from feasigrasp.evaluation.runs.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
+from feasigrasp.evaluation.runs.motion_limits import JointTicks
+from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, summarize
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -40,7 +42,7 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_controller
-from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.velocity_drive import VelocityDrive
@@ -50,6 +52,9 @@ ControllerFactory = Callable[[Scenario, Reachability], LeafSystem]
 
 _SURFACE_POINTS = 512
 
+#: Every metric of a rollout.
+ROLLOUT_METRICS: dict[str, Metric] = METRICS | {"regrip_cost_cm": Metric("cm")}
+
 
 @dc.dataclass(frozen=True, eq=False)
 class Rollout:
@@ -57,7 +62,7 @@ class Rollout:
 
     Attributes:
         metrics: The metrics of `feasigrasp.evaluation.runs.run_metrics.summarize` and those of
-            `feasigrasp.evaluation.runs.rollout_metrics.rollout_metrics`.
+            `rollout_metrics`.
         times: Times of the samples [s], shape (n,).
         samples: Samples, one row per entry of `feasigrasp.systems.metrics.SAMPLE_NAMES`.
         tick_times: Control times [s], shape (m,).
@@ -209,3 +214,25 @@ def roll_out(
         ticks,
         states.T,
     )
+
+
+def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, Any]:
+    """The metrics of a run that never closes the gripper.
+
+    ``regrip_cost_cm`` is the mean distance of hand and object less the mean while a grasp is
+    tracked: what the ways between grasps, unwinding included, add to the distance; None if none is
+    ever tracked.
+
+    Args:
+        samples: One row per entry of `SAMPLE_NAMES`, shape (s, n).
+        states: Joint positions and velocities at every control tick, shape (m, 14).
+        period: Time between ticks [s].
+    """
+    x = dict(zip(SAMPLE_NAMES, samples, strict=True))
+    qd = states[:, NUM_JOINTS:]
+    distance = np.linalg.norm([x["p_HO_x"], x["p_HO_y"], x["p_HO_z"]], axis=0)
+    close = x["grasp_position_error"] < TRACKED_POSITION
+    tracked = close & (x["grasp_angle_error"] < TRACKED_ANGLE)
+    cost = 100.0 * float(distance.mean() - distance[tracked].mean()) if tracked.any() else None
+    ticks = JointTicks(commanded=qd, measured=qd, period=period)
+    return summarize(samples, closes=False, ticks=ticks) | {"regrip_cost_cm": cost}

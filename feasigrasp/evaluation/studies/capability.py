@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate capability``: what the arm reaches, as slices and as a scene in 3-D.
+"""``feasigrasp evaluate capability``: draw what the arm reaches, as slices and in 3-D.
 
 At every point of a slice, the same set of random orientations of the flange is tried: the share
 that exact inverse kinematics reaches, the share that the reachable-space mixture takes for
@@ -8,8 +8,6 @@ reachable, and the mixture's mean density over them.
 from __future__ import annotations
 
 import argparse
-import csv
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +20,7 @@ from feasigrasp.evaluation.studies.reachability import exact
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.results.arguments import add_common_arguments, positive
-from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.rows import Row, report_rows, write_csv
 
 #: The arm in the pictures, in the plane of the vertical slice [rad].
 POSTURE = np.deg2rad([0.0, 35.0, 0.0, -75.0, 0.0, 55.0, 0.0])
@@ -60,7 +56,9 @@ def main(args: argparse.Namespace) -> int:
         points = np.array([[place(x, y) for x in a] for y in b])
         shares = _shares(points.reshape(-1, 3), R, space, name).reshape(len(b), len(a), 3)
         slices[name] = Slice(a, b, *np.moveaxis(shares, 2, 0))
-        _write_csv(points, shares, args.out / f"{name}.csv")
+        heads = ("x", "y", "z", "exact_share", "accepted_share", "mean_density")
+        table = np.concatenate([points, shares], axis=2).reshape(-1, 6)
+        write_csv(args.out / f"{name}.csv", table.tolist(), heads, ".6g")
     plot_slices(slices["vertical"], slices["horizontal"], HEIGHT, POSTURE, args.out / "slices.png")
     coarse = np.arange(-1.0, 1.0 + 1e-9, 2.5 * args.spacing)
     x, y, z = np.meshgrid(coarse, coarse, np.arange(0.0, 1.36, 2.5 * args.spacing), indexing="ij")
@@ -72,30 +70,9 @@ def main(args: argparse.Namespace) -> int:
     )
     everywhere = np.concatenate([s.exact.ravel() for s in slices.values()])
     accepted = np.concatenate([s.accepted.ravel() for s in slices.values()])
-    rows = [
-        Row(
-            "capability.share_correlation",
-            "default",
-            float(np.corrcoef(everywhere, accepted)[0, 1]),
-            None,
-            None,
-            "1",
-            len(everywhere),
-        )
-    ]
-    command = ["feasigrasp", "evaluate", "capability", "--seed", args.seed]
-    command += ["--orientations", args.orientations, "--spacing", args.spacing]
-    command += ["--file", args.file] if args.file else []
-    write_summary(
-        args.out / "summary.json",
-        shlex.join(map(str, command)),
-        git_revision(),
-        args.seed,
-        rows,
-        quick=args.quick,
-    )
-    print(format_rows(rows))
-    print(f"{args.out / 'slices.png'}, {args.out / 'capability.html'}, {args.out}/*.csv")
+    correlation = float(np.corrcoef(everywhere, accepted)[0, 1])
+    name, n = "capability.share_correlation", len(everywhere)
+    report_rows(args, "evaluate capability", [Row.plain(name, "default", correlation, "1", n)])
     return 0
 
 
@@ -111,11 +88,3 @@ def _shares(points: np.ndarray, R: np.ndarray, space: ReachableSpace, name: str)
         out[start : start + batch, 1] = (log_density >= space.threshold).mean(axis=1)
         out[start : start + batch, 2] = np.exp(log_density).mean(axis=1)
     return out
-
-
-def _write_csv(points: np.ndarray, shares: np.ndarray, filename: Path) -> None:
-    with filename.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["x", "y", "z", "exact_share", "accepted_share", "mean_density"])
-        table = np.concatenate([points, shares], axis=2).reshape(-1, 6)
-        writer.writerows([f"{value:.6g}" for value in row] for row in table)

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate gallery``: a replay for every row of the dynamic table.
+"""``feasigrasp evaluate gallery``: record a replay for every row of the dynamic table.
 
 Writes ``DIR/index.html``, with every replay as ``DIR/<name>.html`` and the record of its run as
 ``DIR/<name>.json``. The paper's scenarios are shown for one lap. Where a Chromium is found, the
@@ -12,17 +12,15 @@ import html
 from collections.abc import Sequence
 from importlib import resources
 from string import Template
-from typing import Any
 
-import joblib
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.evaluation.runs.finished import finished_records
-from feasigrasp.evaluation.runs.isolated import run_isolated
+from feasigrasp.evaluation.runs.isolated import run_all
 from feasigrasp.evaluation.runs.plan import PlannedRun, add_plan_arguments, plan
-from feasigrasp.evaluation.runs.replay_picture import take_picture
+from feasigrasp.evaluation.runs.replay import take_picture
 from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.finished import Record
 from feasigrasp.results.provenance import git_revision
 
 #: Columns of the page: metric, heading, digits.
@@ -44,35 +42,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     runs = shown(plan(args))
-    args.out.mkdir(parents=True, exist_ok=True)
-    finished = {
-        id_: record
-        for id_, record in finished_records(runs, args.out, git_revision()).items()
-        if (args.out / f"{id_}.html").exists()
-    }
-    missing = [planned for planned in runs if planned.id not in finished]
-    parallel = joblib.Parallel(args.jobs, prefer="threads", return_as="generator")
-    records = parallel(
-        joblib.delayed(run_isolated)(
-            planned.scenario,
-            planned.name,
-            args.out / f"{planned.id}.json",
-            replay=args.out / f"{planned.id}.html",
-        )
-        for planned in missing
-    )
-    bar = tqdm(zip(missing, records, strict=True), total=len(missing), unit="run", desc="gallery")
-    for planned, record in bar:
-        finished[planned.id] = record
-        if record["error"]:
-            bar.write(f"{planned.id}: {record['error'][:200]}")
+    records = run_all(runs, args.out, args.jobs, desc="gallery", replays=True)
     pictures = {
         planned.id
         for planned in tqdm(runs, unit="picture", desc="pictures")
         if take_picture(args.out / f"{planned.id}.html")
     }
     page = args.out / "index.html"
-    page.write_text(index_page(runs, finished, pictures))
+    page.write_text(index_page(runs, records, pictures))
     print(page)
     return 0
 
@@ -90,13 +67,11 @@ def shown(runs: Sequence[PlannedRun]) -> list[PlannedRun]:
     return list(first.values())
 
 
-def index_page(
-    runs: Sequence[PlannedRun], records: dict[str, dict[str, Any]], pictures: set[str]
-) -> str:
+def index_page(runs: Sequence[PlannedRun], records: Sequence[Record], pictures: set[str]) -> str:
     """The page as HTML text."""
     cards = []
-    for planned in runs:
-        record, control = records[planned.id], planned.scenario.control
+    for planned, record in zip(runs, records, strict=True):
+        control = planned.scenario.control
         figures = [
             f"<dt>{html.escape(head)}</dt><dd>{_text(record['metrics'][name], digits)}</dd>"
             for name, head, digits in _COLUMNS

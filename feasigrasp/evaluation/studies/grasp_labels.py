@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate grasp-labels``: do grasps that the labels call valid hold in simulation?
+"""``feasigrasp evaluate grasp-labels``: try in simulation what labels call valid.
 
 Grasps start at random points of the true surfaces of generated shapes of all families. Half of them
 are valid by the label; the hand of the other half is free as well, but the closing line leaves the
@@ -8,32 +8,23 @@ friction cone of a face. A floating gripper tries every one: closes, lifts, shak
 from __future__ import annotations
 
 import argparse
-import csv
-import shlex
 import zlib
-from pathlib import Path
-from typing import Any
 
-import joblib
 import numpy as np
 import trimesh
-from tqdm import tqdm
 
 from feasigrasp.evaluation.runs.floating_gripper import hold_trials
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.objects.rigid_object import RigidObject, load_object
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
-from feasigrasp.results.finished import finished_records
-from feasigrasp.results.provenance import git_revision, versions
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import proportion
 from feasigrasp.training.data.grasp_labels import find_pairs
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.household_shapes import FAMILIES, make_shape
-
-Record = dict[str, Any]
 
 #: Seeds of the shapes start here, far from those of any training stream.
 FIRST_SEED = 900_000_000
@@ -85,11 +76,12 @@ def sample_grasps(
     return candidates[chosen], is_valid[chosen], closed.cosine[chosen]
 
 
-def try_object(name: str, obj: RigidObject, count: int, seed: int) -> list[Record]:
-    """Tries grasps of one object; one record each."""
+def try_object(name: str, what: tuple[str, int] | str, grasps: int, seed: int) -> list[Record]:
+    """Tries grasps of one object, told by family and seed or by its file; one record each."""
+    obj = load_object(what) if isinstance(what, str) else make_shape(*what)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     gripper = ParallelGripper()
-    X_OG, valid, cosine = sample_grasps(TrueGrasps(obj.mesh), gripper, count, rng)
+    X_OG, valid, cosine = sample_grasps(TrueGrasps(obj.mesh), gripper, grasps, rng)
     trials = hold_trials(obj, X_OG, gripper, friction=FRICTION)
     return [
         {"object": name, "valid": bool(v), "cosine": float(c), "held": t.held, "why": t.why}
@@ -115,41 +107,21 @@ def summary_rows(records: list[Record]) -> list[Row]:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     shapes, grasps = (1, 4) if args.quick else (args.shapes, args.grasps)
-    jobs: dict[str, tuple[str, int | str]] = {}
-    if args.objects is None:
-        for family in FAMILIES:
-            for i in range(shapes):
-                jobs[f"{family}_{i}"] = (family, FIRST_SEED + 1000 * args.seed + i)
-    else:
-        jobs = {name: ("", path) for name, path in select_objects(args.objects).items()}
-    key = {"git": git_revision(), "versions": versions(), "grasps": grasps, "seed": args.seed}
-    folder = args.out / "objects"
-    missing = [name for name in jobs if finished_records(folder / f"{name}.json", key) is None]
-    tried = joblib.Parallel(n_jobs=args.jobs, return_as="generator_unordered")(
-        joblib.delayed(_try_to_file)(name, *jobs[name], folder, key) for name in missing
+    objects: dict[str, tuple[str, int] | str] = {
+        f"{family}_{i}": (family, FIRST_SEED + 1000 * args.seed + i)
+        for family in FAMILIES
+        for i in range(shapes)
+    }
+    if args.objects is not None:
+        objects = {**select_objects(args.objects)}
+    settings = {"grasps": grasps, "seed": args.seed}
+    finished = finish_all(
+        objects, args.out / "objects", settings, try_object, jobs=args.jobs, desc="grasp labels"
     )
-    done = len(jobs) - len(missing)
-    with tqdm(total=len(jobs), initial=done, desc="grasp labels", unit="object") as bar:
-        for _ in tried:
-            bar.update()
-    records = [r for name in jobs for r in finished_records(folder / f"{name}.json", key) or []]
-    with (args.out / "grasps.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, ["object", "valid", "cosine", "held", "why"])
-        writer.writeheader()
-        writer.writerows(records)
-    rows = summary_rows(records)
-    options = ("out", "seed", "jobs", "objects", "shapes", "grasps")
-    words = [
-        w
-        for o in options
-        if getattr(args, o) is not None
-        for w in (f"--{o}", str(getattr(args, o)))
-    ]
-    command = shlex.join(
-        ["feasigrasp", "evaluate", "grasp-labels", *words, *["--quick"] * args.quick]
-    )
-    write_summary(args.out / "summary.json", command, key["git"], args.seed, rows, quick=args.quick)
-    print(format_rows(rows))
+    records = [r for name in objects for r in finished[name]]
+    heads = ("object", "valid", "cosine", "held", "why")
+    write_csv(args.out / "grasps.csv", records, heads)
+    report_rows(args, "evaluate grasp-labels", summary_rows(records))
     return 0
 
 
@@ -174,19 +146,9 @@ def _skew_lines(
 
 
 def _frame(x: Array, z: Array, origin: Array) -> Array:
-    X = np.eye(4)
-    X[:3, 0], X[:3, 1], X[:3, 2], X[:3, 3] = x, np.cross(z, x), z, origin
-    return X
+    return se3.make_pose(np.stack([x, np.cross(z, x), z], axis=-1), origin)
 
 
 def _unit(vectors: Array) -> Array:
     unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
     return unit
-
-
-def _try_to_file(
-    name: str, family: str, seed_or_path: int | str, folder: Path, key: dict[str, Any]
-) -> None:
-    obj = make_shape(family, int(seed_or_path)) if family else load_object(str(seed_or_path))
-    records = try_object(name, obj, key["grasps"], key["seed"])
-    write_json({"key": key, "records": records}, folder / f"{name}.json")

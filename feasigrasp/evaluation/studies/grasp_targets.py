@@ -1,4 +1,4 @@
-"""Are the means of a mixture over grasps grasps themselves?
+"""``feasigrasp evaluate grasp-targets``: count how many targets of grasp mixtures are grasps.
 
 For every object a mixture is fitted to its grasps, and its means, medoids and the places where the
 preconditioned ascent comes to rest, or the ascent along the gradient, are put through the grasp
@@ -9,8 +9,6 @@ A pose passes if it does with the width of any grasp of the set.
 from __future__ import annotations
 
 import argparse
-import csv
-import shlex
 
 import numpy as np
 import trimesh
@@ -28,9 +26,7 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import mean
 
 _STARTS = 32  # hand poses from which the ascent is followed
@@ -53,9 +49,7 @@ def main(args: argparse.Namespace) -> int:
     parts = []
     for name, model in tqdm(objects.items(), unit="object"):
         parts += [(name, what, share) for what, share in _shares(model, args).items()]
-    args.out.mkdir(parents=True, exist_ok=True)
-    with (args.out / "objects.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([("object", "target", "valid_percent"), *parts])
+    write_csv(args.out / "objects.csv", parts, ("object", "target", "valid_percent"))
     rows = [
         Row.of(
             "targets.valid_percent",
@@ -65,17 +59,7 @@ def main(args: argparse.Namespace) -> int:
         )
         for what in dict.fromkeys(what for _, what, _ in parts)
     ]
-    words = ["--objects", str(args.objects), "--seed", str(args.seed)]
-    words += ["--components", str(args.components), *["--quick"] * args.quick]
-    write_summary(
-        args.out / "summary.json",
-        command=shlex.join(["feasigrasp", "evaluate", "grasp-targets", *words]),
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
-    )
-    print(format_rows(rows))
+    report_rows(args, "evaluate grasp-targets", rows)
     return 0
 
 

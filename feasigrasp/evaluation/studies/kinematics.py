@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate kinematics``: the arm's kinematics against Drake and against themselves.
+"""``feasigrasp evaluate kinematics``: compare the arm's kinematics with Drake and with itself.
 
 Forward kinematics, Jacobian and self-collision are compared with Drake's plant and collision
 checker, inverse kinematics with forward kinematics, and the three sources of inverse kinematics
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,8 @@ from feasigrasp.models.robot.iiwa import POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import in_collision, min_distance
 from feasigrasp.results.arguments import add_common_arguments
-from feasigrasp.results.finished import finish_part
-from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.finished import finish
+from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.results.statistics import proportion
 
 #: A configuration counts as found again within this [rad].
@@ -66,9 +65,9 @@ def forward_rows(n: int, seed: int, folder: Path) -> list[Row]:
     jacobian = np.abs(J - J_drake).max(axis=(1, 2))
     _write(folder / "forward.csv", "position_m,rotation,jacobian", position, rotation, jacobian)
     return [
-        Row("kinematics.fk_error_max", "default", position.max(), None, None, "m", n),
-        Row("kinematics.fk_rotation_error_max", "default", rotation.max(), None, None, "1", n),
-        Row("kinematics.jacobian_error_max", "default", jacobian.max(), None, None, "1", n),
+        Row.plain("kinematics.fk_error_max", "default", position.max(), "m", n),
+        Row.plain("kinematics.fk_rotation_error_max", "default", rotation.max(), "1", n),
+        Row.plain("kinematics.jacobian_error_max", "default", jacobian.max(), "1", n),
     ]
 
 
@@ -92,7 +91,7 @@ def inverse_rows(n: int, seed: int, folder: Path) -> list[Row]:
     found = proportion(int((away <= SAME_CONFIGURATION).sum()), n)
     residual = float(max(position.max(), rotation.max()))
     return [
-        Row("kinematics.ik_residual_max", "default", residual, None, None, "m|rad", n),
+        Row.plain("kinematics.ik_residual_max", "default", residual, "m|rad", n),
         Row.of("kinematics.ik_recovered_percent", "default", found, "%", 100.0),
     ]
 
@@ -138,16 +137,12 @@ def _mismatch_rows(preset: str, Q: Array, ours: Mask, theirs: Mask) -> list[Row]
         "collision_hits": int(ours.sum()),
     }
     return [
-        Row(f"kinematics.{name}", preset, float(count), None, None, "1", n)
-        for name, count in counts.items()
+        Row.plain(f"kinematics.{name}", preset, count, "1", n) for name, count in counts.items()
     ]
 
 
 def _write(filename: Path, header: str, *columns: Array) -> None:
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    np.savetxt(
-        filename, np.column_stack(columns), fmt="%.9g", delimiter=",", header=header, comments=""
-    )
+    write_csv(filename, np.column_stack(columns).tolist(), header.split(","), ".9g")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -159,21 +154,14 @@ def main(args: argparse.Namespace) -> int:
         "collision": lambda: collision_rows(10 * n, args.seed, args.out),
         "sources": lambda: ik_source_rows(args.seed, args.quick),
     }
+    settings = {"seed": args.seed, "quick": args.quick}
     rows = []
     with tqdm(parts.items(), desc="kinematics", unit="part") as bar:
         for name, measure in bar:
             bar.set_postfix_str(name)
-            settings = {"seed": args.seed, "quick": args.quick}
-            rows += finish_part(args.out / "parts" / f"{name}.json", settings, measure)
-    write_summary(
-        args.out / "summary.json",
-        command=f"feasigrasp evaluate kinematics --seed {args.seed}" + " --quick" * args.quick,
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
-    )
-    print(format_rows(rows))
-    print(format_source_table(rows))
-    print(args.out / "summary.json")
+            part = args.out / "parts" / f"{name}.json"
+            records = finish(part, settings, lambda of=measure: [asdict(row) for row in of()])  # type: ignore[misc]
+            rows += [Row(**record) for record in records]
+    table = f"{format_rows(rows)}\n{format_source_table(rows)}"
+    report_rows(args, "evaluate kinematics", rows, table)
     return 0

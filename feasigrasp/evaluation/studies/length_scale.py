@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate length-scale``: which length scale completes objects best.
+"""``feasigrasp evaluate length-scale``: repeat the paper's search for the best length scale.
 
 Repeats the grid search of Choi & Figueroa (arXiv 2311.02576), l in (0, 0.6] m, on our objects: one
 noisy view of each, completed with every l, compared with the true surface. Beside the paper's
@@ -8,29 +8,22 @@ field stands the default one, which also knows which side is inside and where th
 from __future__ import annotations
 
 import argparse
-import csv
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from zlib import crc32
 
-import joblib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
 from feasigrasp.evaluation.measures.shape import measure, true_samples
-from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.results import statistics
 from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
-from feasigrasp.results.provenance import git_revision, versions
-from feasigrasp.results.rows import Row, write_json, write_summary
-from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import Row, report_rows, write_csv
+from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 #: Length scales of the study [m].
 LENGTH_SCALES = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6)
@@ -42,14 +35,10 @@ MEASURES = {
     "seen_mm": "seen side",
     "unseen_mm": "unseen side",
 }
-#: Resolution at which a view is thinned, as in the pipeline [m].
-_VOXEL = 0.003
-#: Points that the paper's field is fitted to.
-_PAPER_POINTS = 512
+#: Points that the fields are fitted to.
+_POINTS = 512
 #: Points on the true surface that a completion is compared with.
 _SAMPLES = 1000
-
-Record = dict[str, Any]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,10 +52,12 @@ def fit_view(preset: str, view: PartialView, length_scale: float) -> Gpdf:
 
     Without the network of the hidden side, which was trained for one length scale.
     """
-    cloud = FusedCloud.empty(_VOXEL, smooth=preset == "default").merged(view.points, view.p_OC)
-    points = _PAPER_POINTS if preset == "paper" else 512
     return complete_shape(
-        cloud, preset=preset, length_scale=length_scale, max_points=points, learnt=False
+        fused([view], smooth=preset == "default"),
+        preset=preset,
+        length_scale=length_scale,
+        max_points=_POINTS,
+        learnt=False,
     )
 
 
@@ -94,45 +85,34 @@ def study_object(
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    objects = list(select_objects(args.objects).items())
+    objects = select_objects(args.objects)
     length_scales: Sequence[float] = LENGTH_SCALES
     views = args.views
     if args.quick:
-        objects, length_scales, views = objects[::3], QUICK_LENGTH_SCALES, 1
-    revision = git_revision()
-    key = {
-        "git": revision,
-        "versions": versions(),
-        "seed": args.seed,
-        "views": views,
-        "length_scales": list(length_scales),
-    }
-    folder = args.out / "objects"
-    records = []
-    with tqdm(total=len(objects), unit="object", desc="length-scale") as bar:
-        try:
-            for found in _study_all(objects, folder, key, args.jobs):
-                records.extend(found)
-                bar.update()
-        except KeyboardInterrupt:
-            bar.write("interrupted; the same command goes on from here")
-            return 130
+        objects, length_scales, views = (
+            dict(list(objects.items())[::3]),
+            QUICK_LENGTH_SCALES,
+            1,
+        )
+    settings = {"length_scales": length_scales, "views": views, "seed": args.seed}
+    finished = finish_all(
+        objects, args.out / "objects", settings, study_object, jobs=args.jobs, desc="length scale"
+    )
+    records = [record for found in finished.values() for record in found]
     records.sort(key=lambda r: (r["object"], r["view"], r["preset"], r["length_scale"]))
     rows = summary_rows(records)
-    _write_csv(records, args.out / "views.csv")
-    write_curve(rows, args.out / "curve.csv")
-    draw_curve(rows, args.out / "curve.png")
-    write_summary(
-        args.out / "summary.json",
-        command=f"feasigrasp evaluate length-scale --objects {args.objects} --views {views} "
-        f"--seed {args.seed}",
-        git=revision,
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
+    write_csv(args.out / "views.csv", records)
+    write_csv(
+        args.out / "curve.csv",
+        [
+            (*key, length_scale, row.value, row.low, row.high, row.n)
+            for key, points in curves(rows).items()
+            for length_scale, row in points
+        ],
+        ("measure", "preset", "length_scale_m", "mean_mm", "low", "high", "n"),
     )
-    print(format_table(rows))
-    print(f"{args.out}/summary.json, curve.csv, curve.png, views.csv")
+    draw_curve(rows, args.out / "curve.png")
+    report_rows(args, "evaluate length-scale", rows, format_table(rows))
     return 0
 
 
@@ -146,11 +126,11 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     for preset, length_scale in keys:
         chosen = [r for r in records if (r["preset"], r["length_scale"]) == (preset, length_scale)]
         for measured in MEASURES:
-            per_object = [
-                np.nanmean([r[measured] for r in chosen if r["object"] == name])
-                for name in sorted({r["object"] for r in chosen})
-                if any(np.isfinite(r[measured]) for r in chosen if r["object"] == name)
-            ]
+            by_object: dict[str, list[float]] = {}
+            for r in chosen:  # what could not be measured (nothing unseen, say) is None
+                if r[measured] is not None:
+                    by_object.setdefault(r["object"], []).append(r[measured])
+            per_object = [float(np.mean(by_object[name])) for name in sorted(by_object)]
             rows.append(
                 Row.of(
                     f"length_scale.{measured}",
@@ -172,22 +152,9 @@ def curves(rows: Sequence[Row]) -> dict[tuple[str, str], list[tuple[float, Row]]
     return {key: sorted(points, key=lambda point: point[0]) for key, points in found.items()}
 
 
-def write_curve(rows: Sequence[Row], filename: Path) -> None:
-    """Writes the curves as CSV."""
-    with filename.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["measure", "preset", "length_scale_m", "mean_mm", "low", "high", "n"])
-        for (measured, preset), points in curves(rows).items():
-            for length_scale, row in points:
-                writer.writerow(
-                    [measured, preset, length_scale, row.value, row.low, row.high, row.n]
-                )
-
-
 def draw_curve(rows: Sequence[Row], filename: Path) -> None:
     """Draws error over length scale, one panel per measure, with 95 % intervals."""
     figure = Figure(figsize=(9.5, 3.2), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = dict(zip(MEASURES, figure.subplots(1, len(MEASURES)), strict=True))
     colors = {"paper": "#c2571a", "default": "#1f5fa8"}
     for (measured, preset), points in curves(rows).items():
@@ -204,7 +171,6 @@ def draw_curve(rows: Sequence[Row], filename: Path) -> None:
         ax.grid(alpha=0.25)
     next(iter(axes.values())).set_ylabel("distance true → completed [mm]")
     next(iter(axes.values())).legend(frameon=False)
-    filename.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(filename, dpi=110)
 
 
@@ -218,49 +184,3 @@ def format_table(rows: Sequence[Row]) -> str:
         values = "".join(f"{found[head][index][1].value:13.2f}" for head in heads)
         lines.append(f"{length_scale:<5.2f}{values[3:]}")
     return "\n".join(lines)
-
-
-def _study_all(
-    objects: Sequence[tuple[str, str]], folder: Path, key: Record, jobs: int
-) -> Iterator[list[Record]]:
-    """Yields the records of each object, from its file if that is of the same code and settings."""
-    settings = json.loads(json.dumps(key))
-    missing = []
-    for name, model in objects:
-        wanted = settings | {"model": model}
-        try:
-            content = json.loads((folder / f"{name}.json").read_text())
-        except (FileNotFoundError, json.JSONDecodeError):
-            content = {}
-        if content.get("key") == wanted:
-            yield [_with_nan(record) for record in content["records"]]
-        else:
-            missing.append((name, model, wanted))
-    parallel = joblib.Parallel(jobs, return_as="generator_unordered")
-    yield from parallel(
-        joblib.delayed(_study_and_save)(name, model, wanted, folder / f"{name}.json")
-        for name, model, wanted in missing
-    )
-
-
-def _study_and_save(name: str, model: str, key: Record, filename: Path) -> list[Record]:
-    records = study_object(name, model, key["length_scales"], key["views"], key["seed"])
-    # JSON knows no NaN: what could not be measured (nothing unseen, say) is null.
-    plain = [
-        {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in record.items()}
-        for record in records
-    ]
-    write_json({"key": key, "records": plain}, filename)
-    return records
-
-
-def _with_nan(record: Record) -> Record:
-    return {k: np.nan if v is None else v for k, v in record.items()}
-
-
-def _write_csv(records: Sequence[Record], filename: Path) -> None:
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    with filename.open("w", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(records[0]))
-        writer.writeheader()
-        writer.writerows(records)

@@ -1,13 +1,11 @@
-"""``feasigrasp evaluate prediction``: errors of an object's tracked pose, twist and future."""
+"""``feasigrasp evaluate prediction``: compare the predicted motion of objects with the true."""
 
 from __future__ import annotations
 
 import argparse
-import csv
-import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -25,9 +23,7 @@ from feasigrasp.models.objects.pose_filter import (
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import add_common_arguments, names, positive
-from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import mean
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
@@ -130,7 +126,7 @@ def _apart(X: Array, X_true: Array) -> tuple[float, float]:
     return float(np.linalg.norm(X[:3, 3] - X_true[:3, 3])), float(angle)
 
 
-def _measure(args: argparse.Namespace) -> Iterator[dict[str, object]]:
+def _measure(args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     seeds = range(args.seed, args.seed + (1 if args.quick else args.seeds))
     filename = diagram_path("dynamic.scenarios.yaml")
     runs = [(s, m, seed) for s in args.scenarios for m in MEASUREMENTS for seed in seeds]
@@ -140,12 +136,8 @@ def _measure(args: argparse.Namespace) -> Iterator[dict[str, object]]:
         errors = motion_errors(make_motion(scenario), MEASUREMENTS[kind], seed, duration)
         for key, value in errors.items():
             figure, method = key.split("/")
-            yield {
-                "figure": figure,
-                "preset": f"{name}/{kind}/{method}",
-                "seed": seed,
-                "value": value,
-            }
+            preset = f"{name}/{kind}/{method}"
+            yield {"figure": figure, "preset": preset, "seed": seed, "value": value}
 
 
 _UNITS = {"mm": "mm", "deg": "deg", "cm": "cm", "mm_s": "mm/s", "deg_s": "deg/s"}
@@ -158,34 +150,14 @@ def _unit(figure: str) -> str:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    args.out.mkdir(parents=True, exist_ok=True)
     raw = list(_measure(args))
-    _write_csv(raw, args.out / "errors.csv")
+    write_csv(args.out / "errors.csv", raw)
     groups: dict[tuple[str, str], list[float]] = {}
     for item in raw:
-        key = (str(item["figure"]), str(item["preset"]))
-        groups.setdefault(key, []).append(float(str(item["value"])))
+        groups.setdefault((item["figure"], item["preset"]), []).append(item["value"])
     rows = [
         Row.of(f"prediction.{figure}", preset, mean(values, 0.0), _unit(figure))
         for (figure, preset), values in groups.items()
     ]
-    words = ["--scenarios", ",".join(args.scenarios), "--seed", str(args.seed)]
-    words += ["--seeds", str(args.seeds), *["--quick"] * args.quick]
-    write_summary(
-        args.out / "summary.json",
-        command=shlex.join(["feasigrasp", "evaluate", "prediction", *words]),
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
-    )
-    print(format_rows(rows))
-    print(f"{args.out / 'summary.json'}, {args.out / 'errors.csv'}")
+    report_rows(args, "evaluate prediction", rows)
     return 0
-
-
-def _write_csv(rows: list[dict[str, object]], filename: Path) -> None:
-    with filename.open("w", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)

@@ -1,10 +1,8 @@
-"""``feasigrasp evaluate reachability``: the mixture as a judge of poses, against exact IK."""
+"""``feasigrasp evaluate reachability``: compare the mixture with exact inverse kinematics."""
 
 from __future__ import annotations
 
 import argparse
-import csv
-import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +19,7 @@ from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.results.arguments import add_common_arguments, positive
-from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import proportion
 from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp.training.reachability.plots import plot_roc
@@ -109,21 +105,9 @@ def main(args: argparse.Namespace) -> int:
     ]
     _write_poses(X, reachable, scores, out / "poses.csv")
     _write_curves(scores, thresholds, reachable, out)
-    command = ["feasigrasp", "evaluate", "reachability", "--seed", args.seed, "--poses", args.poses]
-    command += ["--file", args.file] if args.file else []
-    command += ["--quick"] if args.quick else []
-    write_summary(
-        out / "summary.json",
-        shlex.join(map(str, command)),
-        git_revision(),
-        args.seed,
-        rows,
-        quick=args.quick,
-        reachable_share=float(reachable.mean()),
-    )
-    print(f"{reachable.mean():.1%} of {len(X)} random poses are reachable")
-    print(format_rows(rows))
-    print(f"{out / 'summary.json'}, {out / 'poses.csv'}, {out / 'roc.csv'}, {out / 'roc.png'}")
+    share = float(reachable.mean())
+    print(f"{share:.1%} of {len(X)} random poses are reachable")
+    report_rows(args, "evaluate reachability", rows, reachable_share=share)
     return 0
 
 
@@ -173,10 +157,14 @@ def _reached(rng: np.random.Generator, draws: int, thin: bool) -> Array:
     return np.concatenate(parts)
 
 
+def _judged(name: str, score: Array, threshold: float) -> Mask:
+    """Which poses count as reachable; of the voxel map, a count of zero is no evidence of reach."""
+    verdict: Mask = (score >= threshold) & ((score > 0.0) | (name != "voxel"))
+    return verdict
+
+
 def _rows(name: str, score: Array, threshold: float, reachable: Mask) -> list[Row]:
-    judged = score >= threshold
-    # A count of zero is no evidence of reach, whatever the threshold.
-    judged &= score > 0.0 if name == "voxel" else True
+    judged = _judged(name, score, threshold)
     auc = area_under_curve(score, reachable)
     family, _, variant = name.partition("-")
     rows = [Row.of(f"reachability.auc.{family}", variant or "default", auc, "1")]
@@ -194,11 +182,9 @@ def _rows(name: str, score: Array, threshold: float, reachable: Mask) -> list[Ro
 
 
 def _write_poses(X: Array, reachable: Mask, scores: dict[str, Array], filename: Path) -> None:
-    with filename.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["qw", "qx", "qy", "qz", "x", "y", "z", "reachable", *scores])
-        table = np.column_stack([se3.quaternions(X), X[:, :3, 3], reachable, *scores.values()])
-        writer.writerows([f"{value:.7g}" for value in row] for row in table)
+    heads = ("qw", "qx", "qy", "qz", "x", "y", "z", "reachable", *scores)
+    table = np.column_stack([se3.quaternions(X), X[:, :3, 3], reachable, *scores.values()])
+    write_csv(filename, table.tolist(), heads, ".7g")
 
 
 def _write_curves(
@@ -207,17 +193,15 @@ def _write_curves(
     reachable: Mask,
     out: Path,
 ) -> None:
-    curves, points = {}, {}
-    with (out / "roc.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["judge", "false_positive_share", "true_positive_share"])
-        for name, score in scores.items():
-            false, true = roc_curve(score, reachable)
-            label = f"{LABELS[name]}: {area_under_curve(score, reachable).value:.3f}"
-            curves[label] = false, true
-            judged = (score >= thresholds[name]) & ((score > 0.0) | (name != "voxel"))
-            points[label] = float(judged[~reachable].mean()), float(judged[reachable].mean())
-            writer.writerows(
-                [name, f"{f:.5f}", f"{t:.5f}"] for f, t in zip(false, true, strict=True)
-            )
+    curves, points, lines = {}, {}, []
+    for name, score in scores.items():
+        false, true = roc_curve(score, reachable)
+        label = f"{LABELS[name]}: {area_under_curve(score, reachable).value:.3f}"
+        curves[label] = false, true
+        judged = _judged(name, score, thresholds[name])
+        points[label] = float(judged[~reachable].mean()), float(judged[reachable].mean())
+        lines += [(name, float(f), float(t)) for f, t in zip(false, true, strict=True)]
+    write_csv(
+        out / "roc.csv", lines, ("judge", "false_positive_share", "true_positive_share"), ".5f"
+    )
     plot_roc(curves, points, out / "roc.png")

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate sampler``: grasps of objects that were never trained on, judged truly.
+"""``feasigrasp evaluate sampler``: judge grasps of objects that were never trained on.
 
 Every object is looked at from random directions by a noisy depth camera, completed as perception
 does it, and the grasps that the samplers offer are judged on the true mesh; some are tried in a
@@ -10,32 +10,21 @@ in docs/sampler.md. A command that was interrupted goes on after its last object
 from __future__ import annotations
 
 import argparse
-import shlex
 import time
 import zlib
 from functools import lru_cache
-from pathlib import Path
-from typing import Any
 
-import joblib
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from feasigrasp.evaluation.measures.grasps import (
-    Record,
     equivariance_error,
     is_graspable,
     proposal_measures,
     set_measures,
 )
+from feasigrasp.evaluation.measures.sampler_rows import summary_rows, write_records
 from feasigrasp.evaluation.runs.floating_gripper import hold_trials
-from feasigrasp.evaluation.studies.sampler_objects import (
-    DEFAULT_OBJECTS,
-    make_object,
-    unseen_objects,
-)
-from feasigrasp.evaluation.studies.sampler_rows import summary_rows, write_csv
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.network.network import load_grasp_network
@@ -45,12 +34,11 @@ from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.results.arguments import add_common_arguments, positive
-from feasigrasp.results.finished import finished_records
-from feasigrasp.results.provenance import git_revision, versions
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import write_json, write_summary
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import report_rows
 from feasigrasp.training.data.grasp_examples import fuse_and_complete, true_input
 from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.unseen_objects import DEFAULT_OBJECTS, make_object, unseen_objects
 from feasigrasp.training.data.views import ViewedObject, turning_views
 
 #: Samplers that are compared; networks among them.
@@ -102,7 +90,6 @@ def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int
     torch.set_num_threads(1)
     obj = make_object(what)
     viewed, truth = ViewedObject(obj), TrueGrasps(obj.mesh)
-    center = 0.5 * (obj.vertices.min(axis=0) + obj.vertices.max(axis=0))
     code = zlib.crc32(name.encode())
     perfect = true_input(truth, np.random.default_rng([seed, code]))
     base: Record = {"object": name, "graspable": int(is_graspable(truth, perfect, GRIPPER))}
@@ -115,7 +102,7 @@ def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int
         records.append(base | about | record)
     for view in range(views):
         rng = np.random.default_rng([seed, code, view])
-        cameras = turning_views(rng, center, max(CONDITIONS.values()))
+        cameras = turning_views(rng, viewed.center, max(CONDITIONS.values()))
         seen = [viewed.view(X_OC, rng) for X_OC in cameras]
         for condition, count in CONDITIONS.items():
             about = base | {"view": view, "condition": condition}
@@ -162,39 +149,15 @@ def _hold(obj: RigidObject, field: Gpdf, seed: int) -> list[Record]:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     objects = unseen_objects(args.objects, args.generated, args.seed)
-    views, held_views = args.views, HELD_VIEWS
+    views = args.views
     if args.quick:
         objects = dict(list(objects.items())[:: -(-len(objects) // QUICK_OBJECTS)])
         views = 1
-    key = {"git": git_revision(), "versions": versions(), "seed": args.seed}
-    key |= {"views": views, "held_views": held_views}
-    folder = args.out / "objects"
-    missing = [name for name in objects if finished_records(folder / f"{name}.json", key) is None]
-    evaluated = joblib.Parallel(n_jobs=args.jobs, return_as="generator_unordered")(
-        joblib.delayed(_evaluate_to_file)(name, objects[name], folder, key) for name in missing
+    settings = {"views": views, "held_views": HELD_VIEWS, "seed": args.seed}
+    finished = finish_all(
+        objects, args.out / "objects", settings, evaluate_object, jobs=args.jobs, desc="sampler"
     )
-    done = len(objects) - len(missing)
-    with tqdm(total=len(objects), initial=done, desc="sampler", unit="object") as bar:
-        for _ in evaluated:
-            bar.update()
-    records = []
-    for name in objects:
-        records += finished_records(folder / f"{name}.json", key) or []
-    write_csv(records, args.out)
-    rows = summary_rows(records)
-    filename = args.out / "summary.json"
-    write_summary(filename, _command(args), key["git"], args.seed, rows, quick=args.quick)
-    print(format_rows(rows))
+    records = [record for name in objects for record in finished[name]]
+    write_records(records, args.out)
+    report_rows(args, "evaluate sampler", summary_rows(records))
     return 0
-
-
-def _command(args: argparse.Namespace) -> str:
-    options = ("out", "seed", "jobs", "objects", "views", "generated")
-    words = [word for name in options for word in (f"--{name}", str(getattr(args, name)))]
-    words += ["--quick"] * args.quick
-    return shlex.join(["feasigrasp", "evaluate", "sampler", *words])
-
-
-def _evaluate_to_file(name: str, what: str, folder: Path, key: dict[str, Any]) -> None:
-    records = evaluate_object(name, what, key["views"], key["held_views"], key["seed"])
-    write_json({"key": key, "records": records}, folder / f"{name}.json")

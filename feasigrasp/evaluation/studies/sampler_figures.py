@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate sampler-figures``: grasps before and after the filter, on six objects.
+"""``feasigrasp evaluate sampler-figures``: draw grasps before and after the filter.
 
 Each object is seen once by the noisy camera and completed. The upper row shows what the sampler
 proposes, coloured by the network's probability; the lower row what the filter leaves, coloured by
@@ -8,21 +8,18 @@ the score. Grasps that are truly valid, told by the mesh, are counted.
 from __future__ import annotations
 
 import argparse
-import csv
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
+from matplotlib.colors import LinearSegmentedColormap
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
 from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline
-from feasigrasp.evaluation.pictures.splats import Viewer, draw_points, frame
+from feasigrasp.evaluation.pictures.sheets import add_scale, two_rows
+from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps.glyphs import spread_order
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
@@ -30,9 +27,7 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.surface_points import SurfacePoints
 from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_summary
+from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.training.data.grasp_examples import fuse_and_complete
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.views import ViewedObject, look_at
@@ -43,6 +38,8 @@ OBJECTS = "mustard_bottle,mug,drill,banana,hammer,spray_can"
 _DIRECTION, _DISTANCE = np.array([1.0, -0.6, 0.7]), 0.5
 #: Grasps drawn per panel.
 _SHOWN = 12
+#: Before and after the filter.
+STAGES = ("proposed", "filtered")
 #: From unlikely to certain.
 COLORS = LinearSegmentedColormap.from_list("score", ["#c43a31", "#e8a33d", "#4fae4e", "#0b6b3a"])
 _SURFACE = (0.74, 0.77, 0.82)
@@ -77,26 +74,18 @@ def main(args: argparse.Namespace) -> int:
     selected = list(select_objects(args.objects).items())[: 2 if args.quick else 6]
     panels = [make_panel(name, model, args.seed) for name, model in selected]
     args.out.mkdir(parents=True, exist_ok=True)
-    gripper = ParallelGripper()
-    draw_grasps(panels, gripper, args.out / "grasps.png")
-    write_grasps(panels, args.out / "grasps.csv")
-    rows = [
-        Row(f"sampler_figures.valid_share.{when}", panel.name, float(valid.mean()), None, None, "1",
-            len(valid))
-        for panel in panels
-        for when, valid in zip(("proposed", "filtered"), panel.valid, strict=True)
-        if len(valid)
-    ]  # fmt: skip
-    write_summary(
-        args.out / "summary.json",
-        command=f"feasigrasp evaluate sampler-figures --objects {args.objects} --seed {args.seed}",
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
+    draw_grasps(panels, ParallelGripper(), args.out / "grasps.png")
+    heads = ("object", "when", "score", "valid", "x_m", "y_m", "z_m")
+    write_csv(
+        args.out / "grasps.csv", [line for panel in panels for line in lines_of(panel)], heads
     )
-    print(format_rows(rows))
-    print(f"{args.out}/grasps.png, grasps.csv, summary.json")
+    rows = [
+        Row.plain(f"sampler_figures.valid_share.{when}", panel.name, valid.mean(), "1", len(valid))
+        for panel in panels
+        for when, valid in zip(STAGES, panel.valid, strict=True)
+        if len(valid)
+    ]
+    report_rows(args, "evaluate sampler-figures", rows)
     return 0
 
 
@@ -119,32 +108,19 @@ def make_panel(name: str, model: str, seed: int) -> Panel:
 
 def draw_grasps(panels: list[Panel], gripper: ParallelGripper, filename: Path) -> None:
     """Draws all panels as one picture."""
-    figure = Figure(figsize=(2.6 * len(panels), 6.4))
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, len(panels), squeeze=False)
-    figure.subplots_adjust(left=0.025, right=0.995, top=0.93, bottom=0.1, wspace=0.02, hspace=0.1)
+    figure, axes = two_rows([panel.name for panel in panels], STAGES)
     viewer = Viewer.at(_DIRECTION, [0.0, 0.0, 1.0], turn=0.35, raised=0.1)
     hand = gripper_outline(gripper)
     for column, panel in enumerate(panels):
         reach = _lines(panel.poses[1] if len(panel.poses[1]) else panel.poses[0], hand)
         everything = np.concatenate([panel.surface.points, reach.reshape(-1, 3)])
-        for row, (poses, scores, valid) in enumerate(
-            zip(panel.poses, panel.scores, panel.valid, strict=True)
-        ):
-            ax = axes[row, column]
+        stages = zip(axes[:, column], panel.poses, panel.scores, panel.valid, strict=True)
+        for ax, poses, scores, valid in stages:
             _draw_panel(ax, viewer, panel.surface, poses, scores, hand)
             frame(ax, viewer, everything, margin=0.02)
             share = f"{valid.sum()} of {len(valid)} valid"
             ax.text(0.5, -0.01, share, transform=ax.transAxes, ha="center", va="top", fontsize=9)
-        axes[0, column].set_title(panel.name.replace("_", " "), fontsize=11)
-    for row, side in enumerate(("proposed", "filtered")):
-        figure.text(0.008, 0.73 - 0.41 * row, side, rotation=90, va="center", fontsize=11)
-    place = figure.add_axes((0.35, 0.045, 0.3, 0.014))
-    bar = figure.colorbar(
-        ScalarMappable(Normalize(0.0, 1.0), COLORS), cax=place, orientation="horizontal"
-    )
-    bar.set_label("estimated probability that the grasp is valid", fontsize=8, labelpad=1)
-    bar.ax.tick_params(labelsize=7, pad=1)
+    add_scale(figure, COLORS, 1.0, "estimated probability that the grasp is valid")
     figure.savefig(filename, dpi=110)
 
 
@@ -156,32 +132,20 @@ def _draw_panel(
         return
     order = spread_order(poses, scores)[:_SHOWN]
     order = order[np.argsort(scores[order])]  # the best on top
-    lines = viewer.project(_lines(poses[order], hand))
-    order_back = np.argsort(lines[..., 2].mean(axis=1))
-    ax.add_collection(
-        LineCollection(
-            list(lines[order_back][..., :2]),
-            colors=COLORS(scores[order][order_back]),
-            linewidths=1.3,
-            alpha=0.85,
-            zorder=3,
-        )
-    )
+    lines = _lines(poses[order], hand)
+    height = viewer.project(lines)[..., 2].mean(axis=1)
+    order, lines = order[np.argsort(height)], lines[np.argsort(height)]
+    draw_lines(ax, viewer, lines, COLORS(scores[order]), width=1.3, alpha=0.85)
 
 
 def _lines(poses: Array, hand: Array) -> Array:
     return np.asarray(np.einsum("nij,kj->nki", poses[:, :3, :3], hand) + poses[:, None, :3, 3])
 
 
-def write_grasps(panels: list[Panel], filename: Path) -> None:
-    """Writes score, truth and position of every grasp as CSV."""
-    with filename.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["object", "when", "score", "valid", "x_m", "y_m", "z_m"])
-        for panel in panels:
-            for when, poses, scores, valid in zip(
-                ("proposed", "filtered"), panel.poses, panel.scores, panel.valid, strict=True
-            ):
-                for X, score, good in zip(poses, scores, valid, strict=True):
-                    place = (f"{value:.5f}" for value in X[:3, 3])
-                    writer.writerow([panel.name, when, f"{score:.4f}", int(good), *place])
+def lines_of(panel: Panel) -> Iterator[tuple[object, ...]]:
+    """Score, truth and position of every grasp, as lines of a table."""
+    stages = zip(STAGES, panel.poses, panel.scores, panel.valid, strict=True)
+    for when, poses, scores, valid in stages:
+        for X, score, good in zip(poses, scores, valid, strict=True):
+            place = (f"{value:.5f}" for value in X[:3, 3])
+            yield panel.name, when, f"{score:.4f}", int(good), *place

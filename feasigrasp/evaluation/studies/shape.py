@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate shape``: completed shapes against the true ones.
+"""``feasigrasp evaluate shape``: compare completed shapes with the true ones.
 
 Every object is looked at from random directions by a noisy depth camera, once and three times
 while it turns, and completed by the ``paper`` preset and by the ``default`` one. What each figure
@@ -8,41 +8,29 @@ means is written in docs/shape.md. A command that was interrupted goes on after 
 from __future__ import annotations
 
 import argparse
-import shlex
 import time
 import zlib
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
-import joblib
 import numpy as np
-from tqdm import tqdm
 
 from feasigrasp.evaluation.measures.reliability import write_reliability
 from feasigrasp.evaluation.measures.shape import measure, true_samples
-from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.surface_error import surface_deviation
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.results.finished import finished_records
-from feasigrasp.results.provenance import git_revision, versions
-from feasigrasp.results.row_table import format_rows
-from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import mean
-from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
-
-Record = dict[str, Any]
+from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 PRESETS = ("paper", "default")
 #: Standard deviation of the tracked pose in the ``3views_tracked`` condition: [m] and [rad].
 TRACKING = (0.002, float(np.deg2rad(1.0)))
 #: What is looked at how: number of views and tracking noise.
 CONDITIONS = {"1view": (1, (0.0, 0.0)), "3views": (3, (0.0, 0.0)), "3views_tracked": (3, TRACKING)}
-#: Voxels in which views are merged, as in the scenarios [m].
-VOXEL_SIZE = 0.003
 #: Figures of the summary, by condition: column, unit and row name.
 FIGURES = (
     ("1view", "true_to_completed_mm", "mm", "shape.true_to_completed_mm.1view"),
@@ -72,10 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def complete(views: Sequence[PartialView], preset: str) -> Gpdf:
     """Merges views and completes the shape, as perception does."""
-    cloud = FusedCloud.empty(VOXEL_SIZE, smooth=preset == "default")
-    for view in views:
-        cloud = cloud.merged(view.points, view.p_OC)
-    return complete_shape(cloud, preset=preset)
+    return complete_shape(fused(views, smooth=preset == "default"), preset=preset)
 
 
 def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]:
@@ -88,12 +73,11 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
     """
     viewed = ViewedObject(load_object(path))
     points, normals = true_samples(viewed, seed)
-    center = 0.5 * (viewed.obj.vertices.min(axis=0) + viewed.obj.vertices.max(axis=0))
     records = []
     for index in range(views):
         for condition, (count, tracking) in CONDITIONS.items():
             rng = np.random.default_rng([seed, zlib.crc32(name.encode()), index])
-            cameras = turning_views(rng, center, max(n for n, _ in CONDITIONS.values()))
+            cameras = turning_views(rng, viewed.center, max(n for n, _ in CONDITIONS.values()))
             seen = [viewed.view(X_OC, rng, tracking) for X_OC in cameras[:count]]
             for preset in PRESETS:
                 start = time.process_time()
@@ -117,26 +101,16 @@ def main(args: argparse.Namespace) -> int:
     views = args.views
     if args.quick:
         objects, views = dict(list(objects.items())[:: -(-len(objects) // 12)]), min(views, 2)
-    key = {"git": git_revision(), "versions": versions(), "views": views, "seed": args.seed}
-    folder = args.out / "objects"
-    missing = [name for name in objects if finished_records(folder / f"{name}.json", key) is None]
-    evaluated = joblib.Parallel(n_jobs=args.jobs, return_as="generator_unordered")(
-        joblib.delayed(_evaluate_to_file)(name, objects[name], folder, key) for name in missing
+    settings = {"views": views, "seed": args.seed}
+    finished = finish_all(
+        objects, args.out / "objects", settings, evaluate_object, jobs=args.jobs, desc="shape"
     )
-    bar = tqdm(total=len(objects), initial=len(objects) - len(missing), desc="shape", unit="object")
-    with bar:
-        for _ in evaluated:
-            bar.update()
-    records = []
-    for name in objects:
-        records += finished_records(folder / f"{name}.json", key) or []
-
-    write_csv(records, args.out / "views.csv")
+    records = [record for name in objects for record in finished[name]]
+    columns = [name for name, value in records[0].items() if not isinstance(value, list)]
+    write_csv(args.out / "views.csv", records, columns, ".6g")
     rows = summary_rows(records)
     rows += write_reliability(records, set(builtin_objects()), args.out)
-    filename = args.out / "summary.json"
-    write_summary(filename, _command(args), key["git"], args.seed, rows, quick=args.quick)
-    print(format_rows(rows))
+    report_rows(args, "evaluate shape", rows)
     return 0
 
 
@@ -161,36 +135,3 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
                 if values:
                     rows.append(Row.of(name, preset + group, mean(values, lower=0.0), unit))
     return rows
-
-
-def write_csv(records: Sequence[Record], filename: Path) -> None:
-    """One line per view, condition and preset."""
-    columns = [name for name, value in records[0].items() if not isinstance(value, list)]
-    lines = [",".join(columns)]
-    for record in records:
-        values = (record[column] for column in columns)
-        lines.append(",".join(_cell(value) for value in values))
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    filename.write_text("\n".join(lines) + "\n")
-
-
-def _command(args: argparse.Namespace) -> str:
-    options = ("out", "seed", "jobs", "objects", "views")
-    words = [word for name in options for word in (f"--{name}", str(getattr(args, name)))]
-    words += ["--quick"] * args.quick
-    return shlex.join(["feasigrasp", "evaluate", "shape", *words])
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _evaluate_to_file(name: str, path: str, folder: Path, key: dict[str, Any]) -> None:
-    records = evaluate_object(name, path, key["views"], key["seed"])
-    for record in records:  # JSON has no NaN
-        for column, value in record.items():
-            if isinstance(value, float) and not np.isfinite(value):
-                record[column] = None
-    write_json({"key": key, "records": records}, folder / f"{name}.json")

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate shape-figures``: what the distance field does, drawn from our own data.
+"""``feasigrasp evaluate shape-figures``: draw what the distance field does, from our own data.
 
 Two pictures as in Choi & Figueroa (arXiv 2311.02576): the distance along a line through an object,
 before and after refinement, beside the true one; and the completed surface coloured by its
@@ -8,14 +8,10 @@ uncertainty, from the camera's side and from behind.
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
@@ -25,16 +21,15 @@ from feasigrasp.evaluation.pictures.perception import (
     UNCERTAINTY_COLORS,
     uncertainty_colors,
 )
+from feasigrasp.evaluation.pictures.sheets import add_scale, two_rows
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_points, frame
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.rows import Row, write_summary
-from feasigrasp.training.data.views import PartialView, ViewedObject, look_at
+from feasigrasp.results.rows import Row, report_rows, write_csv
+from feasigrasp.training.data.views import PartialView, ViewedObject, fused, look_at
 
 #: Objects of the pictures unless others are asked for; the first one is cut by the line.
 OBJECTS = "spray_can,mug,drill"
@@ -46,7 +41,8 @@ SLICES = {
     "default, 1 view": ("default", 1),
     "default, 3 views": ("default", 3),
 }
-_DISTANCE, _VOXEL = 0.5, 0.003
+#: Distance from the object to the cameras [m].
+_DISTANCE = 0.5
 #: The line reaches this far beyond the object [m].
 _BEYOND = 0.06
 _STEPS = 10
@@ -71,22 +67,19 @@ def main(args: argparse.Namespace) -> int:
         title: slice_through(viewed, fit_views(views[name][:count], preset), views[name][0])
         for title, (preset, count) in SLICES.items()
     }
-    write_slices(slices, args.out / "slice.csv")
+    write_csv(
+        args.out / "slice.csv",
+        [
+            (preset, *(f"{value:.6f}" for value in values))
+            for preset, curve in slices.items()
+            for values in zip(*(curve[k] for k in ("x", "true", "raw", "refined")), strict=True)
+        ],
+        ("preset", "x_m", "true_m", "raw_m", "refined_m"),
+    )
     draw_slices(slices, name, args.out / "slice.png")
     fields = {name: fit_views(views[name][:1]) for name, _ in objects}
     draw_uncertainty(fields, args.out / "uncertainty.png")
-    rows = slice_rows(slices)
-    write_summary(
-        args.out / "summary.json",
-        command=f"feasigrasp evaluate shape-figures --objects {args.objects} --seed {args.seed}",
-        git=git_revision(),
-        seed=args.seed,
-        rows=rows,
-        quick=args.quick,
-    )
-    for row in rows:
-        print(f"{row.name:44s} {row.preset:10s} {row.value:8.2f} {row.unit}")
-    print(f"{args.out}/slice.png, slice.csv, uncertainty.png, summary.json")
+    report_rows(args, "evaluate shape-figures", slice_rows(slices))
     return 0
 
 
@@ -99,10 +92,7 @@ def look_round(viewed: ViewedObject, rng: np.random.Generator) -> list[PartialVi
 
 def fit_views(views: Sequence[PartialView], preset: str = "default") -> Gpdf:
     """The field of some views, merged."""
-    cloud = FusedCloud.empty(_VOXEL, smooth=preset == "default")
-    for view in views:
-        cloud = cloud.merged(view.points, view.p_OC)
-    return complete_shape(cloud, preset=preset)
+    return complete_shape(fused(views, smooth=preset == "default"), preset=preset)
 
 
 def slice_through(viewed: ViewedObject, field: Gpdf, view: PartialView) -> dict[str, Array]:
@@ -139,24 +129,13 @@ def slice_rows(slices: dict[str, dict[str, Array]]) -> list[Row]:
             for side, chosen in sides.items():
                 name = f"shape_figures.slice_{kind}_error_mm.{side}"
                 count = int(chosen.sum())
-                rows.append(Row(name, preset, float(error[chosen].mean()), None, None, "mm", count))
+                rows.append(Row.plain(name, preset, error[chosen].mean(), "mm", count))
     return rows
-
-
-def write_slices(slices: dict[str, dict[str, Array]], filename: Path) -> None:
-    """Writes the curves as CSV."""
-    with filename.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["preset", "x_m", "true_m", "raw_m", "refined_m"])
-        for preset, curve in slices.items():
-            for values in zip(*(curve[k] for k in ("x", "true", "raw", "refined")), strict=True):
-                writer.writerow([preset, *(f"{value:.6f}" for value in values)])
 
 
 def draw_slices(slices: dict[str, dict[str, Array]], name: str, filename: Path) -> None:
     """Draws the curves, one panel per field; inside is grey."""
     figure = Figure(figsize=(11.5, 3.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, len(slices), sharey=True, squeeze=False)[0]
     for ax, (preset, curve) in zip(axes, slices.items(), strict=True):
         x = 1e3 * curve["x"]
@@ -179,25 +158,16 @@ def draw_slices(slices: dict[str, dict[str, Array]], name: str, filename: Path) 
 
 def draw_uncertainty(fields: dict[str, Gpdf], filename: Path) -> None:
     """Draws the completed surfaces of single views, the camera's side above, behind below."""
-    figure = Figure(figsize=(2.9 * len(fields), 6.2))
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, len(fields), squeeze=False)
-    figure.subplots_adjust(left=0.05, right=0.99, top=0.94, bottom=0.11, wspace=0.03, hspace=0.03)
+    sides = ("camera's side", "from behind")
+    figure, axes = two_rows(list(fields), sides)
     camera = np.array(_DIRECTIONS[0])
-    for column, (name, field) in enumerate(fields.items()):
+    for column, field in enumerate(fields.values()):
         surface = dense_surface(field)
         colors = uncertainty_colors(field, surface)
-        for row, turn in enumerate((0.3, np.pi + 0.3)):
-            ax = axes[row, column]
+        for ax, turn in zip(axes[:, column], (0.3, np.pi + 0.3), strict=True):
             viewer = Viewer.at(camera, [0.0, 0.0, 1.0], turn=turn)
             draw_points(ax, viewer, surface.points, colors, size=DOT, normals=surface.normals)
             frame(ax, viewer, surface.points)
-        axes[0, column].set_title(name.replace("_", " "), fontsize=10)
-    for row, side in enumerate(("camera's side", "from behind")):
-        figure.text(0.02, 0.73 - 0.42 * row, side, rotation=90, va="center", fontsize=10)
-    place = figure.add_axes((0.3, 0.065, 0.4, 0.018))
-    scale = ScalarMappable(Normalize(0.0, 1e3 * MOST_UNCERTAIN), UNCERTAINTY_COLORS)
-    bar = figure.colorbar(scale, cax=place, orientation="horizontal")
-    bar.set_label("uncertainty: distance from what was seen [mm]", fontsize=8, labelpad=1)
-    bar.ax.tick_params(labelsize=7, pad=1)
+    label = "uncertainty: distance from what was seen [mm]"
+    add_scale(figure, UNCERTAINTY_COLORS, 1e3 * MOST_UNCERTAIN, label)
     figure.savefig(filename, dpi=90)

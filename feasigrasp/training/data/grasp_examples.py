@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.surface_input import (
     BEYOND_GRASPS,
@@ -32,7 +31,7 @@ from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.surface_error import predicted_deviation
 from feasigrasp.training.data.grasp_labels import PointLabels, label_points
 from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.views import PartialView, ViewedObject, turning_views
+from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 Example = dict[str, Any]
 Labeller = Callable[[Array, Array], PointLabels]
@@ -43,8 +42,8 @@ POINTS = 512
 TRUE_SHARE, VIEW_SHARES = 0.2, (0.5, 0.2, 0.3)
 #: Standard deviation of the tracked pose in every other fusion of several views: [m] and [rad].
 TRACKING = (0.002, float(np.deg2rad(1.0)))
-#: Perception's defaults: voxels in which views are merged [m], points that the field is fitted to.
-VOXEL_SIZE, FIELD_POINTS = 0.003, 320
+#: Points that the field is fitted to, perception's default.
+FIELD_POINTS = 320
 #: Chords of true surfaces shorter than this are grazing hits [m].
 _MIN_CHORD = 1e-3
 #: Times that a view is drawn anew if it shows too little.
@@ -53,10 +52,7 @@ _TRIES = 4
 
 def fuse_and_complete(views: Sequence[PartialView]) -> Gpdf:
     """Views become a distance field, as perception does it by default."""
-    cloud = FusedCloud.empty(VOXEL_SIZE, smooth=True)
-    for view in views:
-        cloud = cloud.merged(view.points, view.p_OC)
-    return complete_shape(cloud, max_points=FIELD_POINTS)
+    return complete_shape(fused(views), max_points=FIELD_POINTS)
 
 
 def completed_input(
@@ -70,11 +66,10 @@ def completed_input(
         rng: Draws camera poses, sensor noise and errors of the tracker.
         n_points: Rows of the input. If there are fewer points, some are there twice.
     """
-    center = 0.5 * (viewed.obj.vertices.min(axis=0) + viewed.obj.vertices.max(axis=0))
     tracking = TRACKING if n_views > 1 and rng.random() < 0.5 else (0.0, 0.0)
     for _ in range(_TRIES):
         try:
-            cameras = turning_views(rng, center, n_views)
+            cameras = turning_views(rng, viewed.center, n_views)
             field = fuse_and_complete([viewed.view(X_OC, rng, tracking) for X_OC in cameras])
         except PointCloudError:
             continue

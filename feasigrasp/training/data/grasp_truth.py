@@ -76,6 +76,10 @@ class TrueGrasps:
         at, face = self.surface.closest(points)
         return at, self._normals(face)
 
+    def inside(self, points: Array) -> Mask:
+        """Which points (n, 3) are inside the solid, shape (n,)."""
+        return self.surface.inside(points)
+
     def close(self, X_OG: ArrayLike, opening: float) -> Closing:
         """Closes two pads along the x-axis of grasp frames (n, 4, 4) from an opening [m]."""
         poses = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
 from feasigrasp.models.shape.hidden_side import features, picture_scale
 from feasigrasp.models.shape.hidden_side_network import FEATURES
-from feasigrasp.training.data.grasp_examples import VOXEL_SIZE
 from feasigrasp.training.data.object_streams import ObjectStream
-from feasigrasp.training.data.views import ViewedObject, turning_views
+from feasigrasp.training.data.views import ViewedObject, fused, turning_views
 
 #: Fewer points than this are no picture.
 MIN_POINTS = 30
@@ -71,12 +69,9 @@ def object_pictures(
         views = 0
     seen, truth = [], []
     for _ in range(views):
-        center = 0.5 * (viewed.obj.vertices.min(axis=0) + viewed.obj.vertices.max(axis=0))
-        cloud = FusedCloud.empty(VOXEL_SIZE, smooth=True)
-        for X_OC in turning_views(rng, center, int(rng.choice(_VIEWS)), _TURN):
-            view = viewed.view(X_OC, rng)
-            if len(view.points) >= MIN_POINTS:
-                cloud = cloud.merged(view.points, view.p_OC)
+        cameras = turning_views(rng, viewed.center, int(rng.choice(_VIEWS)), _TURN)
+        views_of = [viewed.view(X_OC, rng) for X_OC in cameras]
+        cloud = fused([view for view in views_of if len(view.points) >= MIN_POINTS])
         if not cloud.images:
             continue
         image = cloud.images[rng.integers(len(cloud.images))]

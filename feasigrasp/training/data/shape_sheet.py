@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.household_shapes import FAMILIES, HELD_OUT, make_shape
-from feasigrasp.training.data.views import look_at
+from feasigrasp.training.data.views import ViewedObject, look_at
 
 _PIXELS = 150
 #: Side of a tile [m]; every shape is drawn to this scale.
@@ -26,7 +26,7 @@ def shape_picture(obj: RigidObject) -> np.ndarray:
     down = np.array([0.0, 0.0, -1.0]) + camera[2, 2] * camera[:3, 2]
     camera[:3, 1] = down / np.linalg.norm(down)
     camera[:3, 0] = np.cross(camera[:3, 1], camera[:3, 2])
-    middle = 0.5 * (obj.vertices.min(axis=0) + obj.vertices.max(axis=0))
+    middle = ViewedObject(obj).center
     grid = (np.arange(_PIXELS) + 0.5) / _PIXELS * _SIDE - 0.5 * _SIDE
     u, v = np.meshgrid(grid, grid)
     starts = np.stack([u, v, np.zeros_like(u)], axis=-1).reshape(-1, 3) @ camera[:3, :3].T
@@ -40,9 +40,8 @@ def shape_picture(obj: RigidObject) -> np.ndarray:
 
 def draw_sheet(filename: Path, seed: int = 0, columns: int = 9) -> None:
     """Writes a picture with ``columns`` shapes of every family, all to one scale."""
-    figure, axes = plt.subplots(
-        len(FAMILIES), columns, figsize=(1.05 * columns + 1.1, 1.05 * len(FAMILIES))
-    )
+    figure = Figure(figsize=(1.05 * columns + 1.1, 1.05 * len(FAMILIES)))
+    axes = figure.subplots(len(FAMILIES), columns)
     for row, family in zip(axes, FAMILIES, strict=True):
         for column, axis in enumerate(row):
             axis.imshow(shape_picture(make_shape(family, 1000 * seed + column)))
@@ -52,4 +51,3 @@ def draw_sheet(filename: Path, seed: int = 0, columns: int = 9) -> None:
     figure.subplots_adjust(0.11, 0.0, 1.0, 1.0, wspace=0.0, hspace=0.0)
     filename.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(filename, dpi=110)
-    plt.close(figure)

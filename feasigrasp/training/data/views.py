@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.edges import edge_pixels
+from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.objects.raycasting import Raycaster
@@ -25,6 +27,8 @@ CAMERA = (
 )
 #: Distance from the camera to the object's centre, lowest and highest [m].
 DISTANCE = (0.45, 0.55)
+#: Voxels in which views are merged, as in the scenarios [m].
+VOXEL_SIZE = 0.003
 #: Points of neighbouring pixels that are farther apart lie on different surfaces [m].
 EDGE_JUMP = 0.02
 #: A point closer to the first hit of its line of sight than this is seen [m].
@@ -58,6 +62,12 @@ class ViewedObject:
     def __init__(self, obj: RigidObject) -> None:
         self.obj = obj
         self.surface = Raycaster(obj.vertices, obj.faces)
+
+    @property
+    def center(self) -> Array:
+        """Middle of the object's box, shape (3,) [m]."""
+        middle: Array = 0.5 * (self.obj.vertices.min(axis=0) + self.obj.vertices.max(axis=0))
+        return middle
 
     def view(
         self,
@@ -139,6 +149,14 @@ class ViewedObject:
         return depth, (int(left), int(top))
 
 
+def fused(views: Sequence[PartialView], *, smooth: bool = True) -> FusedCloud:
+    """The cloud of some views, merged as perception does it."""
+    cloud = FusedCloud.empty(VOXEL_SIZE, smooth=smooth)
+    for view in views:
+        cloud = cloud.merged(view.points, view.p_OC)
+    return cloud
+
+
 def look_at(p_OC: Array, roll: float = 0.0) -> Array:
     """Pose of a camera at ``p_OC`` whose z axis passes through the origin, shape (4, 4)."""
     z = -p_OC / np.linalg.norm(p_OC)
@@ -163,7 +181,9 @@ def turning_views(
     angle of 60 to 120 degrees with the line of sight, as a table in front of a camera at up to 30
     degrees would.
     """
-    first = look_at(_unit(rng.normal(size=3)) * rng.uniform(*DISTANCE), rng.uniform(0, 2 * np.pi))
+    way = rng.normal(size=3)
+    way /= float(np.linalg.norm(way))
+    first = look_at(way * rng.uniform(*DISTANCE), rng.uniform(0, 2 * np.pi))
     tilt = np.deg2rad(rng.uniform(-30.0, 30.0))
     axis = first[:3, :3] @ np.array([0.0, np.cos(tilt), np.sin(tilt)])
     poses, angle = [], 0.0
@@ -175,7 +195,3 @@ def turning_views(
         poses.append(X_OC)
         angle += np.deg2rad(rng.uniform(*turn))
     return poses
-
-
-def _unit(vector: Array) -> Array:
-    return vector / float(np.linalg.norm(vector))

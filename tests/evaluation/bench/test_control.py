@@ -11,10 +11,10 @@ from feasigrasp.evaluation.bench.control import (
     joint_probe,
     task_probe,
 )
-from feasigrasp.evaluation.bench.controller_probe import V_WO
-from feasigrasp.evaluation.bench.timing import Timing
+from feasigrasp.evaluation.measures.timing import Timing
 from feasigrasp.evaluation.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
 from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp.evaluation.runs.controller_probe import V_WO
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS

@@ -9,8 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import LeafSystem
 
-from feasigrasp.evaluation.runs.rollout import object_grasps, roll_out
-from feasigrasp.evaluation.runs.rollout_metrics import ROLLOUT_METRICS
+from feasigrasp.evaluation.runs.rollout import ROLLOUT_METRICS, object_grasps, roll_out
 from feasigrasp.evaluation.studies.prediction import MEASUREMENTS, motion_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, NUM_JOINTS

@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
+from feasigrasp.evaluation.runs import isolated
 from feasigrasp.evaluation.runs import run as run_module
 from feasigrasp.evaluation.runs.plan import STUDIES, plan
 from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.evaluation.studies import dynamic
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.resources import model_path
+from feasigrasp.results import finished, rows
 from feasigrasp.results.arguments import select_objects
+
+#: Where the revision is asked for.
+REVISION = (dynamic, finished, rows, run_module)
 
 
 @pytest.fixture
@@ -22,7 +27,7 @@ def fake_runs(monkeypatch):
     """Replaces the simulation; gives the list of what ran."""
     ran = []
 
-    def run(scenario, name, filename):
+    def run(scenario, name, filename, *, replay=None):
         ran.append(filename.stem)
         made = crash_record(scenario, name, "") | {"error": None}
         made["metrics"]["grasp_held"] = scenario.random_seed % 2 == 0
@@ -30,9 +35,9 @@ def fake_runs(monkeypatch):
         filename.write_text(json.dumps(made))
         return made
 
-    monkeypatch.setattr(dynamic, "run_isolated", run)
+    monkeypatch.setattr(isolated, "run_isolated", run)
     # A commit while the tests run must not change what they see.
-    for module in (dynamic, run_module):
+    for module in REVISION:
         monkeypatch.setattr(module, "git_revision", lambda: "57f3f21b0c4e")
     return ran
 
@@ -132,12 +137,12 @@ def test_a_quick_study_is_short():
 def test_finished_runs_are_not_repeated(fake_runs, tmp_path, capsys):
     arguments = ("--scenarios", "ReachLinear", "--seeds", "1")
     evaluate(tmp_path, *arguments)
-    rows = rows_of(tmp_path)
+    first = rows_of(tmp_path)
     fake_runs.clear()
     evaluate(tmp_path, *arguments)
     assert fake_runs == []
-    assert "4 of 4 runs are finished already" in capsys.readouterr().out
-    assert rows_of(tmp_path) == rows
+    assert "4 of 4 are finished already" in capsys.readouterr().out
+    assert rows_of(tmp_path) == first
 
     evaluate(tmp_path, "--scenarios", "ReachLinear", "--seeds", "2")
     assert sorted(name[-1] for name in fake_runs) == ["1"] * 4
@@ -151,7 +156,7 @@ def test_a_commit_in_the_middle_is_told(fake_runs, tmp_path, monkeypatch, capsys
 
 
 def test_uncommitted_changes_are_told(fake_runs, tmp_path, monkeypatch, capsys):
-    for module in (dynamic, run_module):
+    for module in REVISION:
         monkeypatch.setattr(module, "git_revision", lambda: "57f3f21b0c4e-dirty")
     for _ in range(2):
         evaluate(tmp_path, "--scenarios", "ReachLinear", "--seeds", "1")
@@ -191,18 +196,18 @@ def test_a_changed_setting_repeats_its_runs(fake_runs, tmp_path):
 
 
 def test_an_interruption_keeps_what_is_finished(fake_runs, tmp_path, monkeypatch):
-    run = dynamic.run_isolated
+    run = isolated.run_isolated
 
-    def interrupted(scenario, name, filename):
+    def interrupted(scenario, name, filename, **options):
         if len(fake_runs) == 3:
             raise KeyboardInterrupt
         return run(scenario, name, filename)
 
-    monkeypatch.setattr(dynamic, "run_isolated", interrupted)
+    monkeypatch.setattr(isolated, "run_isolated", interrupted)
     arguments = ("--scenarios", "ReachLinear", "--seeds", "2")
     assert evaluate(tmp_path, *arguments) == 130
     assert not (tmp_path / "summary.json").exists()
-    monkeypatch.setattr(dynamic, "run_isolated", run)
+    monkeypatch.setattr(isolated, "run_isolated", run)
     assert evaluate(tmp_path, *arguments) == 0
     assert len(fake_runs) == len(set(fake_runs)) == 8
 
@@ -230,7 +235,7 @@ def test_real_runs_in_real_processes(tmp_path):
         "--jobs", "2", "--scenario_text", text,
     )  # fmt: skip
     assert status == 0
-    rows = rows_of(tmp_path)
-    assert rows["all/all/safe", "dynamic.failed_percent"]["value"] == 0.0
-    assert rows["all/all/safe", "dynamic.joint_limit_violation_percent"]["n"] == 2
-    assert rows["all/all/safe", "dynamic.held_percent"]["value"] == 0.0
+    found = rows_of(tmp_path)
+    assert found["all/all/safe", "dynamic.failed_percent"]["value"] == 0.0
+    assert found["all/all/safe", "dynamic.joint_limit_violation_percent"]["n"] == 2
+    assert found["all/all/safe", "dynamic.held_percent"]["value"] == 0.0

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
+from feasigrasp.evaluation.runs import isolated
 from feasigrasp.evaluation.runs import run as run_module
 from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.evaluation.studies import gallery
+from feasigrasp.results import finished
 
 
 def planned(*arguments):
@@ -43,9 +45,9 @@ def fake_runs(monkeypatch):
         replay.write_text("<html>a replay</html>")
         return record
 
-    monkeypatch.setattr(gallery, "run_isolated", run)
+    monkeypatch.setattr(isolated, "run_isolated", run)
     monkeypatch.setattr(gallery, "take_picture", lambda replay: "task" in replay.stem)
-    for module in (gallery, run_module):
+    for module in (finished, gallery, run_module):
         monkeypatch.setattr(module, "git_revision", lambda: "57f3f21b0c4e")
     return ran
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from feasigrasp.evaluation.bench import kinematics as bench
-from feasigrasp.evaluation.bench import timing
+from feasigrasp.evaluation.measures import timing
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.studies import kinematics as evaluate
 from feasigrasp.models.robot.iiwa import POSITION_LIMITS
-from feasigrasp.results.finished import finish_part, finished_records
-from feasigrasp.results.rows import Row, write_json
+from feasigrasp.results.rows import Row
 
 
 def value(rows, name, preset="default"):
@@ -98,38 +97,6 @@ def test_folded_configurations_are_inside_limits_and_often_collide():
     Q = evaluate.folded_configurations(2000, np.random.default_rng(0))
     assert (np.abs(Q) <= POSITION_LIMITS).all()
     assert 0.1 < evaluate.in_collision(Q).mean() < 0.4
-
-
-def test_finished_parts_are_kept_while_nothing_changed(tmp_path):
-    made = []
-
-    def measure():
-        made.append(1)
-        return [Row("a", "default", 1.5, None, None, "m", 3)]
-
-    filename = tmp_path / "parts" / "a.json"
-    first = finish_part(filename, {"seed": 0}, measure)
-    assert finish_part(filename, {"seed": 0}, measure) == first and len(made) == 1
-    finish_part(filename, {"seed": 1}, measure)
-    assert len(made) == 2
-    filename.write_text("{")
-    assert finish_part(filename, {"seed": 1}, measure) == first and len(made) == 3
-
-
-def test_finished_records_are_those_of_the_same_code_and_settings(tmp_path):
-    filename, records = tmp_path / "a.json", [{"object": "ball", "error_mm": 0.5, "held": None}]
-    key = {"git": "abc", "seed": 0, "range": (0, 1)}  # JSON makes a list of the tuple
-    assert finished_records(filename, key) is None
-    write_json({"key": key, "records": records}, filename)
-    assert finished_records(filename, key) == records
-    assert finished_records(filename, key | {"seed": 1}) is None
-    assert finished_records(filename, key | {"more": 1}) is None
-
-
-@pytest.mark.parametrize("text", ["", "{", "[]", "null", "{}", '{"key": {"seed": 0}}'])
-def test_files_that_are_not_ours_hold_no_finished_records(tmp_path, text):
-    (tmp_path / "a.json").write_text(text)
-    assert finished_records(tmp_path / "a.json", {"seed": 0}) is None
 
 
 def test_evaluate_writes_all_rows(tmp_path, monkeypatch, capsys):

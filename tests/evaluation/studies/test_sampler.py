@@ -7,12 +7,12 @@ import pytest
 import trimesh
 
 from feasigrasp.evaluation.measures.grasps import average_precision, resampled, set_measures
-from feasigrasp.evaluation.studies.sampler_objects import FIRST_SEED, make_object, unseen_objects
-from feasigrasp.evaluation.studies.sampler_rows import summary_rows, write_csv
+from feasigrasp.evaluation.measures.sampler_rows import summary_rows, write_records
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.household_shapes import HELD_OUT
+from feasigrasp.training.data.unseen_objects import FIRST_SEED, make_object, unseen_objects
 
 
 def test_average_precision_by_hand():
@@ -103,7 +103,7 @@ def test_rows_are_what_the_records_say(records):
 
 
 def test_raw_files_have_a_line_per_record(records, tmp_path):
-    write_csv(records, tmp_path)
+    write_records(records, tmp_path)
     lines = {}
     for kind in ("set", "hold", "proposal"):
         with (tmp_path / f"{kind}s.csv").open() as file:

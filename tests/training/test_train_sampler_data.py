@@ -10,7 +10,7 @@ pytest.importorskip("manifold3d", reason="the generator needs manifold3d (train 
 
 from feasigrasp.models.grasps.network.surface_input import SCALARS  # noqa: E402
 from feasigrasp.models.robot.gripper import ParallelGripper  # noqa: E402
-from feasigrasp.training import sampler_data  # noqa: E402
+from feasigrasp.training import train_sampler_data  # noqa: E402
 from feasigrasp.training.data.grasp_examples import (  # noqa: E402
     POINTS,
     completed_input,
@@ -39,9 +39,9 @@ SHAPES = {
 
 def run(folder, *words):
     parser = argparse.ArgumentParser()
-    sampler_data.add_arguments(parser)
+    train_sampler_data.add_arguments(parser)
     args = parser.parse_args(["--out", str(folder), "--jobs", "1", "--inputs", "1", *words])
-    assert sampler_data.main(args) == 0
+    assert train_sampler_data.main(args) == 0
 
 
 @pytest.fixture(scope="module")

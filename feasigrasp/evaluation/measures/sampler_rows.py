@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from feasigrasp.evaluation.measures.grasps import Record, average_precision, resampled
-from feasigrasp.results.rows import Row
+from feasigrasp.evaluation.measures.grasps import average_precision, resampled
+from feasigrasp.results.finished import Record
+from feasigrasp.results.rows import Row, write_csv
 from feasigrasp.results.statistics import Estimate, proportion
 
 #: Coverage asks for so many grasps.
@@ -34,15 +34,12 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
                 continue
             rows.append(_pooled(f"sampler.contact_ap.{name}", preset, found, _ap, "1"))
             suffix = "" if name == "completed" else ".true"
-            for column, factor, unit in (
-                ("width_error", 1e3, "mm"),
-                ("closing_error", 1.0, "deg"),
+            for what, statistic, unit in (
+                ("width_mm", _WIDTH, "mm"),
+                ("closing_deg", _CLOSING, "deg"),
+                ("approach_valid_percent", _APPROACH, "%"),
             ):
-                what = "width_mm" if unit == "mm" else "closing_deg"
-                statistic = _median_of(column, factor)
                 rows.append(_pooled(f"sampler.{what}{suffix}", preset, found, statistic, unit))
-            what = f"sampler.approach_valid_percent{suffix}"
-            rows.append(_pooled(what, preset, found, _share_of("approach_free"), "%"))
         for condition in ("1view", "3views"):
             found = _of(of_preset, "set", condition=condition)
             if not found:
@@ -53,7 +50,9 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             tops = [r["top_valid"] for r in found if r["top_valid"] is not None]
             rows.append(_counted(f"sampler.top1_valid_percent.{condition}", preset, tops))
             enough = [int(r["grasps"] >= ENOUGH) for r in found if r["graspable"]]
-            rows.append(_counted(_at("sampler.coverage_percent", condition), preset, enough))
+            # Coverage is asked for with one view; other conditions are named.
+            name = "sampler.coverage_percent" + (condition != "1view") * f".{condition}"
+            rows.append(_counted(name, preset, enough))
         for choice in ("top1", "random"):
             held = [r["held"] for r in _of(of_preset, "hold", choice=choice) if r["graspable"]]
             if held:
@@ -61,20 +60,16 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
         errors = [r["equivariance_error"] for r in of_preset if "equivariance_error" in r]
         if errors:
             name = "sampler.equivariance.f64"
-            rows.append(Row(name, preset, max(errors), None, None, "1", len(errors)))
+            rows.append(Row.plain(name, preset, max(errors), "1", len(errors)))
     return rows
 
 
-def write_csv(records: Sequence[Record], folder: Path) -> None:
+def write_records(records: Sequence[Record], folder: Path) -> None:
     """Writes ``sets.csv``, ``proposals.csv`` and ``holds.csv``, one line per record."""
-    folder.mkdir(parents=True, exist_ok=True)
     for kind, columns in _COLUMNS.items():
-        with (folder / f"{kind}s.csv").open("w", newline="") as file:
-            writer = csv.DictWriter(file, [*_ABOUT, *columns], extrasaction="ignore")
-            writer.writeheader()
-            for record in _of(records, kind):
-                line = record | (_proposal_figures(record) if kind == "proposal" else {})
-                writer.writerow({name: _cell(line[name]) for name in writer.fieldnames})
+        found = _of(records, kind)
+        lines = [r | _proposal_figures(r) for r in found] if kind == "proposal" else found
+        write_csv(folder / f"{kind}s.csv", lines, (*_ABOUT, *columns), ".6g")
 
 
 def _of(records: Sequence[Record], kind: str, **where: str) -> list[Record]:
@@ -83,11 +78,6 @@ def _of(records: Sequence[Record], kind: str, **where: str) -> list[Record]:
         for record in records
         if record["kind"] == kind and all(record[key] == value for key, value in where.items())
     ]
-
-
-def _at(name: str, condition: str) -> str:
-    """Coverage is asked for with one view; other conditions are named."""
-    return name if condition == "1view" else f"{name}.{condition}"
 
 
 def _pooled(
@@ -120,20 +110,21 @@ def _ap(records: Sequence[Record]) -> float:
     return average_precision(_joined(records, "contact"), _joined(records, "is_contact") > 0.5)
 
 
-def _median_of(column: str, factor: float) -> Callable[[Sequence[Record]], float]:
+def _of_column(
+    column: str, reduce: Callable[[np.ndarray], np.floating], factor: float
+) -> Callable[[Sequence[Record]], float]:
+    """A statistic of all values of a column; NaN without any."""
+
     def statistic(records: Sequence[Record]) -> float:
         values = _joined(records, column)
-        return factor * float(np.median(values)) if len(values) else float("nan")
+        return factor * float(reduce(values)) if len(values) else float("nan")
 
     return statistic
 
 
-def _share_of(column: str) -> Callable[[Sequence[Record]], float]:
-    def statistic(records: Sequence[Record]) -> float:
-        values = _joined(records, column)
-        return 100.0 * float(values.mean()) if len(values) else float("nan")
-
-    return statistic
+_WIDTH = _of_column("width_error", np.median, 1e3)
+_CLOSING = _of_column("closing_error", np.median, 1.0)
+_APPROACH = _of_column("approach_free", np.mean, 100.0)
 
 
 def _precision(records: Sequence[Record]) -> float:
@@ -151,11 +142,7 @@ def _proposal_figures(record: Record) -> Record:
     return {
         "contacts": sum(record["is_contact"]),
         "contact_ap": _ap(one),
-        "width_mm": _median_of("width_error", 1e3)(one),
-        "closing_deg": _median_of("closing_error", 1.0)(one),
-        "approach_percent": _share_of("approach_free")(one),
+        "width_mm": _WIDTH(one),
+        "closing_deg": _CLOSING(one),
+        "approach_percent": _APPROACH(one),
     }
-
-
-def _cell(value: object) -> object:
-    return f"{value:.6g}" if isinstance(value, float) else value

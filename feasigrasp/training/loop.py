@@ -1,0 +1,290 @@
+"""The loop of all trainings: optimiser, schedule, running means, checkpoints, stop and go on.
+
+The batch of a step depends on the seed and the step alone, so that a run that was interrupted goes
+on as if it had not been: the same command resumes it. ``checkpoint.pt`` is what a run resumes from,
+``curve.csv`` has one line for every evaluation, ``run.json`` says what made it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from feasigrasp.models.arrays import Indices
+from feasigrasp.results.arguments import minutes, positive
+from feasigrasp.results.finished import made_with
+from feasigrasp.results.rows import write_json
+from feasigrasp.training.files import (
+    TrainingError,
+    append_curve,
+    read_checkpoint,
+    write_checkpoint,
+)
+
+Network = TypeVar("Network", bound=nn.Module)
+
+
+def add_loop_arguments(
+    parser: argparse.ArgumentParser, *, steps: int | None, batch: int, rate: float, of: str
+) -> argparse._MutuallyExclusiveGroup:
+    """Adds the arguments that every training takes; returns the group of ``--steps``.
+
+    Args:
+        parser: Parser of one command.
+        steps: Default length of the training; None if it is told in minutes.
+        batch: Default number of examples of a step.
+        rate: Default learning rate.
+        of: What the examples are.
+    """
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument("--steps", type=positive, default=steps, help="length of the training")
+    parser.add_argument("--batch", type=positive, default=batch, help=f"{of} of a step")
+    parser.add_argument("--learning-rate", type=float, default=rate)
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    return length
+
+
+def add_evaluation_arguments(
+    parser: argparse.ArgumentParser,
+    length: argparse._MutuallyExclusiveGroup,
+    *,
+    minutes_: int,
+    every: int,
+    patience: int,
+    held_out: int,
+) -> None:
+    """Adds when a training is judged, and when it ends; the arguments are the defaults."""
+    help_ = f"its length in minutes instead (default: {minutes_})"
+    length.add_argument("--minutes", type=minutes, help=help_)
+    parser.set_defaults(default_minutes=float(minutes_))
+    parser.add_argument("--every", type=positive, default=every, help="steps between evaluations")
+    help_ = "evaluations without better held-out metrics after which it stops"
+    parser.add_argument("--patience", type=positive, default=patience, help=help_)
+    help_ = "examples of an evaluation"
+    parser.add_argument("--held-out", type=positive, default=held_out, help=help_)
+
+
+def learning_rate(
+    peak: float, step: int, turn: float, *, warm_up: int, least: float = 1e-2
+) -> float:
+    """Linear rise, then half a cosine.
+
+    Args:
+        peak: The largest rate.
+        step: Number of the step, from 0 on.
+        turn: How far the run has come, from 0 to pi at its end.
+        warm_up: Steps of the rise.
+        least: Share of the largest rate that is left in the end.
+    """
+    fall = 0.5 * (1.0 + math.cos(turn))
+    return peak * min(1.0, (step + 1) / warm_up) * (least + (1.0 - least) * fall)
+
+
+def rows_of_step(n: int, batch: int, seed: int, step: int) -> Indices:
+    """The examples, of n, of a step: every epoch passes over all of them in another order."""
+    size = min(batch, n)
+    epoch, place = divmod(step, n // size)
+    order = np.random.default_rng([seed, epoch]).permutation(n)
+    return order[place * size : (place + 1) * size]
+
+
+class TrainingRun(ABC, Generic[Network]):
+    """One training run with its files in a folder.
+
+    Args:
+        args: Arguments of the command; ``out`` is the folder.
+        network: What is trained.
+        optimizer: Kind of the optimiser, and its options.
+        identity: What no resumed run may change, e.g. the seed.
+
+    Raises:
+        TrainingError: The folder holds a run with another identity, or there is no such device.
+    """
+
+    #: Columns of the curve, and the file of the weights that are shipped.
+    columns: tuple[str, ...]
+    weights: str
+    #: The held-out figure that decides which weights are kept, the last ones when None; and whether
+    #: less of it is better.
+    criterion: str | None = None
+    less_is_better = False
+    #: Steps over which the learning rate rises, and the share of it that is left in the end.
+    warm_up, least = 100, 1e-2
+    #: Largest norm of the gradient.
+    largest_gradient = 2.0
+    #: Steps over which the weights are averaged, at most; 0 for no running means.
+    averaged_over = 300
+
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        network: Network,
+        optimizer: tuple[type[torch.optim.Optimizer], dict[str, Any]],
+        identity: dict[str, Any],
+    ) -> None:
+        self.args, self.folder, self.identity = args, args.out, identity
+        try:
+            self.network = network.to(args.device)
+        except RuntimeError as error:
+            raise TrainingError(f"cannot train on --device {args.device}: {error}") from None
+        self.network.train().requires_grad_(True)
+        self.averaged = self.network
+        if self.averaged_over:
+            self.averaged = deepcopy(self.network).eval().requires_grad_(False)
+        kind, options = optimizer
+        self.optimizer = kind(self.network.parameters(), **options)
+        self.minutes: float | None = getattr(args, "minutes", None)
+        if self.minutes is None and args.steps is None:
+            self.minutes = args.default_minutes
+        self.step, self.seconds, self.worse = 0, 0.0, 0
+        self.best = math.inf if self.less_is_better else -math.inf
+        state = read_checkpoint(self.folder, identity, args.device)
+        if state is not None:
+            for name, part in self._parts().items():
+                part.load_state_dict(state[name])
+            self.step, self.seconds, *judged = state["progress"]
+            if judged:
+                self.best, self.worse = judged
+
+    @abstractmethod
+    def losses(self) -> dict[str, Tensor]:
+        """The losses of the batch of this step; the first one is what is minimised."""
+
+    @abstractmethod
+    def measure(self) -> dict[str, float]:
+        """Held-out figures, by column of the curve."""
+
+    @abstractmethod
+    def export(self) -> None:
+        """Writes the weights."""
+
+    @abstractmethod
+    def progress(self, metrics: Mapping[str, float]) -> str:
+        """What is shown of held-out figures."""
+
+    @property
+    def fraction(self) -> float:
+        """How much of the run is done, in [0, 1]."""
+        if self.minutes is None:
+            return self.step / float(self.args.steps)
+        return self.seconds / (60.0 * self.minutes)
+
+    @property
+    def turn(self) -> float:
+        """The same as an angle from 0 to pi, for the schedule."""
+        return math.pi * min(self.fraction, 1.0)
+
+    @property
+    def finished(self) -> bool:
+        """Whether its time or its steps are used up, or it got no better for too long."""
+        patience = getattr(self.args, "patience", math.inf)
+        return self.fraction >= 1.0 or self.worse >= patience
+
+    def advance(self) -> dict[str, float]:
+        """One step of the optimiser; the losses of its batch."""
+        started = time.perf_counter()
+        peak = self.args.learning_rate
+        rate = learning_rate(peak, self.step, self.turn, warm_up=self.warm_up, least=self.least)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        losses = self.losses()
+        self.optimizer.zero_grad()
+        next(iter(losses.values())).backward()  # type: ignore[no-untyped-call]
+        for part in self.clipped():
+            nn.utils.clip_grad_norm_(part.parameters(), self.largest_gradient)
+        self.optimizer.step()
+        self.step += 1
+        if self.averaged_over:
+            share = max(1.0 / self.averaged_over, 1.0 / self.step)
+            pairs = zip(self.averaged.parameters(), self.network.parameters(), strict=True)
+            with torch.no_grad():
+                for mean, now in pairs:
+                    mean.lerp_(now, share)
+        self.seconds += time.perf_counter() - started
+        return {name: float(value.detach()) for name, value in losses.items()}
+
+    def clipped(self) -> list[nn.Module]:
+        """The parts of the network whose gradients are clipped, each by itself."""
+        return [self.network]
+
+    def evaluate(self, train: Mapping[str, float]) -> dict[str, float]:
+        """Held-out figures; writes the curve, the best weights and the checkpoint.
+
+        Args:
+            train: Mean losses since the last time, for the curve.
+        """
+        metrics = self.measure()
+        if self._is_best(metrics):
+            self.worse = 0
+            self.export()
+        else:
+            self.worse += 1
+        about = {
+            "step": float(self.step),
+            "minutes": self.seconds / 60.0,
+            "learning_rate": self.optimizer.param_groups[0]["lr"],
+            **{f"train_{name}": value for name, value in train.items()},
+        }
+        append_curve(self.folder, self.columns, about | metrics)
+        self.save()
+        return metrics
+
+    def save(self) -> None:
+        """Writes the checkpoint."""
+        state = {name: part.state_dict() for name, part in self._parts().items()}
+        progress = [self.step, self.seconds, self.best, self.worse]
+        write_checkpoint(self.folder, self.identity, **state, progress=progress)
+
+    def run(self) -> int:
+        """Trains until it is finished, and prints where the results are; the exit status."""
+        write_json({**made_with(), **self.identity}, self.folder / "run.json")
+        if self.finished:
+            print(f"{self.folder} is finished; give a longer training to go on with it")
+            return 0
+        try:
+            self._run()
+        except KeyboardInterrupt:
+            self.save()
+            print(f"interrupted at step {self.step}; the same command goes on from there")
+            return 130
+        print(f"weights and curve are in {self.folder}/{self.weights} and {self.folder}/curve.csv")
+        return 0
+
+    def _run(self) -> None:
+        history: list[dict[str, float]] = []
+        every: int = self.args.every
+        format_bar = "{l_bar}{bar}| {elapsed}{postfix}"
+        with tqdm(total=1.0, initial=self.fraction, bar_format=format_bar) as bar:
+            while not self.finished:
+                history.append(self.advance())
+                bar.n = min(self.fraction, 1.0)
+                bar.update(0)
+                if self.step % every == 0 or self.fraction >= 1.0:
+                    means = {k: float(np.nanmean([h[k] for h in history])) for k in history[0]}
+                    history.clear()
+                    metrics = self.evaluate(means)
+                    bar.set_postfix_str(f"step {self.step}, {self.progress(metrics)}")
+
+    def _is_best(self, metrics: Mapping[str, float]) -> bool:
+        """Whether the criterion is better than ever; with none, the last weights are the best."""
+        if self.criterion is None:
+            return True
+        value = float(np.nan_to_num(metrics[self.criterion]))  # NaN with nothing to judge
+        better = value < self.best if self.less_is_better else value > self.best
+        self.best = value if better else self.best
+        return better
+
+    def _parts(self) -> dict[str, Any]:
+        """What a checkpoint holds the state of."""
+        parts: dict[str, Any] = {"network": self.network, "optimizer": self.optimizer}
+        return parts | ({"averaged": self.averaged} if self.averaged_over else {})

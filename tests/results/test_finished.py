@@ -1,0 +1,58 @@
+"""What is finished is not done again, unless code or settings have changed."""
+
+import json
+import math
+
+import pytest
+
+from feasigrasp.results.finished import finish, finish_all, read_finished
+from feasigrasp.results.rows import write_json
+
+
+def test_finished_work_is_kept_while_nothing_changed(tmp_path):
+    made = []
+
+    def make():
+        made.append(1)
+        return [{"name": "a", "value": 1.5, "missing": math.nan}]
+
+    filename = tmp_path / "parts" / "a.json"
+    first = finish(filename, {"seed": 0}, make)
+    assert first == [{"name": "a", "value": 1.5, "missing": None}]
+    assert finish(filename, {"seed": 0}, make) == first and len(made) == 1
+    finish(filename, {"seed": 1}, make)
+    assert len(made) == 2
+    filename.write_text("{")
+    assert finish(filename, {"seed": 1}, make) == first and len(made) == 3
+
+
+def test_every_item_is_measured_once(tmp_path, capsys):
+    def measure(name, item, seed):
+        (tmp_path / "asked.txt").open("a").write(f"{name} {item} {seed}\n")
+        return [{"name": name, "value": item}]
+
+    items = {"a": 1, "b": 2}
+    options = {"jobs": 1, "desc": "items"}
+    first = finish_all(items, tmp_path, {"seed": 3}, measure, **options)
+    assert first == {"a": [{"name": "a", "value": 1}], "b": [{"name": "b", "value": 2}]}
+    assert finish_all(items, tmp_path, {"seed": 3}, measure, **options) == first
+    assert "2 of 2 are finished already" in capsys.readouterr().out
+    finish_all(items | {"b": 4}, tmp_path, {"seed": 3}, measure, **options)
+    assert (tmp_path / "asked.txt").read_text().splitlines() == ["a 1 3", "b 2 3", "b 4 3"]
+
+
+def test_finished_records_are_those_of_the_same_code_and_settings(tmp_path):
+    filename, records = tmp_path / "a.json", [{"object": "ball", "error_mm": 0.5, "held": None}]
+    key = {"git": "abc", "seed": 0, "range": (0, 1)}  # JSON makes a list of the tuple
+    assert read_finished(filename, {"key": key}) is None
+    write_json({"key": key, "records": records}, filename)
+    assert read_finished(filename, {"key": key})["records"] == records
+    assert read_finished(filename, {"key": key | {"seed": 1}}) is None
+    assert read_finished(filename, {"key": key | {"more": 1}}) is None
+    assert read_finished(filename, json.loads(filename.read_text())) is not None
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", "{}", '{"key": {"seed": 1}}'])
+def test_files_that_are_not_ours_hold_nothing_finished(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    assert read_finished(tmp_path / "a.json", {"key": {"seed": 0}}) is None
