@@ -7,9 +7,9 @@ import csv
 import json
 import shlex
 import time
-from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
@@ -39,10 +39,18 @@ from feasigrasp.training.reachability.samples import SamplingPlan, draw_all, pea
 SWEEP = (8, 16, 32, 64, 96, 128)
 #: Share of reachable poses whose log density exceeds the threshold.
 COVERED = 0.99
+#: Arguments that decide the samples and the fits, beside the arm.
+_DECISIVE = ("samples", "fit_poses", "seed", "weighting", "tool", "floor")
 
 
-@dataclass(frozen=True, eq=False)
-class FitData:
+class Weighting(StrEnum):
+    """Which configurations count how much."""
+
+    MANIPULABILITY = "manipulability"
+    UNIFORM = "uniform"
+
+
+class FitData(NamedTuple):
     """The poses of a fit.
 
     Attributes:
@@ -73,8 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--weighting",
-        choices=("manipulability", "uniform"),
-        default="manipulability",
+        choices=tuple(map(str, Weighting)),
+        default=str(Weighting.MANIPULABILITY),
         help="uniform: the poses of uniform configurations, as the paper; manipulability: thinned "
         "where the arm is close to singular, which tells reachable poses from others better",
     )
@@ -96,7 +104,7 @@ def main(args: argparse.Namespace) -> int:
     start = time.perf_counter()
     arm, jobs = _arm(args)
     components, X_FT = parse_components(args.components), parse_tool(args.tool)
-    thin = manipulability_reference(arm) if args.weighting == "manipulability" else None
+    thin = manipulability_reference(arm) if args.weighting == Weighting.MANIPULABILITY else None
     if thin == 0.0:
         raise ReachabilityError(
             "the arm is singular everywhere (fewer than six joints?): --weighting uniform"
@@ -127,10 +135,8 @@ def main(args: argparse.Namespace) -> int:
     fits[-1].save(args.out / "reachable_space.npz")
     seconds = time.perf_counter() - start
     rows = [
-        *(
-            Row("reachability.bic", f"K={len(s.mixture)}", _bic(s), None, None, "1", data.poses.n)
-            for s in fits
-        ),
+        Row("reachability.bic", f"K={len(s.mixture)}", _bic(s), None, None, "1", data.poses.n)
+        for s in fits
     ]
     if fresh:  # a run that goes on where another one stopped says nothing about the whole
         preset = f"K={args.components}"
@@ -256,12 +262,7 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "arm": str(args.plant) if args.plant else args.arm,
         "frames": [args.base_frame, args.end_frame],
-        "samples": args.samples,
-        "fit_poses": args.fit_poses,
-        "seed": args.seed,
-        "weighting": args.weighting,
-        "tool": args.tool,
-        "floor": args.floor,
+        **{name: getattr(args, name) for name in _DECISIVE},
     }
 
 
@@ -279,13 +280,8 @@ def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
 
 
 def _counts(reached: ReachedPoses) -> dict[str, int]:
-    return {
-        "drawn": reached.drawn,
-        "colliding": reached.colliding,
-        "low": reached.low,
-        "thinned": reached.thinned,
-        "reached": len(reached.positions),
-    }
+    counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
+    return {**counts, "reached": len(reached.positions)}
 
 
 def _command(args: argparse.Namespace) -> str:

@@ -21,7 +21,8 @@ from feasigrasp.models.geometry.se3_kernels import (
 from feasigrasp.models.numerics.fast_math import fast_exp
 from feasigrasp.models.numerics.small_cholesky import cholesky_kernel
 
-#: Poses per block: the tangents of a block to 64 components (400 kB) stay in the L2 cache.
+#: Poses per block: the tangents of a block to 64 components (400 kB) stay in the L2 cache. With 32,
+#: a seeded fit to 24 poses takes half as long (1.8 ms), but its sums are rounded in another way.
 BLOCK = 128
 #: Within one M step a mean has settled when it moves less than this [rad, m / length scale]; over
 #: the EM iterations it converges further.

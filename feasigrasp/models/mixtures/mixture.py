@@ -108,7 +108,7 @@ class RiemannianMixture(Frozen):
         ``sum_i r_i J_r^-T(xi_i) (-Sigma_i^-1 xi_i)`` with ``xi_i = Log_mu_i(x)``. The paper prints
         ``J_r^-1(mu^-1)`` instead (section IV-D.1), which disagrees with finite differences.
         """
-        tangents, _, r, _ = self._evaluate(X)
+        tangents, r = self.tangents(X), self.responsibilities(X)
         W = self.parameters.whitening
         pulls = np.einsum("kji,kjl,...kl->...ki", W, W, tangents)
         J = se3.right_jacobian_inverse(tangents)
