@@ -1,6 +1,6 @@
 """Compiled loops of the Gaussian process distance field over query points, rays and bodies.
 
-The sums over the nodes are in ``gpdf_pairs``, whose tiles and workspace they pass on. Points are
+The sums over the nodes are in `node_sums`, whose tiles and workspace they pass on. Points are
 relative to the field's centre where a function takes no ``center``. All of them release Python's
 lock, so that a thread can run them beside a simulation.
 """

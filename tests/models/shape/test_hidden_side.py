@@ -1,5 +1,8 @@
 """What is expected behind the seen side: pictures, nodes, and the field that they make."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -161,3 +164,11 @@ def test_weights_of_something_else_are_refused(tmp_path):
         HiddenSide.load(tmp_path / "wide.npz")
     with pytest.raises(WeightsError, match=r"no hidden side weights .*train hidden-side"):
         HiddenSide.load(tmp_path / "none.npz")
+
+
+def test_fields_load_torch_when_they_look_at_the_hidden_side_only():
+    names = "completion", "gpdf_fit", "scene_field"
+    imports = ", ".join(f"feasigrasp.models.shape.{name}" for name in names)
+    code = f"import sys, {imports}\nprint({{'torch', 'pydrake', 'open3d'}} & set(sys.modules))"
+    command = [sys.executable, "-c", code]
+    assert subprocess.run(command, capture_output=True, text=True).stdout == "set()\n"
