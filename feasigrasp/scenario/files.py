@@ -42,14 +42,10 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
     names = scenario_names(filename)
     if name not in names:
         raise ScenarioError(f"no scenario {name!r} in {filename}; it has {', '.join(names)}")
-    try:
-        scenario = yaml_load_typed(
-            schema=Scenario, filename=str(filename), child_name=name, defaults=Scenario()
-        )
-        for text in filter(None, overrides):
-            scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
-    except _YAML_ERRORS as error:
-        raise ScenarioError(f"scenario {name!r} in {filename}: {error}") from error
+    what = f"scenario {name!r} in {filename}"
+    scenario = _load(what, Scenario(), filename=str(filename), child_name=name)
+    for text in filter(None, overrides):
+        scenario = _load(what, scenario, data=text)
     check_scenario(scenario)
     return scenario
 
@@ -65,9 +61,13 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: Unknown key or value.
     """
-    try:
-        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=Scenario())
-    except _YAML_ERRORS as error:
-        raise ScenarioError(f"not a scenario: {error}") from error
+    scenario = _load("not a scenario", Scenario(), data=text)
     check_scenario(scenario)
     return scenario
+
+
+def _load(what: str, defaults: Scenario, **source: str) -> Scenario:
+    try:
+        return yaml_load_typed(schema=Scenario, defaults=defaults, **source)
+    except _YAML_ERRORS as error:
+        raise ScenarioError(f"{what}: {error}") from error

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -33,71 +33,31 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
 
 
-def _eval_optional(port: InputPort, context: Context) -> Any:
-    return port.Eval(context) if port.HasValue(context) else None
+class ControllerInputs(NamedTuple):
+    """What a controller knows at one instant.
 
+    Attributes:
+        time: Now [s].
+        q: Joint positions [rad], shape (7,).
+        grasps: Reachable grasps in the object frame.
+        X_WO: Object pose, shape (4, 4) [m]; not finite while it is unknown.
+        V_WO: Object twist [angular; linear], shape (6,).
+        motion: Predicts the object's poses; without it they follow its twist.
+        qd_last: The last command as the drive carried it out [rad/s], shape (7,).
+        obstacles: Distances to the scene, which the arm keeps clear of; None in ``paper`` mode.
+        surface: Distances to the object's surface, in its frame, which the open hand keeps off;
+            None in ``paper`` mode.
+    """
 
-class ControllerInputs:
-    """What a controller knows at one instant; each thing is read when it is asked for."""
-
-    def __init__(self, sources: Mapping[str, InputPort | CacheEntry], context: Context) -> None:
-        """Reads the input ports of a controller, and what is derived from them, in a context."""
-        self._sources, self._context = sources, context
-
-    @property
-    def time(self) -> float:
-        """Now [s]."""
-        return float(self._context.get_time())
-
-    @property
-    def q(self) -> Array:
-        """Joint positions [rad], shape (7,)."""
-        position: Array = self._sources["position"].Eval(self._context)
-        return position
-
-    @property
-    def grasps(self) -> GraspSet:
-        """Reachable grasps in the object frame."""
-        grasps: GraspSet = self._sources["grasps"].Eval(self._context)
-        return grasps
-
-    @property
-    def X_WO(self) -> Array:
-        """Object pose, shape (4, 4) [m]; not finite while it is unknown."""
-        pose: Array = self._sources["object_pose"].Eval(self._context).GetAsMatrix4()
-        return pose
-
-    @property
-    def V_WO(self) -> Array:
-        """Object twist [angular; linear], shape (6,)."""
-        twist: Array = self._sources["object_velocity"].Eval(self._context).get_coeffs()
-        return twist
-
-    @property
-    def motion(self) -> MotionEstimate | None:
-        """Predicts the object's poses; without it they follow its twist."""
-        motion: MotionEstimate | None = _eval_optional(
-            self._sources["object_motion"], self._context
-        )
-        return motion
-
-    @property
-    def qd_last(self) -> Array | None:
-        """The last command as the drive carried it out [rad/s], shape (7,)."""
-        velocity: Array | None = _eval_optional(self._sources["desired_velocity"], self._context)
-        return velocity
-
-    @property
-    def obstacles(self) -> ObstacleGrid | None:
-        """Distances to the scene, which the arm keeps clear of."""
-        grid: ObstacleGrid | None = self._sources["obstacles"].Eval(self._context)
-        return grid
-
-    @property
-    def surface(self) -> ObstacleGrid | None:
-        """Distances to the object's surface, in its frame, which the open hand keeps off."""
-        grid: ObstacleGrid | None = self._sources["surface"].Eval(self._context)
-        return grid
+    time: float
+    q: Array
+    grasps: GraspSet
+    X_WO: Array
+    V_WO: Array
+    motion: MotionEstimate | None
+    qd_last: Array | None
+    obstacles: ObstacleGrid | None
+    surface: ObstacleGrid | None
 
 
 class GraspController(LeafSystem):
@@ -127,8 +87,8 @@ class GraspController(LeafSystem):
 
     A controller of your own is two functions: `update`, called every ``period`` seconds, returns
     what to remember of the grasps, and `velocity` the command, at whatever rate it is asked for.
-    Both read the ports from a `ControllerInputs`, and neither may keep anything in ``self``: what
-    is to last is in the memory. For example, towards the first grasp by resolved rates::
+    Both are given what the ports hold; neither may keep anything in ``self``, since what is to
+    last is the memory. For example, towards the first grasp by resolved rates::
 
         class FirstGrasp(GraspController):
             def update(self, memory, inputs):
@@ -179,21 +139,16 @@ class GraspController(LeafSystem):
         self.period = period
         self._safety_options = safety or SafetyOptions()
         anything = Value[object](None)
-        ports = [
-            self.DeclareVectorInputPort("position", NUM_JOINTS),
-            self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty())),
-            self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]()),
-            self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]()),
-            self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS),
-            self.DeclareAbstractInputPort("scene", anything),
-            self.DeclareAbstractInputPort("object_motion", anything),
-            self.DeclareAbstractInputPort("gpdf", anything),
-        ]
-        sources = {port.get_name(): port for port in ports}
-        self._sources: dict[str, InputPort | CacheEntry] = sources | {
-            "obstacles": self._declare_grid("obstacles", sources["scene"], obstacle_grid),
-            "surface": self._declare_grid("surface of the object", sources["gpdf"], object_grid),
-        }
+        self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
+        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
+        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
+        self._twist = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
+        self._last = self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS)
+        scene = self.DeclareAbstractInputPort("scene", anything)
+        self._motion = self.DeclareAbstractInputPort("object_motion", anything)
+        gpdf = self.DeclareAbstractInputPort("gpdf", anything)
+        self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
+        self._surface = self._declare_grid("surface of the object", gpdf, object_grid)
         self._memory = self.DeclareAbstractState(Value[object](memory))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
         self.DeclareVectorOutputPort("commanded_velocity", NUM_JOINTS, self._calc)
@@ -258,12 +213,12 @@ class GraspController(LeafSystem):
             "gpdf": Value[object](fit_gpdf(sphere_points(64, 0.03))),
         }.items():
             self.GetInputPort(name).FixValue(context, value)
-        memory, inputs = self.memory(context), ControllerInputs(self._sources, context)
+        memory = self.memory(context)
         for time, some in ((0.0, grasps), (self.period, grasps.with_twins())):
             context.SetTime(time)
             self.GetInputPort("grasps").FixValue(context, AbstractValue.Make(some))
-            memory = self.update(memory, inputs)
-        self.velocity(memory, inputs)
+            memory = self.update(memory, self._inputs(context))
+        self.velocity(memory, self._inputs(context))
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]
@@ -271,16 +226,34 @@ class GraspController(LeafSystem):
         """A grid of the field at an optional port, made anew when that changes; None if None."""
 
         def calc(context: Context, value: AbstractValue) -> None:
-            field = _eval_optional(port, context)
+            field = _optional(port, context)
             value.set_value(None if field is None else make_grid(field))
 
         producer = ValueProducer(allocate=lambda: Value[object](None), calc=calc)
         return self.DeclareCacheEntry(name, producer, prerequisites_of_calc={port.ticket()})
 
+    def _inputs(self, context: Context) -> ControllerInputs:
+        safe = self.mode is ControlMode.SAFE
+        return ControllerInputs(
+            context.get_time(),
+            self._position.Eval(context),
+            self._grasps.Eval(context),
+            self._pose.Eval(context).GetAsMatrix4(),
+            self._twist.Eval(context).get_coeffs(),
+            _optional(self._motion, context),
+            _optional(self._last, context),
+            self._obstacles.Eval(context) if safe else None,
+            self._surface.Eval(context) if safe else None,
+        )
+
     def _update(self, context: Context, state) -> None:
-        memory = self.update(self.memory(context), ControllerInputs(self._sources, context))
+        memory = self.update(self.memory(context), self._inputs(context))
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
     def _calc(self, context: Context, output) -> None:
-        inputs = ControllerInputs(self._sources, context)
-        output.SetFromVector(self.velocity(self.memory(context), inputs))
+        output.SetFromVector(self.velocity(self.memory(context), self._inputs(context)))
+
+
+def _optional(port: InputPort, context: Context) -> Any:
+    """The value of an input port; None if nothing is connected to it."""
+    return port.Eval(context) if port.HasValue(context) else None

@@ -72,27 +72,15 @@ class GripperSequencer(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._advance)
 
         state, time = self.abstract_state_ticket(self._index), self.time_ticket()
-        self.DeclareAbstractOutputPort(
-            "grasps",
-            lambda: AbstractValue.Make(GraspSet.empty()),
-            self._calc_grasps,
-            {state, self._grasps.ticket()},
-        )
-        self.DeclareAbstractOutputPort(
-            "gpdf", Value[object], self._calc_gpdf, {state, self._gpdf.ticket()}
-        )
-        self.DeclareAbstractOutputPort(
-            "object_pose",
-            Value[RigidTransform],
-            self._calc_pose,
-            {state, time, self._pose.ticket(), self._velocity.ticket()},
-        )
-        self.DeclareAbstractOutputPort(
-            "object_velocity",
-            Value[SpatialVelocity],
-            self._calc_velocity,
-            {state, time, self._pose.ticket(), self._velocity.ticket()},
-        )
+        grasps, gpdf = {state, self._grasps.ticket()}, {state, self._gpdf.ticket()}
+        target = {state, time, self._pose.ticket(), self._velocity.ticket()}
+        for name, model, calc, inputs in (
+            ("grasps", AbstractValue.Make(GraspSet.empty()), self._calc_grasps, grasps),
+            ("gpdf", Value[object](None), self._calc_gpdf, gpdf),
+            ("object_pose", Value[RigidTransform](), self._calc_pose, target),
+            ("object_velocity", Value[SpatialVelocity](), self._calc_velocity, target),
+        ):
+            self.DeclareAbstractOutputPort(name, model.Clone, calc, inputs)
         self.DeclareVectorOutputPort("gripper_position", 1, self._calc_gripper, {state, time})
         self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
         self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
