@@ -35,6 +35,8 @@ CLEARANCE = (0.605, 0.9)
 JOINT_CLEARANCE = (0.156, 0.317, 0.498)
 #: The same where the field knows nothing: constant, per log odds of a network.
 UNSEEN_CLEARANCE = (1.138, 0.223)
+#: The mean log odds of two probabilities.
+MEAN = (0.0, 0.5, 0.5)
 _CLOSE_TO_CERTAIN = 1e-4
 #: Further away than this a hand is certainly free [m].
 FAR = 0.012
@@ -53,56 +55,14 @@ def contact_evidence(gpdf: Gpdf, pairs: GraspSet) -> tuple[Array, Array]:
     return angles, surface_deviation(gpdf, first) + surface_deviation(gpdf, second)
 
 
-def contact_certainty(angles: Array, deviations: Array) -> Array:
-    """Probability that both pads meet true surface within the friction cone, shape (n,).
-
-    The arguments are those that `contact_evidence` gives.
-    """
-    return probability(CONTACT, angles, deviations)
-
-
-def thin_contact_certainty(of_network: Array, deviations: Array) -> Array:
-    """As `joint_certainty`, in walls so thin that the field's normals say nothing, (n,)."""
-    return probability(THIN_CONTACT, odds(of_network), deviations)
-
-
-def joint_certainty(of_network: Array, of_field: Array) -> Array:
-    """Probability of contacts by what a network and the field say of them, shapes (n,)."""
-    return probability(JOINT_CONTACT, odds(of_network), odds(of_field))
-
-
-def mean_certainty(first: Array, second: Array) -> Array:
-    """Probability with the mean log odds of two, shapes (n,)."""
-    return probability((0.0, 0.5, 0.5), odds(first), odds(second))
-
-
-def clearance_certainty(clearance: Array, deviation: Array) -> Array:
-    """Probability that a hand is free of the true surface.
+def clearance_evidence(clearance: Array, deviation: Array) -> Array:
+    """Clearances in units of their errors, shape (n,).
 
     Args:
         clearance: Least distance of the hand from the completed surface, shape (n,) [m].
         deviation: Predicted deviation of the surface where the hand is closest, shape (n,) [m].
-
-    Returns:
-        Shape (n,).
     """
-    return probability(CLEARANCE, clearance_evidence(clearance, deviation))
-
-
-def clearance_evidence(clearance: Array, deviation: Array) -> Array:
-    """Clearances in units of their errors, shape (n,); arguments as `clearance_certainty`."""
     return clearance / (_CLEARANCE_ERROR + _DEVIATION_SHARE * deviation)
-
-
-def joint_clearance_certainty(of_network: Array, of_field: Array) -> Array:
-    """Probability of a free hand by what a network, if not NaN, and the field say, shapes (n,)."""
-    joint = probability(JOINT_CLEARANCE, odds(of_network), odds(of_field))
-    return np.where(np.isnan(of_network), of_field, joint)
-
-
-def unseen_clearance_certainty(of_network: Array) -> Array:
-    """Probability of a free hand where only the network has an opinion, shape (n,)."""
-    return probability(UNSEEN_CLEARANCE, odds(of_network))
 
 
 def odds(p: Array) -> Array:
@@ -112,7 +72,7 @@ def odds(p: Array) -> Array:
 
 
 def probability(coefficients: tuple[float, ...], *evidence: Array) -> Array:
-    """Logistic in pieces of evidence (n,); the first coefficient is the constant."""
+    """Logistic in pieces of evidence (n,): `CONTACT` and the others say in which."""
     constant, *slopes = coefficients
     x = constant + sum(slope * part for slope, part in zip(slopes, evidence, strict=True))
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))

@@ -18,10 +18,12 @@ from numpy.typing import ArrayLike
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.grasps.certainty import (
-    contact_certainty,
+    CONTACT,
+    JOINT_CONTACT,
+    THIN_CONTACT,
     contact_evidence,
-    joint_certainty,
-    thin_contact_certainty,
+    odds,
+    probability,
 )
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
@@ -123,10 +125,11 @@ def filter_grasps(
     left, pair_of = np.unique(pair_of, return_inverse=True)
     pairs, pair_of = pairs.select(left), pair_of.reshape(-1)
     angles, deviations = (part[pair_of] for part in contact_evidence(gpdf, pairs))
-    contact = contact_certainty(angles, deviations)
+    contact = probability(CONTACT, angles, deviations)
     if prior is not None:
-        in_thin_wall = thin_contact_certainty(candidates.score, deviations)
-        joint = joint_certainty(candidates.score, contact)
+        of_network = odds(candidates.score)
+        in_thin_wall = probability(THIN_CONTACT, of_network, deviations)
+        joint = probability(JOINT_CONTACT, of_network, odds(contact))
         contact = np.where(candidates.width < THIN_WALL, in_thin_wall, joint)
     score = contact * certain * _leverage(gpdf, pairs)[pair_of]
     ranked = replace(candidates, score=score)

@@ -10,10 +10,13 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.grasps.certainty import (
+    CLEARANCE,
     FAR,
-    clearance_certainty,
-    joint_clearance_certainty,
-    unseen_clearance_certainty,
+    JOINT_CLEARANCE,
+    UNSEEN_CLEARANCE,
+    clearance_evidence,
+    odds,
+    probability,
 )
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -67,8 +70,10 @@ def hand_freedom(
         free[again] = clearance[again] >= margin + MARGIN_GROWTH * deviation[again]
         apart = seen_clearance(gpdf, grasps.X_OG[in_doubt], gripper, INVENTED)
         free[in_doubt] = apart >= margin
-    certain = joint_clearance_certainty(told, clearance_certainty(clearance, deviation))
-    return free, np.where(in_doubt, unseen_clearance_certainty(told), certain)
+    certain = probability(CLEARANCE, clearance_evidence(clearance, deviation))
+    joint = probability(JOINT_CLEARANCE, odds(told), odds(certain))
+    certain = np.where(np.isnan(told), certain, joint)
+    return free, np.where(in_doubt, probability(UNSEEN_CLEARANCE, odds(told)), certain)
 
 
 def hand_clearance(

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from feasigrasp.models.arrays import Array, Frozen, Indices
+from feasigrasp.models.arrays import Frozen, Indices
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
-from feasigrasp.models.grasps.thinning import SAME_ANGLE, SAME_POSITION, distinct
+from feasigrasp.models.grasps.thinning import distinct, grasp_distance
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -101,21 +101,6 @@ def match_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indices]:
     rows, columns = linear_sum_assignment(np.where(distance <= 1.0, distance, _NO_MATCH))
     same = distance[rows, columns] <= 1.0
     return rows[same], columns[same]
-
-
-def grasp_distance(first: GraspSet, second: GraspSet) -> Array:
-    """Distances between grasps in units of what counts as a near copy, shape (n, m).
-
-    Position and angle as the root of their squares; of a grasp and its flip the nearer one.
-    """
-    apart = first.X_OG[:, None, :3, 3] - second.X_OG[None, :, :3, 3]
-    square = np.einsum("nmi,nmi->nm", apart, apart) / SAME_POSITION**2
-    x, y, z = (
-        np.einsum("ni,mi->nm", first.X_OG[:, :3, axis], second.X_OG[:, :3, axis])
-        for axis in range(3)
-    )
-    angle = np.arccos(np.clip(0.5 * (np.abs(x + y) + z - 1.0), -1.0, 1.0))
-    return np.asarray(np.sqrt(square + (angle / SAME_ANGLE) ** 2))
 
 
 def recheck_grasps(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> GraspSet:

@@ -13,7 +13,7 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.certainty import mean_certainty
+from feasigrasp.models.grasps.certainty import MEAN, odds, probability
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import THIN_WALL
@@ -132,7 +132,7 @@ class NetworkSampler:
         half = 0.5 * width[:, None] * X_OG[:, :3, 0]
         tree = cKDTree(surface.points)
         ends = [tree.query(X_OG[:, :3, 3] + way * half)[1] for way in (-1.0, 1.0)]
-        good = mean_certainty(contact[ends[0]], contact[ends[1]])
+        good = probability(MEAN, odds(contact[ends[0]]), odds(contact[ends[1]]))
         return X_OG, width, np.column_stack([good, np.full(len(good), np.nan)])
 
     @cached_property

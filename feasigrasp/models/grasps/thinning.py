@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.arrays import Indices
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 
 #: Grasps closer than this to a better one are copies of it.
@@ -40,21 +40,44 @@ def distinct(grasps: GraspSet, count: int) -> Indices:
     return chosen[: _distinct_kernel(grasps.X_OG, chosen)]
 
 
+def grasp_distance(first: GraspSet, second: GraspSet) -> Array:
+    """Distances between grasps in units of what counts as a near copy, shape (n, m).
+
+    Position and angle as the root of their squares; of a grasp and its flip the nearer one.
+    """
+    return _distances_kernel(first.X_OG, second.X_OG)
+
+
+@njit(cache=True)
+def _distances_kernel(X_OA, X_OB):
+    distances = np.empty((len(X_OA), len(X_OB)))
+    for i in range(len(X_OA)):
+        for j in range(len(X_OB)):
+            distances[i, j] = np.sqrt(_square_distance(X_OA[i], X_OB[j]))
+    return distances
+
+
+@njit(cache=True)
+def _square_distance(X_OA, X_OB):
+    """The square of `grasp_distance`; a grasp and its flip about z are the same."""
+    square, xx, yy, zz = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        square += (X_OA[k, 3] - X_OB[k, 3]) ** 2
+        xx += X_OA[k, 0] * X_OB[k, 0]
+        yy += X_OA[k, 1] * X_OB[k, 1]
+        zz += X_OA[k, 2] * X_OB[k, 2]
+    angle = np.arccos(min(1.0, max(-1.0, (abs(xx + yy) + zz - 1.0) / 2.0)))
+    return square / SAME_POSITION**2 + (angle / SAME_ANGLE) ** 2
+
+
 @njit(cache=True)
 def _distinct_kernel(X_OG, chosen):
-    """Writes the indices and returns their number; a grasp and its flip about z are the same."""
+    """Writes the indices and returns their number."""
     n = 0
     for i in range(len(X_OG)):
         copy = False
         for j in chosen[:n]:
-            square, xx, yy, zz = 0.0, 0.0, 0.0, 0.0
-            for k in range(3):
-                square += (X_OG[i, k, 3] - X_OG[j, k, 3]) ** 2
-                xx += X_OG[i, k, 0] * X_OG[j, k, 0]
-                yy += X_OG[i, k, 1] * X_OG[j, k, 1]
-                zz += X_OG[i, k, 2] * X_OG[j, k, 2]
-            angle = np.arccos(min(1.0, max(-1.0, (abs(xx + yy) + zz - 1.0) / 2.0)))
-            if square / SAME_POSITION**2 + (angle / SAME_ANGLE) ** 2 <= 1.0:
+            if _square_distance(X_OG[i], X_OG[j]) <= 1.0:
                 copy = True
                 break
         if not copy:

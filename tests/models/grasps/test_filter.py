@@ -5,10 +5,12 @@ import pytest
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.certainty import (
+    CLEARANCE,
+    CONTACT,
     FAR,
-    clearance_certainty,
-    contact_certainty,
+    clearance_evidence,
     contact_evidence,
+    probability,
 )
 from feasigrasp.models.grasps.filter import (
     contact_cosine,
@@ -145,22 +147,23 @@ def test_what_was_not_seen_is_given_more_room(sphere_cloud):
     grasps = GraspSet(
         np.stack([grasp(z=(0, 0, -1)), grasp((0, 1, 0), at=(0, 0, -0.02))]), [0.06, 0.045], [1, 1]
     )
-    sure, unsure = contact_certainty(*contact_evidence(half, grasps))
+    sure, unsure = probability(CONTACT, *contact_evidence(half, grasps))
     assert sure > unsure
 
 
 def test_certainty_falls_with_angle_and_with_less_room():
     clearance = np.array([0.0, 0.003, 0.006, 0.012])
-    certain = clearance_certainty(clearance, np.zeros(4))
+    certain = probability(CLEARANCE, clearance_evidence(clearance, np.zeros(4)))
     assert (np.diff(certain) > 0).all() and (certain > 0).all() and (certain < 1).all()
-    assert (clearance_certainty(clearance, np.full(4, 0.005))[1:] < certain[1:]).all()
+    less = probability(CLEARANCE, clearance_evidence(clearance, np.full(4, 0.005)))
+    assert (less[1:] < certain[1:]).all()
 
 
 def test_angle_makes_contacts_uncertain(ball):
     heights = [0.0, 0.006, 0.012, 0.018]
     X_OG = np.array([grasp(at=(0, y, 0)) for y in heights])
     width = [2 * np.sqrt(0.03**2 - y**2) for y in heights]
-    certain = contact_certainty(*contact_evidence(ball, GraspSet(X_OG, width, np.ones(4))))
+    certain = probability(CONTACT, *contact_evidence(ball, GraspSet(X_OG, width, np.ones(4))))
     assert (np.diff(certain) < 0).all()
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.certainty import unseen_clearance_certainty
+from feasigrasp.models.grasps.certainty import UNSEEN_CLEARANCE, odds, probability
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.hand_clearance import (
     FAR,
@@ -48,7 +48,7 @@ def judged(field, approach, contact, told):
 def test_a_hand_in_invented_surface_is_left_to_the_network(field):
     free, certain = judged(field, 1.0, 0.95, 0.95)
     assert free
-    assert certain == unseen_clearance_certainty(np.array([0.95]))
+    assert certain == probability(UNSEEN_CLEARANCE, odds(np.array([0.95])))
     assert judged(field, 1.0, 0.95, 0.97)[1] > certain
 
 

@@ -9,11 +9,10 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.matching import (
     HYSTERESIS,
     GraspHistory,
-    grasp_distance,
     match_grasps,
     recheck_grasps,
 )
-from feasigrasp.models.grasps.thinning import SAME_ANGLE, SAME_POSITION
+from feasigrasp.models.grasps.thinning import SAME_ANGLE, SAME_POSITION, grasp_distance
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 

@@ -175,7 +175,7 @@ class ContactNetwork(nn.Module):
         closing = unit(x.axes + tilt)
         width = (x.chords.unsqueeze(-1) + LENGTH_SCALE * width).clamp_min(NARROWEST)
         spread = LEAST_SPREAD + SPREAD * functional.softplus(spread)
-        approach = self._approaches(x, closing)
+        approach = unit(across(ring_directions(x.axes, x.across), closing.unsqueeze(-2)))
         return Heads(contact.squeeze(-1), closing, width, spread, weight, approach, free)
 
     def _ring(self, x: Contacts, vectors: Tensor) -> Tensor:
@@ -189,10 +189,6 @@ class ContactNetwork(nn.Module):
         v = (vectors * side.transpose(-1, -2).unsqueeze(-1)).sum(-3).unsqueeze(-2)
         cos, sin = _turns(u)
         return torch.cat((cos * u + sin * v, torch.abs(sin * u - cos * v)), -1)
-
-    def _approaches(self, x: Contacts, closing: Tensor) -> Tensor:
-        """The ring's directions, bent to lie across the closing direction."""
-        return unit(across(ring_directions(x.axes, x.across), closing.unsqueeze(-2)))
 
 
 class PaperNetwork(nn.Module):

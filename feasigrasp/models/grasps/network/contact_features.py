@@ -189,29 +189,26 @@ def _reference_directions(centred, axes, across):
             skewness[k] += square * p[k]
     if largest > 0.0:
         skewness /= largest
+    sx, sy, sz = np.float64(skewness[0]), np.float64(skewness[1]), np.float64(skewness[2])
     for i in range(len(centred)):
-        axis, best = axes[i], centred.dtype.type(1e-9)
-        for towards in range(3):
-            if towards == 2 and best > 1e-9:
-                break
-            if towards == 0:
-                x, y, z = -centred[i, 0], -centred[i, 1], -centred[i, 2]
-            elif towards == 1:
-                x, y, z = skewness[0], skewness[1], skewness[2]
-            else:
-                flattest = np.argmin(np.abs(axis))
-                x, y, z = axis[0] * 0, axis[0] * 0, axis[0] * 0
-                if flattest == 0:
-                    x = x + axis.dtype.type(1.0)
-                elif flattest == 1:
-                    y = y + axis.dtype.type(1.0)
-                else:
-                    z = z + axis.dtype.type(1.0)
-            # Twice: what rounding has left along the axis is not small beside a short direction.
-            for _ in range(2):
-                along = x * axis[0] + y * axis[1] + z * axis[2]
-                x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
-            length = np.sqrt(x * x + y * y + z * z)
-            if length > best:
-                best = length
-                across[i, 0], across[i, 1], across[i, 2] = x / length, y / length, z / length
+        axis, p = axes[i], centred[i].astype(np.float64)
+        length, towards = _across(axis, -p[0], -p[1], -p[2])
+        of_skewness, along_skewness = _across(axis, sx, sy, sz)
+        if of_skewness > max(length, 1e-9):
+            length, towards = of_skewness, along_skewness
+        if not length > 1e-9:
+            flattest = np.argmin(np.abs(axis))
+            x, y = 1.0 if flattest == 0 else 0.0, 1.0 if flattest == 1 else 0.0
+            length, towards = _across(axis, x, y, 1.0 - x - y)
+        for k in range(3):
+            across[i, k] = towards[k] / length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _across(axis, x, y, z):
+    """Length and components of the part of a vector across a unit axis."""
+    # Twice: what rounding has left along the axis is not small beside a short direction.
+    for _ in range(2):
+        along = x * axis[0] + y * axis[1] + z * axis[2]
+        x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
+    return np.sqrt(x * x + y * y + z * z), (x, y, z)

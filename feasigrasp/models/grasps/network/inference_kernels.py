@@ -3,12 +3,11 @@
 Matrix products go to BLAS, on tiles of contacts; everything between them is fused here.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.arrays import Floats
 from feasigrasp.models.grasps.network.architectures import NARROWEST, WIDTHS
 from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE
 from feasigrasp.models.grasps.network.surroundings import ROOM
@@ -21,31 +20,13 @@ _TILE = 52
 _NOTHING = 1.2e-38
 
 
-class FusedWeights(NamedTuple):
-    """Weights of the layers in the order of their use; some that see the same input are stacked."""
-
-    encode: Floats
-    survey: Floats
-    survey_bias: Floats
-    context: Floats
-    context_bias: Floats
-    refine: Floats
-    tilt_beside: Floats
-    first: Floats
-    first_bias: Floats
-    second: Floats
-    second_bias: Floats
-    ring_gates: Floats
-    ring_gates_bias: Floats
-    ring_room: Floats
-    ring_hidden: Floats
-    ring_hidden_bias: Floats
-    ring_free: Floats
-    ring_free_bias: Floats
-    judge: Floats
-    judge_bias: Floats
-    last: Floats
-    last_bias: Floats
+#: Weights of the layers in the order of their use; some that see the same input are stacked.
+FusedWeights = namedtuple(
+    "FusedWeights",
+    "encode survey survey_bias context context_bias refine tilt_beside first first_bias second "
+    "second_bias ring_gates ring_gates_bias ring_room ring_hidden ring_hidden_bias ring_free "
+    "ring_free_bias judge judge_bias last last_bias",
+)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
