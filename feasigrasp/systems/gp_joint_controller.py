@@ -14,7 +14,7 @@ from feasigrasp.models.control.safety.obstacle_grid import object_grid, obstacle
 from feasigrasp.models.geometry.sphere import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.optional_input import declare_derived, eval_optional
@@ -65,11 +65,11 @@ class GPJointController(LeafSystem):
             reachability, options or JointControlOptions(), solution_period, mode
         )
         _compile(self._control)
-        self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
-        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS)
+        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
         self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
         self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
@@ -79,7 +79,7 @@ class GPJointController(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(solution_period, 0.0, self._find)
         self.DeclareVectorOutputPort(
             "commanded_velocity",
-            NUM_JOINTS,
+            IIWA_7.joints,
             self._calc,
             {
                 self.time_ticket(),
@@ -126,11 +126,11 @@ class GPJointController(LeafSystem):
 
 def _compile(control: JointSpaceControl) -> None:
     """Runs two updates and a step, so that no kernel is compiled inside a control tick."""
-    q, X_WO, V_WO = np.full(NUM_JOINTS, 0.5), np.eye(4), np.zeros(6)
+    q, X_WO, V_WO = np.full(IIWA_7.joints, 0.5), np.eye(4), np.zeros(6)
     X_OG = forward_kinematics(q, control.reachability.gripper.X_FG)[None]
     solutions = Solutions.empty()
     for time in (0.0, control.period):
         solutions = control.update(solutions, time, X_OG, X_WO, V_WO, q)
-    control.velocity(q, solutions, control.period, X_WO, V_WO, np.zeros(NUM_JOINTS))
+    control.velocity(q, solutions, control.period, X_WO, V_WO, np.zeros(IIWA_7.joints))
     if control.safety is not None:
         object_grid(fit_gpdf(sphere_points(64, 0.03)))

@@ -20,7 +20,7 @@ from feasigrasp.models.geometry.sphere import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import future_poses
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.optional_input import declare_derived, eval_optional
@@ -76,11 +76,11 @@ class RMMTaskController(LeafSystem):
         self._safe = mode != "paper"
         self._seed = seed
         self._compile()
-        self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
-        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS)
+        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
         self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
         self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
@@ -94,7 +94,7 @@ class RMMTaskController(LeafSystem):
             inputs |= {self._desired_velocity.ticket(), self.time_ticket()}
             inputs |= {self._obstacles.ticket(), self._surface.ticket()}
         calc = self._calc_safe if self._safe else self._calc_paper
-        self.DeclareVectorOutputPort("commanded_velocity", NUM_JOINTS, calc, inputs)
+        self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, calc, inputs)
 
     def memory(self, context: Context) -> TaskMemory:
         """The mixture over the present grasps, in the object frame, and the grasp followed."""
@@ -142,7 +142,7 @@ class RMMTaskController(LeafSystem):
     def _calc_paper(self, context: Context, output) -> None:
         mixture = self.memory(context).mixture
         if mixture is None:
-            output.SetFromVector(np.zeros(NUM_JOINTS))
+            output.SetFromVector(np.zeros(IIWA_7.joints))
             return
         qd = paper_task_space_velocity(
             self._position.Eval(context),
@@ -156,7 +156,7 @@ class RMMTaskController(LeafSystem):
 
     def _compile(self) -> None:
         """Runs one control step, so that no kernel is compiled inside a control tick."""
-        q, X_WO, V_WO = np.full(NUM_JOINTS, 0.5), RigidTransform().GetAsMatrix4(), np.zeros(6)
+        q, X_WO, V_WO = np.full(IIWA_7.joints, 0.5), RigidTransform().GetAsMatrix4(), np.zeros(6)
         X_FG = self._reachability.gripper.X_FG
         X_WG = forward_kinematics(q, X_FG)
         grasps, memory = GraspSet(X_WG[None], np.zeros(1), np.ones(1)), TaskMemory()

@@ -20,7 +20,7 @@ from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
 from feasigrasp.models.ik.closed_form import nearest_inside_limits
 from feasigrasp.models.ik.flow import IkFlow, WeightsError
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.results.arguments import add_common_arguments
@@ -47,7 +47,7 @@ def cases(seed: int) -> list[tuple[str, str, str, float, Callable[[], object]]]:
         seed: Seed of the random configurations, uniform inside the joint limits.
     """
     rng = np.random.default_rng(seed)
-    Q = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (COLLISION_BATCH, 7))
+    Q = IIWA_7.random_positions(rng, COLLISION_BATCH)
     batch = Q[:BATCH].copy()
     X_WF = forward_kinematics(batch)
     psis = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)
@@ -67,7 +67,9 @@ def cases(seed: int) -> list[tuple[str, str, str, float, Callable[[], object]]]:
     else:
         print("pinocchio is not installed (PyPI: pin): its row is left out")
     if find_spec("eaik"):
-        eaik = eaik_nearest(np.linspace(-POSITION_LIMITS[2], POSITION_LIMITS[2], ARM_ANGLES))
+        eaik = eaik_nearest(
+            np.linspace(-IIWA_7.position_limits[2], IIWA_7.position_limits[2], ARM_ANGLES)
+        )
         found.append((inverse, "peer:eaik", "ms", 1e3, lambda: eaik(X_WF, HOME)))
     else:
         print("EAIK is not installed (PyPI: eaik): its row is left out")

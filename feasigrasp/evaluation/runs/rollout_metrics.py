@@ -10,7 +10,7 @@ from feasigrasp.evaluation.runs.grasp_tracking import TRACKED_ANGLE, TRACKED_POS
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, summarize
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 
 #: Every metric of a rollout.
@@ -30,7 +30,7 @@ def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, A
         period: Time between ticks [s].
     """
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))
-    qd = states[:, NUM_JOINTS:]
+    qd = states[:, IIWA_7.joints :]
     distance = np.linalg.norm([x["p_HO_x"], x["p_HO_y"], x["p_HO_z"]], axis=0)
     close = x["grasp_position_error"] < TRACKED_POSITION
     tracked = close & (x["grasp_angle_error"] < TRACKED_ANGLE)

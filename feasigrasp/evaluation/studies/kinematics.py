@@ -18,7 +18,7 @@ from feasigrasp.evaluation.measures.ik_sources import format_source_table, ik_so
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import in_collision, min_distance
 from feasigrasp.results.arguments import add_common_arguments
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def random_configurations(n: int, rng: np.random.Generator) -> Array:
     """Configurations uniform inside the joint limits, shape (n, 7) [rad]."""
-    return rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+    return IIWA_7.random_positions(rng, n)
 
 
 def folded_configurations(n: int, rng: np.random.Generator) -> Array:
@@ -52,7 +52,7 @@ def folded_configurations(n: int, rng: np.random.Generator) -> Array:
     side = np.sign(Q[:, :1])
     Q[:, [2, 4]] *= 0.2
     Q[:, [1, 3, 5]] = side * np.abs(Q[:, [1, 3, 5]]) * (1, -1, 1)
-    Q[:, [1, 3]] = (Q[:, [1, 3]] + np.sign(Q[:, [1, 3]]) * POSITION_LIMITS[1]) / 2
+    Q[:, [1, 3]] = (Q[:, [1, 3]] + np.sign(Q[:, [1, 3]]) * IIWA_7.position_limits[1]) / 2
     return Q
 
 

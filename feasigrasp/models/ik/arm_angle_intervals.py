@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.ik.arm_circle import ArmCircle, arm_circle_kernel
 from feasigrasp.models.numerics.fast_trig import fast_sincos
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 _TWO_PI = 2.0 * np.pi
 _MAX_ZEROS = 20
@@ -56,7 +56,7 @@ class Segments(NamedTuple):
 @njit(cache=True)
 def make_segments(margin):
     """Room for the segments of one pose, ``margin`` [rad] inside the joint limits."""
-    limit = np.minimum(POSITION_LIMITS - margin, np.pi)
+    limit = np.minimum(IIWA_7.position_limits - margin, np.pi)
     start, branches = np.empty(_MAX_ZEROS + 1), np.empty(_MAX_ZEROS + 1, dtype=np.int64)
     return Segments(limit, np.sin(limit), np.cos(limit), np.empty((10, 3)), start, branches)
 

@@ -19,14 +19,14 @@ from feasigrasp.models.ik.arm_circle import (
     closed_form_kernel,
     configuration_kernel,
 )
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @njit(cache=True)
 def inside_limits_kernel(q, margin):
     """Whether every joint stays ``margin`` [rad] away from its limits."""
-    for i in range(7):  # noqa: SIM110 - numba compiles the loop, not all()
-        if not abs(q[i]) <= POSITION_LIMITS[i] - margin:
+    for i in range(IIWA_7.joints):  # noqa: SIM110 - numba compiles the loop, not all()
+        if not abs(q[i]) <= IIWA_7.position_limits[i] - margin:
             return False
     return True
 
@@ -35,8 +35,8 @@ def inside_limits_kernel(q, margin):
 def travel_time_kernel(q_a, q_b):
     """max_j |dq_j| / v_j: the least time from one configuration to the other [s]."""
     worst = 0.0
-    for i in range(7):
-        worst = max(worst, abs(q_a[i] - q_b[i]) / VELOCITY_LIMITS[i])
+    for i in range(IIWA_7.joints):
+        worst = max(worst, abs(q_a[i] - q_b[i]) / IIWA_7.velocity_limits[i])
     return worst
 
 
@@ -64,7 +64,7 @@ def next_nearest_kernel(circle, lanes, q):
 @njit(cache=True)
 def _nearest_batch(X_WF, q_near, psis, margin, q, times):
     lanes = lanes_kernel(psis, np.nan)
-    candidate = np.empty(7)
+    candidate = np.empty(IIWA_7.joints)
     for n in range(len(X_WF)):
         q[n], times[n] = np.nan, np.inf
         circle = arm_circle_kernel(X_WF[n])
@@ -91,7 +91,7 @@ def closed_form(X_WF: ArrayLike, psi: float) -> Array:
         entry is not finite, or its rotation none). Row ``4 elbow + 2 shoulder + wrist``: 0 where
         joint 4, 2 or 6 is positive, 1 where it is negative.
     """
-    out = np.empty((8, 7))
+    out = np.empty((8, IIWA_7.joints))
     count = closed_form_kernel(np.ascontiguousarray(X_WF, dtype=float), float(psi), out)
     return out[:count]
 
@@ -121,10 +121,10 @@ def nearest_inside_limits(
     """
     poses = flange_poses(X_WF)
     near = np.ascontiguousarray(q, dtype=float)
-    if near.shape != (7,):
+    if near.shape != (IIWA_7.joints,):
         raise ValueError(f"the present joint positions must have shape (7,), got {near.shape}")
     angles = np.ascontiguousarray(psis, dtype=float).reshape(-1)
-    found, times = np.empty((len(poses), 7)), np.empty(len(poses))
+    found, times = np.empty((len(poses), IIWA_7.joints)), np.empty(len(poses))
     if len(angles) == 0:
         return np.full_like(found, np.nan), np.full_like(times, np.inf)
     _nearest_batch(poses, near, angles, float(margin), found, times)

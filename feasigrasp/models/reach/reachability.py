@@ -28,7 +28,7 @@ from feasigrasp.models.reach.kernels import (
 from feasigrasp.models.reach.kernels import REACHABLE as REACHABLE
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: What `Reachability.verdicts` says, by code.
 VERDICTS = {
@@ -105,7 +105,7 @@ class Reachability:
             ``max_j |dq_j| / v_j``, infinite where there is none.
         """
         X_WF = self.flange(X_WG)
-        found, times = np.full((len(X_WF), 7), np.nan), np.empty(len(X_WF))
+        found, times = np.full((len(X_WF), IIWA_7.joints), np.nan), np.empty(len(X_WF))
         near = np.ascontiguousarray(q, dtype=float)
         nearest_batch_kernel(X_WF, near, self.search, found, times)
         return found, times
@@ -126,13 +126,13 @@ class Reachability:
             Shape (m, 7) [rad] with m <= n; fewer only if there are fewer candidates.
         """
         (X_WF,) = self.flange(X_WG)
-        near = np.zeros(7) if q is None else np.ascontiguousarray(q, dtype=float)
-        found = np.empty((int(n), 7))
+        near = np.zeros(IIWA_7.joints) if q is None else np.ascontiguousarray(q, dtype=float)
+        found = np.empty((int(n), IIWA_7.joints))
         return found[: diverse_kernel(X_WF, near, self.search, found)]
 
     def admissible(self, q: ArrayLike) -> Mask:
         """Which configurations (n, 7) are inside the limits and clear of arm, hand and table."""
-        Q = np.ascontiguousarray(q, dtype=float).reshape(-1, 7)
+        Q = np.ascontiguousarray(q, dtype=float).reshape(-1, IIWA_7.joints)
         out = np.empty(len(Q), dtype=np.bool_)
         admissible_batch_kernel(Q, self.search, out)
         return out
@@ -148,9 +148,9 @@ def _make_search(reachability: Reachability) -> Search:
     # What is on the axis of joint 1 does not move with it.
     on_axis = (capsules.link == 1) & (np.abs(capsules.ends[:, :, :2]).max(axis=(1, 2)) == 0.0)
     ends = capsules.ends.copy()
-    ends[capsules.link == 1, :, 2] += JOINT_HEIGHTS[0]
+    ends[capsules.link == 1, :, 2] += IIWA_7.joint_heights[0]
     low, high = capsules.pairs.T
-    decided = (on_axis | (capsules.link == 0))[low] & (capsules.link[high] == 7)
+    decided = (on_axis | (capsules.link == 0))[low] & (capsules.link[high] == IIWA_7.joints)
     undecided = capsules._replace(movers=capsules.movers[capsules.link[capsules.movers] < 7])
     return Search(
         psis=np.linspace(-np.pi, np.pi, reachability.n_arm_angles, endpoint=False),
@@ -160,7 +160,7 @@ def _make_search(reachability: Reachability) -> Search:
         table_height=float(reachability.table_height),
         capsules=capsules,
         open=undecided.with_pairs(capsules.pairs[~decided]),
-        hand=np.flatnonzero(capsules.link == 7),
+        hand=np.flatnonzero(capsules.link == IIWA_7.joints),
         fixed=ends,
         fixed_pairs=np.ascontiguousarray(capsules.pairs[decided]),
     )

@@ -14,12 +14,14 @@ from numba import njit
 
 from feasigrasp.models.numerics.fast_trig import fast_sincos
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn
-from feasigrasp.models.robot.iiwa import JOINT_AXES, JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
-_H0, _H1 = JOINT_HEIGHTS[:2]
-_L2, _L3, _L4, _L5, _L6 = np.diff(JOINT_HEIGHTS[1:])
+#: The base counts as one.
+LINKS = IIWA_7.joints + 1
+_H0, _H1 = IIWA_7.joint_heights[:2]
+_L2, _L3, _L4, _L5, _L6 = IIWA_7.link_steps[2:7]
 # Sign of a joint about y; 0 for a joint about z.
-_Y_SIGN = np.ascontiguousarray(JOINT_AXES[:, 1])
+_Y_SIGN = np.ascontiguousarray(IIWA_7.joint_axes[:, 1])
 
 
 @njit(cache=True, forceinline=True)
@@ -128,7 +130,7 @@ def add_lever(point, normal, low, high, R, p, gradient):
 @njit(cache=True)
 def distances_kernel(q, model, distance):
     """Writes the signed distance of every pair (p,)."""
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
     ends = np.empty(model.ends.shape)
     capsule_ends_kernel(q, model, R, p, ends)
     for k in range(len(model.pairs)):
@@ -151,7 +153,7 @@ def gradients_kernel(q, model, distance, gradient):
     joints between the two links change a distance: ``dd/dq_j = n . (a_j x (c2 - p_j))`` with the
     joint's axis ``a_j`` through ``p_j``.
     """
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
     ends = np.empty(model.ends.shape)
     capsule_ends_kernel(q, model, R, p, ends)
     gradient[:] = 0.0
@@ -179,7 +181,7 @@ def table_kernel(q, model, height, clearance, gradient):
 
     Both ends, since of a level capsule either is the lower one after the next motion.
     """
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
     ends = np.empty(model.ends.shape)
     capsule_ends_kernel(q, model, R, p, ends)
     gradient[:] = 0.0

@@ -17,20 +17,22 @@ from numba import njit
 from feasigrasp.models.numerics.fast_trig import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step, turn
 from feasigrasp.models.robot.capsule_kernels import (
+    LINKS,
     closest_parameters,
     end_point,
     link_poses_kernel,
     place,
 )
-from feasigrasp.models.robot.iiwa import JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Configurations in a block: its rows stay in the first-level cache.
 LANES = 64
 # Rows: 7 angles that become sines, 7 cosines, 3 x 8 coordinates of the balls' centres.
-_COSINES, _CENTRES, _ROWS = 7, 14, 38
+_COSINES, _CENTRES = IIWA_7.joints, 2 * IIWA_7.joints
+_ROWS = _CENTRES + 3 * LINKS
 
-_H0, _H1 = JOINT_HEIGHTS[:2]
-_L2, _L3, _L4, _L5, _L6 = np.diff(JOINT_HEIGHTS[1:])
+_H0, _H1 = IIWA_7.joint_heights[:2]
+_L2, _L3, _L4, _L5, _L6 = IIWA_7.link_steps[2:7]
 
 
 @njit(cache=True, forceinline=True)
@@ -128,7 +130,7 @@ def _centres_of(balls):
 @njit(cache=True)
 def _write_one(q, rows, balls):
     """Writes the rows of a single configuration."""
-    for j in range(7):
+    for j in range(IIWA_7.joints):
         rows[j], rows[_COSINES + j] = fast_sincos(q[j])
     _write_centres(rows, 1, 0, _centres_of(balls))
 
@@ -165,7 +167,7 @@ def doubts_kernel(q, balls, groups, margin, height, first, end):
 @njit(cache=True)
 def _collides(q, model, margin):
     """Whether any pair is closer than ``margin``."""
-    rows, R, p = np.empty(_ROWS), np.empty((8, 3, 3)), np.empty((8, 3))
+    rows, R, p = np.empty(_ROWS), np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
     _write_one(q, rows, model.balls)
     link_poses_kernel(q, R, p)
     for g in range(len(model.groups)):
@@ -179,7 +181,7 @@ def _collides(q, model, margin):
 @njit(cache=True)
 def _reaches_below(q, model, height):
     """Whether a mover reaches below ``z = height``."""
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
     link_poses_kernel(q, R, p)
     for k in range(len(model.movers)):
         c = model.movers[k]
@@ -216,10 +218,10 @@ def _load(Q, first, rows, doubt):
     for b in range(LANES):
         q = Q[min(first + b, len(Q) - 1)]  # the last block is filled up
         doubt[b] = 0.0 * (q[0] + q[1] + q[2] + q[3] + q[4] + q[5] + q[6])
-        for j in range(7):
+        for j in range(IIWA_7.joints):
             rows[j * LANES + b] = q[j]
-    for i in range(7 * LANES):
-        rows[i], rows[i + 7 * LANES] = fast_sincos(rows[i])
+    for i in range(IIWA_7.joints * LANES):
+        rows[i], rows[i + _COSINES * LANES] = fast_sincos(rows[i])
 
 
 @njit(cache=True)

@@ -15,7 +15,7 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.robot.capsule_kernels import distances_kernel, gradients_kernel, table_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
 from feasigrasp.models.robot.collision_kernels import in_collision_batch_kernel
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: The arm with its hand: the model that the functions use by default.
 IIWA_CAPSULES = capsule_model()
@@ -35,7 +35,7 @@ def _gradients_batch(q, model, distance, gradient):
 
 def _positions(q: ArrayLike, expected: str, ndim: int | None = None) -> Array:
     q = np.ascontiguousarray(q, dtype=float)
-    if q.shape[-1] != NUM_JOINTS or ndim not in (None, q.ndim):
+    if q.shape[-1] != IIWA_7.joints or ndim not in (None, q.ndim):
         raise ValueError(f"joint positions must have shape {expected}, got {q.shape}")
     return q
 
@@ -56,7 +56,7 @@ def signed_distances(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> Array
     q = _positions(q, "(..., 7)")
     pairs = len(model.pairs)
     distance = np.empty((*q.shape[:-1], pairs))
-    _distances_batch(q.reshape(-1, NUM_JOINTS), model, distance.reshape(-1, pairs))
+    _distances_batch(q.reshape(-1, IIWA_7.joints), model, distance.reshape(-1, pairs))
     return distance
 
 
@@ -71,12 +71,12 @@ def distances_and_gradients(
     q = _positions(q, "(..., 7)")
     pairs = len(model.pairs)
     distance = np.empty((*q.shape[:-1], pairs))
-    gradient = np.empty((*q.shape[:-1], pairs, NUM_JOINTS))
+    gradient = np.empty((*q.shape[:-1], pairs, IIWA_7.joints))
     _gradients_batch(
-        q.reshape(-1, NUM_JOINTS),
+        q.reshape(-1, IIWA_7.joints),
         model,
         distance.reshape(-1, pairs),
-        gradient.reshape(-1, pairs, NUM_JOINTS),
+        gradient.reshape(-1, pairs, IIWA_7.joints),
     )
     return distance, gradient
 
@@ -125,6 +125,6 @@ def table_distances_and_gradients(
     """
     q = _positions(q, "(7,)", 1)
     m = len(model.movers)
-    clearance, gradient = np.empty((m, 2)), np.empty((m, 2, NUM_JOINTS))
+    clearance, gradient = np.empty((m, 2)), np.empty((m, 2, IIWA_7.joints))
     table_kernel(q, model, table_height, clearance, gradient)
-    return clearance.reshape(-1), gradient.reshape(-1, NUM_JOINTS)
+    return clearance.reshape(-1), gradient.reshape(-1, IIWA_7.joints)

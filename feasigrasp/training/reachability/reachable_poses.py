@@ -23,7 +23,7 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.mixtures.kernels import pose_quaternions
 from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
 from feasigrasp.models.robot.self_collision import in_collision
 
@@ -71,12 +71,12 @@ class IiwaArm:
     @property
     def lower(self) -> Array:
         """Lower joint limits, shape (7,) [rad]."""
-        return -POSITION_LIMITS
+        return -IIWA_7.position_limits
 
     @property
     def upper(self) -> Array:
         """Upper joint limits, shape (7,) [rad]."""
-        return POSITION_LIMITS
+        return IIWA_7.position_limits
 
     def forward_kinematics(self, q: ArrayLike) -> Array:
         """Flange poses ``X_WF``, shape (m, 4, 4) [m]."""

@@ -10,7 +10,7 @@ from feasigrasp.evaluation.bench import kinematics as bench
 from feasigrasp.evaluation.bench import timing
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.studies import kinematics as evaluate
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.finished import finish_part, finished_records
 from feasigrasp.results.rows import Row, write_json
 
@@ -96,7 +96,7 @@ def test_wrong_verdicts_are_seen(tmp_path, monkeypatch):
 
 def test_folded_configurations_are_inside_limits_and_often_collide():
     Q = evaluate.folded_configurations(2000, np.random.default_rng(0))
-    assert (np.abs(Q) <= POSITION_LIMITS).all()
+    assert (np.abs(Q) <= IIWA_7.position_limits).all()
     assert 0.1 < evaluate.in_collision(Q).mean() < 0.4
 
 

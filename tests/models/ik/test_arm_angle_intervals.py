@@ -6,12 +6,12 @@ import pytest
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.arm_angle_intervals import arm_angle_intervals
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 def random_configurations(n, seed=0, share=1.0):
-    limits = share * POSITION_LIMITS
+    limits = share * IIWA_7.position_limits
     return np.random.default_rng(seed).uniform(-limits, limits, (n, 7))
 
 
@@ -24,7 +24,10 @@ def contains(intervals, psi):
 def scan(X, margin, psis):
     """How far every branch is inside the limits, shape (len(psis), 8) [rad]."""
     return np.array(
-        [(POSITION_LIMITS - margin - np.abs(closed_form(X, psi))).min(axis=1) for psi in psis]
+        [
+            (IIWA_7.position_limits - margin - np.abs(closed_form(X, psi))).min(axis=1)
+            for psi in psis
+        ]
     )
 
 
@@ -63,7 +66,7 @@ def test_windows_too_narrow_for_a_grid_are_found():
     narrow = 0
     for q in random_configurations(3000, seed=3, share=0.95):
         joints = rng.choice(7, 3, replace=False)
-        q[joints] = np.sign(q[joints]) * (POSITION_LIMITS[joints] - 1e-4)
+        q[joints] = np.sign(q[joints]) * (IIWA_7.position_limits[joints] - 1e-4)
         X = forward_kinematics(q)
         intervals = arm_angle_intervals(X)
         assert any(contains(found, arm_angle(q)) for found in intervals)

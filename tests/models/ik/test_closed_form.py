@@ -12,12 +12,12 @@ from feasigrasp.models.ik.closed_form import (
     travel_time_kernel,
 )
 from feasigrasp.models.numerics.fast_atan2 import fast_atan2
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 def random_configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+    return IIWA_7.random_positions(np.random.default_rng(seed), n)
 
 
 def pose_error(q, X_WF):
@@ -164,22 +164,22 @@ def test_nearest_inside_limits_is_the_best_of_all_branches():
     poses = forward_kinematics(random_configurations(60, seed=9))
     psis, margin = np.linspace(-np.pi, np.pi, 16, endpoint=False), 0.2
     for X in poses:
-        near = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS)
+        near = rng.uniform(-IIWA_7.position_limits, IIWA_7.position_limits)
         found, times = nearest_inside_limits(X, near, psis, margin=margin)
         candidates = np.concatenate([closed_form(X, psi) for psi in psis])
-        inside = (np.abs(candidates) <= POSITION_LIMITS - margin).all(axis=1)
+        inside = (np.abs(candidates) <= IIWA_7.position_limits - margin).all(axis=1)
         if not inside.any():
             assert np.isinf(times[0]) and np.isnan(found).all()
             continue
-        travel = np.max(np.abs(candidates[inside] - near) / VELOCITY_LIMITS, axis=1)
+        travel = np.max(np.abs(candidates[inside] - near) / IIWA_7.velocity_limits, axis=1)
         assert times[0] == pytest.approx(travel.min(), abs=1e-8)
         # Of those that are equally soon, such as both signs of a wrist that is not the slowest, it
         # is the one whose shoulder, or wrist, needs the least.
         ties = candidates[inside][travel < travel.min() + 1e-8]
         assert np.abs(ties - found[0]).max(axis=1).min() < 1e-12
-        parts = np.abs(ties - near) / VELOCITY_LIMITS
+        parts = np.abs(ties - near) / IIWA_7.velocity_limits
         least = np.minimum(parts[:, :4].max(axis=1), parts[:, 4:].max(axis=1)).min()
-        mine = np.abs(found[0] - near) / VELOCITY_LIMITS
+        mine = np.abs(found[0] - near) / IIWA_7.velocity_limits
         assert min(mine[:4].max(), mine[4:].max()) == pytest.approx(least, abs=1e-6)
 
 
@@ -193,9 +193,9 @@ def test_nearest_inside_limits_at_singular_poses():
     finite = np.isfinite(times)
     assert finite.mean() > 0.5
     assert pose_error(found[finite], poses[finite]) < 1e-11
-    assert (np.abs(found[finite]) <= POSITION_LIMITS).all()
+    assert (np.abs(found[finite]) <= IIWA_7.position_limits).all()
     np.testing.assert_allclose(
-        times[finite], np.max(np.abs(found[finite]) / VELOCITY_LIMITS, axis=1), atol=1e-12
+        times[finite], np.max(np.abs(found[finite]) / IIWA_7.velocity_limits, axis=1), atol=1e-12
     )
 
 
@@ -223,12 +223,12 @@ def test_fast_atan2():
 
 def test_inside_limits():
     margin = 0.1
-    assert inside_limits_kernel(POSITION_LIMITS - 0.11, margin)
-    assert inside_limits_kernel(-POSITION_LIMITS + 0.11, margin)
+    assert inside_limits_kernel(IIWA_7.position_limits - 0.11, margin)
+    assert inside_limits_kernel(-IIWA_7.position_limits + 0.11, margin)
     for joint in range(7):
         for sign in (-1, 1):
             q = np.zeros(7)
-            q[joint] = sign * (POSITION_LIMITS[joint] - 0.09)
+            q[joint] = sign * (IIWA_7.position_limits[joint] - 0.09)
             assert not inside_limits_kernel(q, margin)
             assert inside_limits_kernel(q, 0.0)
 
@@ -237,8 +237,8 @@ def test_travel_time_is_that_of_the_slowest_joint():
     q = np.array([0.1, -0.2, 0.3, 0.4, -0.5, 0.6, 0.7])
     for joint in range(7):
         other = q.copy()
-        other[joint] += 0.5 * VELOCITY_LIMITS[joint]
-        other[(joint + 1) % 7] -= 0.1 * VELOCITY_LIMITS[(joint + 1) % 7]
+        other[joint] += 0.5 * IIWA_7.velocity_limits[joint]
+        other[(joint + 1) % 7] -= 0.1 * IIWA_7.velocity_limits[(joint + 1) % 7]
         assert travel_time_kernel(q, other) == pytest.approx(0.5)
         assert travel_time_kernel(other, q) == pytest.approx(0.5)
     assert travel_time_kernel(q, q) == 0.0

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance, table_distances_and_gradients
 from feasigrasp.resources import model_path
@@ -19,12 +19,12 @@ REACHABILITY = Reachability()
 
 
 def random_configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+    return IIWA_7.random_positions(np.random.default_rng(seed), n)
 
 
 def plainly_admissible(q, reachability=REACHABILITY):
     """The three conditions one by one."""
-    inside = (np.abs(q) <= POSITION_LIMITS - reachability.limit_margin).all()
+    inside = (np.abs(q) <= IIWA_7.position_limits - reachability.limit_margin).all()
     above = table_distances_and_gradients(q, reachability.table_height)[0].min()
     return bool(inside and min(min_distance(q), above) >= reachability.clearance)
 
@@ -72,7 +72,7 @@ def test_solutions_reach_the_pose_free_of_contact_in_drake(cell):
         contacts, reached = cell.penetrations(q)
         assert not contacts
         np.testing.assert_allclose(reached, X, atol=1e-9)
-        assert (np.abs(q) <= POSITION_LIMITS - REACHABILITY.limit_margin).all()
+        assert (np.abs(q) <= IIWA_7.position_limits - REACHABILITY.limit_margin).all()
 
 
 def test_the_drake_cell_does_find_contacts(cell):
@@ -102,7 +102,7 @@ def test_all_solutions_are_admissible_and_agree_with_reachable():
     for q, time in zip(found, times, strict=True):
         if np.isfinite(time):
             assert plainly_admissible(q)
-            assert time == pytest.approx(np.max(np.abs(q - HOME) / VELOCITY_LIMITS))
+            assert time == pytest.approx(np.max(np.abs(q - HOME) / IIWA_7.velocity_limits))
         else:
             assert np.isnan(q).all()
     # nearest() also tries the arm angle of q, so it may know one more.
@@ -141,7 +141,7 @@ def test_nearest_is_close_to_the_best_of_a_dense_search():
     for X, time in zip(X_WG, times, strict=True):
         X_WF = X @ se3.inverse(REACHABILITY.gripper.X_FG)
         candidates = np.concatenate([closed_form(X_WF, psi) for psi in psis])
-        travel = np.max(np.abs(candidates - HOME) / VELOCITY_LIMITS, axis=1)
+        travel = np.max(np.abs(candidates - HOME) / IIWA_7.velocity_limits, axis=1)
         order = np.argsort(travel)
         dense = next((travel[k] for k in order if plainly_admissible(candidates[k])), np.inf)
         assert dense <= time + 0.02
@@ -178,7 +178,9 @@ def test_verdicts_are_those_of_a_dense_search(random_poses):
         if verdict == "wrist out of reach":
             assert len(candidates) == 0
             continue
-        inside = (np.abs(candidates) <= POSITION_LIMITS - REACHABILITY.limit_margin).all(axis=1)
+        inside = (np.abs(candidates) <= IIWA_7.position_limits - REACHABILITY.limit_margin).all(
+            axis=1
+        )
         found = REACHABILITY.admissible(candidates).any()
         if verdict == "reachable":
             wrong += not found  # a window that is narrower than the scan's step
@@ -204,7 +206,7 @@ def test_narrow_windows_between_limits_are_not_missed():
     Q = random_configurations(4000, seed=12) * 0.9
     for q in Q:
         joints = rng.choice(7, 3, replace=False)
-        q[joints] = np.sign(q[joints]) * (POSITION_LIMITS[joints] - 0.05 - 1e-4)
+        q[joints] = np.sign(q[joints]) * (IIWA_7.position_limits[joints] - 0.05 - 1e-4)
     Q = Q[REACHABILITY.admissible(Q)]
     X_WG = forward_kinematics(Q, REACHABILITY.gripper.X_FG)
     psis = np.linspace(-np.pi, np.pi, 12, endpoint=False)
@@ -235,7 +237,7 @@ def test_diverse_configurations_all_reach_the_pose_and_differ():
             forward_kinematics(Q, REACHABILITY.gripper.X_FG), np.tile(X, (8, 1, 1)), atol=1e-9
         )
         assert all(plainly_admissible(q) for q in Q)
-        apart = np.max(np.abs(Q[:, None] - Q) / VELOCITY_LIMITS, axis=2)
+        apart = np.max(np.abs(Q[:, None] - Q) / IIWA_7.velocity_limits, axis=2)
         gaps = [apart[k, :k].min() for k in range(1, 8)]
         assert (np.diff(gaps) <= 1e-12).all()  # farthest first
         assert gaps[-1] > 0.05 and gaps[0] > 1.0
@@ -255,7 +257,7 @@ def test_diverse_configurations_are_spread_further_than_random_ones():
         some = rng.choice(every, 6, replace=False)
 
         def spread(Q):
-            apart = np.max(np.abs(Q[:, None] - Q) / VELOCITY_LIMITS, axis=2)
+            apart = np.max(np.abs(Q[:, None] - Q) / IIWA_7.velocity_limits, axis=2)
             return (apart + 1e9 * np.eye(len(Q))).min()
 
         gains.append(spread(REACHABILITY.diverse(X, 6)) - spread(some))
@@ -307,7 +309,7 @@ def test_the_flip_of_a_grasp_is_another_pose():
         if np.isfinite(q).all() and plainly_admissible(turned):
             X_WG_turned = forward_kinematics(turned, REACHABILITY.gripper.X_FG)
             np.testing.assert_allclose(X_WG_turned, X, atol=1e-9)
-            assert time <= np.max(np.abs(turned - HOME) / VELOCITY_LIMITS) + 1e-9
+            assert time <= np.max(np.abs(turned - HOME) / IIWA_7.velocity_limits) + 1e-9
             checked += 1
     assert checked > 60
 

@@ -9,7 +9,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, JacobianWrtVariable
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import (
     forward_kinematics,
     manipulability,
@@ -23,7 +23,7 @@ X_FT = se3.make_pose(se3.so3_exp([0.3, -1.2, 0.7]), [0.05, -0.11, 0.18])
 
 
 def random_configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+    return IIWA_7.random_positions(np.random.default_rng(seed), n)
 
 
 class DrakeKinematics:

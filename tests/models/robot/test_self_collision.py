@@ -22,7 +22,7 @@ from feasigrasp.models.robot.capsules import (
 )
 from feasigrasp.models.robot.collision_kernels import LANES, in_collision_kernel, is_clear_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 
 CAPSULES = arm_capsules() + hand_capsules()
@@ -30,7 +30,7 @@ BODY = np.array([capsule.body for capsule in CAPSULES])
 
 
 def random_configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+    return IIWA_7.random_positions(np.random.default_rng(seed), n)
 
 
 def mixed_configurations(n, seed):
@@ -39,7 +39,9 @@ def mixed_configurations(n, seed):
     folded = Q[n // 2 :]
     folded[:, [2, 4]] *= 0.2
     folded[:, [1, 3, 5]] = np.sign(folded[:, :1]) * np.abs(folded[:, [1, 3, 5]]) * (1, -1, 1)
-    folded[:, [1, 3]] = (folded[:, [1, 3]] + np.sign(folded[:, [1, 3]]) * POSITION_LIMITS[1]) / 2
+    folded[:, [1, 3]] = (
+        folded[:, [1, 3]] + np.sign(folded[:, [1, 3]]) * IIWA_7.position_limits[1]
+    ) / 2
     return Q
 
 
@@ -251,9 +253,9 @@ def test_left_out_pairs_stay_apart():
     model = capsule_model().with_pairs(pairs)
     Q = random_configurations(3000, seed=5)
     at_limit = np.random.default_rng(6).random(Q.shape) < 0.3
-    Q = np.where(at_limit, np.sign(Q) * POSITION_LIMITS, Q)
+    Q = np.where(at_limit, np.sign(Q) * IIWA_7.position_limits, Q)
     D = np.array([sc.signed_distances(q, model) for q in Q])
-    bounds = list(zip(-POSITION_LIMITS, POSITION_LIMITS, strict=True))
+    bounds = list(zip(-IIWA_7.position_limits, IIWA_7.position_limits, strict=True))
     for k in range(len(pairs)):
         one = model.with_pairs(pairs[k : k + 1])
 
