@@ -10,7 +10,7 @@ from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.sources import SOURCES
 from feasigrasp.models.grasps.samplers import METHODS as SAMPLERS
-from feasigrasp.models.reach.judge import METHODS
+from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import PRESETS
 from feasigrasp.scenario.schema import Scenario
@@ -21,7 +21,7 @@ _CHOICES = {
     "control.source": SOURCES,
     "perception.preset": PRESETS,
     "perception.sampler": SAMPLERS,
-    "reachability.method": METHODS,
+    "reachability.method": tuple(JudgeMethod),
 }
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
+from numba import njit
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -18,11 +19,12 @@ from feasigrasp.evaluation.bench.report import report_bench, timing_row
 from feasigrasp.evaluation.bench.timing import cpu_time
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
-from feasigrasp.models.ik.closed_form import nearest_inside_limits
 from feasigrasp.models.ik.flow import IkFlow, WeightsError
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.collision_kernels import in_collision_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.models.robot.self_collision import IIWA_CAPSULES, in_collision
 from feasigrasp.results.arguments import add_common_arguments
 
 #: Configurations and poses of a batch, arm angles tried for each pose.
@@ -40,6 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser, out="out/bench_kinematics", objects="builtin")
 
 
+@njit(cache=True)
+def _one_by_one(Q, model, hit):
+    """What batches are measured against."""
+    for k in range(len(Q)):
+        hit[k] = in_collision_kernel(Q[k], model, 0.0)
+
+
 def cases(seed: int) -> list[tuple[str, str, str, float, Callable[[], object]]]:
     """What is timed: row name, preset, unit, factor from seconds per call, function.
 
@@ -50,16 +59,24 @@ def cases(seed: int) -> list[tuple[str, str, str, float, Callable[[], object]]]:
     Q = IIWA_7.random_positions(rng, COLLISION_BATCH)
     batch = Q[:BATCH].copy()
     X_WF = forward_kinematics(batch)
-    psis = np.linspace(-np.pi, np.pi, ARM_ANGLES, endpoint=False)
+    reach = Reachability(n_arm_angles=ARM_ANGLES)
+    X_WG = X_WF @ reach.gripper.X_FG
     drake = DrakeArm()
     fk, collision, inverse = _ROW_NAMES
-    per_configuration = 1e6 / len(Q)
+    hit, per_configuration = np.empty(len(Q), dtype=bool), 1e6 / len(Q)
     found: list[tuple[str, str, str, float, Callable[[], object]]] = [
         (fk, "default", "us", 1e6, lambda: pose_and_jacobian(batch)),
         (fk, "peer:drake", "us", 1e6, lambda: drake.pose_and_jacobian(batch)),
         (collision, "default", "us", per_configuration, lambda: in_collision(Q)),
+        (
+            collision,
+            "one by one",
+            "us",
+            per_configuration,
+            lambda: _one_by_one(Q, IIWA_CAPSULES, hit),
+        ),
         (collision, "peer:drake", "us", per_configuration, lambda: drake.in_collision(Q)),
-        (inverse, "default", "ms", 1e3, lambda: nearest_inside_limits(X_WF, HOME, psis)),
+        (inverse, "default", "ms", 1e3, lambda: reach.nearest(X_WG, HOME)),
     ]
     if find_spec("pinocchio"):
         pinocchio = pinocchio_kinematics()

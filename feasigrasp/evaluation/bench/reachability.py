@@ -32,7 +32,7 @@ from feasigrasp.evaluation.bench.report import report_bench, timing_row
 from feasigrasp.evaluation.bench.timing import Timing, cpu_time
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.judge import METHODS, PoseJudge
+from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.results.arguments import add_common_arguments
@@ -85,7 +85,7 @@ def main(args: argparse.Namespace) -> int:
 def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
     reachability, X_WG = Reachability(), X_WO @ grasps.X_OG
     cases: list[tuple[str, str, Callable[[], object]]] = []
-    for method in METHODS:
+    for method in JudgeMethod:
         judge = PoseJudge(reachability, method)
         cases += [
             (method, "default", partial(judge.verdicts, X_WG)),

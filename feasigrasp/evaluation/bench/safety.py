@@ -37,7 +37,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions, velocity_bounds
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp.models.robot.self_collision import min_distance, table_distances_and_gradients
+from feasigrasp.models.robot.self_collision import min_distance, table_distances
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.rows import Row
 
@@ -103,7 +103,7 @@ def _twist(X_WF: Array, rng: np.random.Generator) -> Array:
 def _start(rng: np.random.Generator) -> Array:
     while True:
         q = rng.uniform(-0.95, 0.95, IIWA_7.joints) * IIWA_7.position_limits
-        if min(min_distance(q), table_distances_and_gradients(q)[0].min()) > 0.03:
+        if min(min_distance(q), table_distances(q).min()) > 0.03:
             return q
 
 

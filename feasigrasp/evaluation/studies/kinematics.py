@@ -81,13 +81,14 @@ def inverse_rows(n: int, seed: int, folder: Path) -> list[Row]:
     position, rotation, away = np.empty(n), np.empty(n), np.empty(n)
     for k in tqdm(range(n), desc="inverse kinematics", leave=False):
         solutions = closed_form(X_WF[k], psis[k])
-        # All of them have the same wrist, whose distance decides whether there are any.
-        missed = forward_kinematics(solutions) - X_WF[k] if len(solutions) else np.inf
+        missed = forward_kinematics(solutions) - X_WF[k]
         position[k] = np.sqrt((np.square(missed)[..., :3, 3]).sum(axis=-1)).max()
         # The angle of a small rotation is its Frobenius norm over the root of 2.
         rotation[k] = np.sqrt((np.square(missed)[..., :3, :3]).sum(axis=(-1, -2)) / 2).max()
         own = closed_form(X_WF[k], arm_angle(Q[k]))
-        away[k] = np.abs(own - Q[k]).max(axis=1).min() if len(own) else np.inf
+        away[k] = np.abs(own - Q[k]).max(axis=1).min()
+    # Without solutions they are NaN.
+    position, rotation, away = (np.nan_to_num(x, nan=np.inf) for x in (position, rotation, away))
     _write(folder / "inverse.csv", "position_m,rotation_rad,away_rad", position, rotation, away)
     found = proportion(int((away <= SAME_CONFIGURATION).sum()), n)
     residual = float(max(position.max(), rotation.max()))

@@ -15,13 +15,14 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.numerics.fast_trig import fast_sincos
-from feasigrasp.models.numerics.vectors import dot, minus, step, turn
+from feasigrasp.models.numerics.vectors import dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import (
     LINKS,
     closest_parameters,
     end_point,
     link_poses_kernel,
     place,
+    walk_links,
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -30,9 +31,6 @@ LANES = 64
 # Rows: 7 angles that become sines, 7 cosines, 3 x 8 coordinates of the balls' centres.
 _COSINES, _CENTRES = IIWA_7.joints, 2 * IIWA_7.joints
 _ROWS = _CENTRES + 3 * LINKS
-
-_H0, _H1 = IIWA_7.joint_heights[:2]
-_L2, _L3, _L4, _L5, _L6 = IIWA_7.link_steps[2:7]
 
 
 @njit(cache=True, forceinline=True)
@@ -68,49 +66,25 @@ def _group_collides(R, p, model, g, margin):
 
 
 @njit(cache=True, forceinline=True)
-def _write_centre(rows, stride, b, link, origin, x, y, z, ball):
+def _sincos_of(lane, joint):
+    rows, stride, b = lane
+    return rows[joint * stride + b], rows[(_COSINES + joint) * stride + b]
+
+
+@njit(cache=True, forceinline=True)
+def _write_centre(target, link, x, y, z, origin):
+    (rows, stride, b), balls = target
+    ball = balls[link]
     centre = step(step(step(origin, ball[0], x), ball[1], y), ball[2], z)
     for i in range(3):
         rows[(_CENTRES + 3 * link + i) * stride + b] = centre[i]
 
 
 @njit(cache=True, forceinline=True)
-def _sine_cosine(rows, stride, b, joint):
-    return rows[(joint - 1) * stride + b], rows[(_COSINES + joint - 1) * stride + b]
-
-
-@njit(cache=True, forceinline=True)
 def _write_centres(rows, stride, b, balls):
     """Writes the centres of the links' balls in lane b, from its sines and cosines."""
-    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    _write_centre(rows, stride, b, 0, (0.0, 0.0, 0.0), x, y, z, balls[0])
-    s, c = _sine_cosine(rows, stride, b, 1)
-    x, y = (c, s, 0.0), (-s, c, 0.0)
-    _write_centre(rows, stride, b, 1, (0.0, 0.0, _H0), x, y, z, balls[1])
-    s, c = _sine_cosine(rows, stride, b, 2)
-    z, x = (s * x[0], s * x[1], c), (c * x[0], c * x[1], -s)
-    origin = (0.0, 0.0, _H1)
-    _write_centre(rows, stride, b, 2, origin, x, y, z, balls[2])
-    origin = step(origin, _L2, z)
-    s, c = _sine_cosine(rows, stride, b, 3)
-    x, y = turn(x, y, s, c)
-    _write_centre(rows, stride, b, 3, origin, x, y, z, balls[3])
-    origin = step(origin, _L3, z)
-    s, c = _sine_cosine(rows, stride, b, 4)
-    z, x = turn(z, x, -s, c)  # joint 4 turns about -y
-    _write_centre(rows, stride, b, 4, origin, x, y, z, balls[4])
-    origin = step(origin, _L4, z)
-    s, c = _sine_cosine(rows, stride, b, 5)
-    x, y = turn(x, y, s, c)
-    _write_centre(rows, stride, b, 5, origin, x, y, z, balls[5])
-    origin = step(origin, _L5, z)
-    s, c = _sine_cosine(rows, stride, b, 6)
-    z, x = turn(z, x, s, c)
-    _write_centre(rows, stride, b, 6, origin, x, y, z, balls[6])
-    origin = step(origin, _L6, z)
-    s, c = _sine_cosine(rows, stride, b, 7)
-    x, y = turn(x, y, s, c)
-    _write_centre(rows, stride, b, 7, origin, x, y, z, balls[7])
+    lane = rows, stride, b
+    walk_links(_sincos_of, lane, _write_centre, (lane, balls))
 
 
 @njit(cache=True, forceinline=True)

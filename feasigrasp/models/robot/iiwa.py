@@ -74,6 +74,21 @@ class Arm(NamedTuple):
         """From the frame of each link, the base included, to the next, the flange last [m]."""
         return tuple(np.diff([0.0, *self.joint_heights, self.flange_height]).tolist())
 
+    def positions(self, q: ArrayLike, ndim: int | None = None) -> Array:
+        """Joint positions as compiled code takes them, a contiguous array of shape (..., joints).
+
+        Raises:
+            ValueError: The last axis has another length, or there are not ``ndim`` axes.
+        """
+        Q = np.ascontiguousarray(q, dtype=float)
+        if Q.ndim == 0 or Q.shape[-1] != self.joints or ndim not in (None, Q.ndim):
+            expected = {None: f"(..., {self.joints})", 1: f"({self.joints},)"}
+            raise ValueError(
+                "joint positions must have shape "
+                f"{expected.get(ndim, f'(n, {self.joints})')}, got {Q.shape}"
+            )
+        return Q
+
     def random_positions(self, rng: np.random.Generator, n: int) -> Array:
         """Joint positions uniform inside the limits, shape (n, joints) [rad]."""
         return rng.uniform(-self.position_limits, self.position_limits, (n, self.joints))

@@ -158,13 +158,6 @@ def _manipulability_batch_kernel(q, out):
         out[k] = _manipulability(_row(sine, k), _row(cosine, k))
 
 
-def _positions(q: ArrayLike) -> Array:
-    q = np.ascontiguousarray(q, dtype=float)
-    if q.shape[-1] != IIWA_7.joints:
-        raise ValueError(f"joint positions need 7 entries in the last axis, got shape {q.shape}")
-    return q
-
-
 def _tool(X_FT: ArrayLike | None) -> Array:
     return _IDENTITY if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
 
@@ -183,7 +176,7 @@ def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Arra
     Raises:
         ValueError: The last axis of ``q`` is not 7 long.
     """
-    q = _positions(q)
+    q = IIWA_7.positions(q)
     lead = q.shape[:-1]
     X_WT, J_WT = np.empty((*lead, 4, 4)), np.empty((*lead, 6, IIWA_7.joints))
     _batch_kernel(
@@ -197,7 +190,7 @@ def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Arra
 
 def forward_kinematics(q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """Tool pose ``X_WT``, shape (..., 4, 4). Arguments and errors as `pose_and_jacobian`."""
-    q = _positions(q)
+    q = IIWA_7.positions(q)
     X_WT = np.empty((*q.shape[:-1], 4, 4))
     _pose_batch_kernel(q.reshape(-1, IIWA_7.joints), _tool(X_FT), X_WT.reshape(-1, 4, 4))
     return X_WT
@@ -208,7 +201,7 @@ def manipulability(q: ArrayLike) -> Array:
 
     It is the same at every tool point. Arguments and errors as `pose_and_jacobian`; shape (...).
     """
-    q = _positions(q)
+    q = IIWA_7.positions(q)
     out = np.empty(q.shape[:-1])
     _manipulability_batch_kernel(q.reshape(-1, IIWA_7.joints), out.reshape(-1))
     return out

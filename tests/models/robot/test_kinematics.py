@@ -150,5 +150,5 @@ def test_lists_strides_and_nan():
 @pytest.mark.parametrize("function", [pose_and_jacobian, forward_kinematics, manipulability])
 @pytest.mark.parametrize("q", [np.zeros(6), 0.0, np.zeros((7, 3))])
 def test_wrong_number_of_joints(function, q):
-    with pytest.raises(ValueError, match="7 entries"):
+    with pytest.raises(ValueError, match=r"shape \(..., 7\)"):
         function(q)
