@@ -61,7 +61,7 @@ def test_wrong_and_missing_solutions_are_seen(tmp_path, monkeypatch):
         solutions = right(X_WF, psi)
         if len(calls) == 2:  # the search of the first configuration for itself
             solutions[:, 0] += 1e-5
-        return solutions[:0] if len(calls) == 4 else solutions
+        return np.full_like(solutions, np.nan) if len(calls) == 4 else solutions
 
     monkeypatch.setattr(evaluate, "closed_form", wrong)
     rows = evaluate.inverse_rows(10, 0, tmp_path)
