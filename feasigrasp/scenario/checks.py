@@ -11,7 +11,8 @@ from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.sources import SOURCES
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.grasps.samplers import SamplerName
-from feasigrasp.models.reach.judge import METHODS
+from feasigrasp.models.reach.judge import JudgeMethod
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
 from feasigrasp.scenario.schema import Scenario
 
@@ -21,7 +22,7 @@ _CHOICES = {
     "control.source": SOURCES,
     "perception.preset": tuple(Preset),
     "perception.sampler": tuple(SamplerName),
-    "reachability.method": METHODS,
+    "reachability.method": tuple(JudgeMethod),
 }
 
 
@@ -73,10 +74,13 @@ def _check_vectors(scenario: Scenario) -> None:
         f"motion.{key}": (getattr(motion, key), 3)
         for key in ("center", "amplitude", "harmonic", "offset_deg", "spin_axis")
     }
-    vectors |= {"grasp.lift": (scenario.grasp.lift, 3), "q_start": (scenario.q_start, 7)}
+    vectors |= {
+        "grasp.lift": (scenario.grasp.lift, 3),
+        "q_start": (scenario.q_start, IIWA_7.joints),
+    }
     for key, (value, size) in vectors.items():
         if len(value) != size:
-            what = "x, y and z" if size == 3 else "one per joint of the iiwa, 7"
+            what = "x, y and z" if size == 3 else f"one per joint of the iiwa, {size}"
             raise ScenarioError(f"{key} has {len(value)} entries; give {what}")
         if not np.all(np.isfinite(value)):
             raise ScenarioError(f"{key} is {value}; every entry must be a finite number")

@@ -19,6 +19,7 @@ from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @dc.dataclass
@@ -203,7 +204,7 @@ class Scenario:
     directives: list[ModelDirective] = dc.field(default_factory=list)
     cameras: dict[str, CameraConfig] = dc.field(default_factory=dict)
     camera_noise: dict[str, dict[str, float]] = dc.field(default_factory=dict)
-    q_start: list[float] = dc.field(default_factory=lambda: [0.0] * 7)
+    q_start: list[float] = dc.field(default_factory=lambda: [0.0] * IIWA_7.joints)
     object: ObjectConfig = dc.field(default_factory=ObjectConfig)
     motion: MotionConfig = dc.field(default_factory=MotionConfig)
     tracker: TrackerConfig = dc.field(default_factory=TrackerConfig)

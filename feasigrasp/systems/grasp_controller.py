@@ -27,7 +27,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
@@ -139,11 +139,11 @@ class GraspController(LeafSystem):
         self.period = period
         self._safety_options = safety or SafetyOptions()
         anything = Value[object](None)
-        self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._twist = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
-        self._last = self.DeclareVectorInputPort("desired_velocity", NUM_JOINTS)
+        self._last = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         scene = self.DeclareAbstractInputPort("scene", anything)
         self._motion = self.DeclareAbstractInputPort("object_motion", anything)
         gpdf = self.DeclareAbstractInputPort("gpdf", anything)
@@ -151,7 +151,7 @@ class GraspController(LeafSystem):
         self._surface = self._declare_grid("surface of the object", gpdf, object_grid)
         self._memory = self.DeclareAbstractState(Value[object](memory))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
-        self.DeclareVectorOutputPort("commanded_velocity", NUM_JOINTS, self._calc)
+        self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
 
     @cached_property
     def safety(self) -> Safety | None:
@@ -202,14 +202,14 @@ class GraspController(LeafSystem):
         For the end of a constructor; the inputs are made up, and nothing is remembered.
         """
         context = self.CreateDefaultContext()
-        q = np.full(NUM_JOINTS, 0.5)
+        q = np.full(IIWA_7.joints, 0.5)
         X_WG = forward_kinematics(q, self.reachability.gripper.X_FG)
         grasps = GraspSet(X_WG[None], np.zeros(1), np.ones(1))
         for name, value in {
             "position": q,
             "object_pose": RigidTransform(),
             "object_velocity": SpatialVelocity.Zero(),
-            "desired_velocity": np.zeros(NUM_JOINTS),
+            "desired_velocity": np.zeros(IIWA_7.joints),
             "gpdf": Value[object](fit_gpdf(sphere_points(64, 0.03))),
         }.items():
             self.GetInputPort(name).FixValue(context, value)

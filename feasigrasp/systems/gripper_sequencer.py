@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.schema import ReachabilityConfig
 
@@ -62,7 +62,7 @@ class GripperSequencer(LeafSystem):
         super().__init__()
         self._config = config
         self._gripper = gripper
-        self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())

@@ -13,7 +13,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.capsules import NON_ADJACENT_PAIRS, capsule_model
 from feasigrasp.models.robot.condition import arm_condition_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 #: Time between samples [s].
@@ -70,7 +70,7 @@ class Metrics(LeafSystem):
         self._gripper = gripper
         self._capsules = capsule_model(gripper)
         self._all_capsules = capsule_model(gripper, body_pairs=NON_ADJACENT_PAIRS)
-        self._state = self.DeclareVectorInputPort("state", 2 * NUM_JOINTS)
+        self._state = self.DeclareVectorInputPort("state", 2 * IIWA_7.joints)
         self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self._phase = self.DeclareVectorInputPort("phase", 1)

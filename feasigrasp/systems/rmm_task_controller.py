@@ -14,7 +14,7 @@ from feasigrasp.models.control.task.safe_law import (
 )
 from feasigrasp.models.objects.prediction import future_poses
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
 
@@ -76,7 +76,7 @@ class RMMTaskController(GraspController):
                 surface=inputs.surface,
             )
         if memory.mixture is None:
-            return np.zeros(NUM_JOINTS)
+            return np.zeros(IIWA_7.joints)
         return paper_task_space_velocity(
             inputs.q,
             memory.mixture,

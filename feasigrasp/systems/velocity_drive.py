@@ -3,12 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.robot.iiwa import (
-    ACCELERATION_LIMITS,
-    NUM_JOINTS,
-    POSITION_LIMITS,
-    VELOCITY_LIMITS,
-)
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 class VelocityDrive(LeafSystem):
@@ -40,34 +35,41 @@ class VelocityDrive(LeafSystem):
         """A drive that updates every ``period`` seconds."""
         super().__init__()
         self._period = period
-        self._limits = np.full(NUM_JOINTS, np.inf)
+        self._limits = np.full(IIWA_7.joints, np.inf)
         if enforce_position_limits:
-            self._limits = POSITION_LIMITS - self.LIMIT_MARGIN
-        self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
-        self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)
-        state = self.DeclareDiscreteState(2 * NUM_JOINTS)
+            self._limits = IIWA_7.position_limits - self.LIMIT_MARGIN
+        self._velocity = self.DeclareVectorInputPort("velocity", IIWA_7.joints)
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        state = self.DeclareDiscreteState(2 * IIWA_7.joints)
         self.DeclareStateOutputPort("desired_state", state)
         self.DeclareVectorOutputPort(
-            "desired_velocity", NUM_JOINTS, self._calc_velocity, {self.discrete_state_ticket(state)}
+            "desired_velocity",
+            IIWA_7.joints,
+            self._calc_velocity,
+            {self.discrete_state_ticket(state)},
         )
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _initialize(self, context: Context, discrete_state) -> None:
         q = self._position.Eval(context)
-        discrete_state.get_mutable_vector().SetFromVector(np.concatenate([q, np.zeros(NUM_JOINTS)]))
+        discrete_state.get_mutable_vector().SetFromVector(
+            np.concatenate([q, np.zeros(IIWA_7.joints)])
+        )
 
     def _calc_velocity(self, context: Context, output) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[NUM_JOINTS:])
+        output.SetFromVector(context.get_discrete_state_vector().value()[IIWA_7.joints :])
 
     def _update(self, context: Context, discrete_state) -> None:
         desired = context.get_discrete_state_vector().value()
-        q, v = desired[:NUM_JOINTS], desired[NUM_JOINTS:]
+        q, v = desired[: IIWA_7.joints], desired[IIWA_7.joints :]
         command = self._velocity.Eval(context)
         if not np.isfinite(command).all():
-            command = np.zeros(NUM_JOINTS)
-        dv = ACCELERATION_LIMITS * self._period
-        v_next = np.clip(np.clip(command, -VELOCITY_LIMITS, VELOCITY_LIMITS), v - dv, v + dv)
+            command = np.zeros(IIWA_7.joints)
+        dv = IIWA_7.acceleration_limits * self._period
+        v_next = np.clip(
+            np.clip(command, -IIWA_7.velocity_limits, IIWA_7.velocity_limits), v - dv, v + dv
+        )
         measured = self._position.Eval(context)
         q_next = np.clip(
             q + self._period * v_next, measured - self.MAX_LEAD, measured + self.MAX_LEAD

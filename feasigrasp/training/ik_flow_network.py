@@ -19,7 +19,7 @@ from feasigrasp.models.ik.flow_layers import (
     WIDEST,
     FlowShape,
 )
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 # Keeps the gradient of atan2 finite where both arguments vanish.
 _TINY = 1e-12
@@ -90,7 +90,7 @@ class IkFlowNetwork(nn.Module):
         latents, densities = [], []
         for joint, factor in enumerate(self.factors):
             features, azimuth = _features(rows, joint)
-            limit = float(POSITION_LIMITS[joint])
+            limit = float(IIWA_7.position_limits[joint])
             head = factor(features)
             u, log_density = _mixture(head, self.shape.narrowest, azimuth, limit, q[:, joint])
             latents.append(u)

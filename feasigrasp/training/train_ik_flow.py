@@ -18,7 +18,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.ik.flow import DAMPING, IkFlow
 from feasigrasp.models.ik.flow_layers import FlowShape
 from feasigrasp.models.ik.least_squares import refine
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.results.arguments import add_run_arguments
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def training_batch(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
     """Configurations (<= n, 7) [rad], uniform where free of self-collision, and flange poses."""
-    q = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, len(POSITION_LIMITS)))
+    q = IIWA_7.random_positions(rng, n)
     q = q[~in_collision(q)]
     return q, forward_kinematics(q)
 
@@ -62,7 +62,7 @@ def held_out_metrics(network: IkFlowNetwork, q: Array, X_WF: Array) -> dict[str,
     reached = (refined_position < 1e-3) & (refined_angle < math.radians(1.0))
     return {
         "held_out_nll": float(density.sum()),
-        **{f"held_out_nll_q{joint + 1}": float(density[joint]) for joint in range(7)},
+        **{f"held_out_nll_q{joint + 1}": float(density[joint]) for joint in range(IIWA_7.joints)},
         "position_mm_median": 1e3 * float(np.median(position)),
         "position_mm_mean": 1e3 * float(position.mean()),
         "angle_deg_median": math.degrees(float(np.median(angle))),

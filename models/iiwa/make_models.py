@@ -17,14 +17,13 @@ from generator.housings import link_parts
 from generator.table import table_parts, table_urdf
 
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 def cell_files() -> dict[str, str]:
     """Text of every generated file by its path in the folder of the cell."""
     gripper = ParallelGripper()
-    heights = [0.0, *JOINT_HEIGHTS, FLANGE_HEIGHT]
-    meshes = {f"link_{i}": link_parts(i, heights[i + 1] - heights[i]) for i in range(8)}
+    meshes = {f"link_{i}": link_parts(i, step) for i, step in enumerate(IIWA_7.link_steps)}
     meshes["gripper_body"] = gripper_parts(gripper)
     for side, sign in SIDES:
         meshes[f"{side}_finger"] = finger_parts(gripper, sign, pad_size(gripper))

@@ -15,7 +15,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
@@ -102,7 +102,7 @@ def test_either_controller_can_replace_the_other(ports):
 def test_a_reachable_grasp_makes_the_arm_move(make):
     qd = Bench(make).command()
     assert np.linalg.norm(qd) > 0.05
-    assert np.all(np.abs(qd) < VELOCITY_LIMITS)
+    assert np.all(np.abs(qd) < IIWA_7.velocity_limits)
 
 
 @both
@@ -160,7 +160,7 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
     grasps, options = ring(), SafetyOptions()
     moved = 0
     for _ in range(12):
-        q = rng.uniform(-1, 1, 7) * POSITION_LIMITS
+        q = rng.uniform(-1, 1, 7) * IIWA_7.position_limits
         pose = RigidTransform(
             RotationMatrix(RollPitchYaw(rng.uniform(-3, 3, 3))), rng.uniform(-0.7, 0.7, 3)
         )
@@ -177,7 +177,7 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
 def test_paper_mode_enforces_nothing(make):
     """The same state near a limit: the paper's law goes on, the safe one does not."""
     q = HOME.copy()
-    q[5] = POSITION_LIMITS[5] - 0.011
+    q[5] = IIWA_7.position_limits[5] - 0.011
     spin = SpatialVelocity([0.0, -6.0, 0.0], [0.0, 0.0, 0.0])
     commands = {
         mode: Bench(make, q=q, velocity=spin, mode=mode).command() for mode in ("safe", "paper")
@@ -277,7 +277,7 @@ def test_the_hand_gets_to_a_grasp_and_stays_there(make, speed, spin):
         cosine = (np.trace(X_GH[:, :3, :3], axis1=1, axis2=2) - 1) / 2
         angle = np.arccos(np.clip(cosine, -1, 1))
         assert np.any((position < 0.004) & (angle < 0.05)), (t, position.min(), angle.min())
-    assert np.all(np.abs(q) < POSITION_LIMITS)
+    assert np.all(np.abs(q) < IIWA_7.position_limits)
     assert min(min_distance(q_t) for q_t in q) > 0.0
 
 

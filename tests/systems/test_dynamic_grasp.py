@@ -13,7 +13,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario
@@ -252,7 +252,7 @@ def test_the_arm_sets_off_for_a_grasp_once_it_has_one(controller):
     np.testing.assert_array_equal(command[before], 0.0)
     assert np.linalg.norm(command[-1]) > 0.02
     assert np.isfinite(command).all()
-    assert np.all(np.abs(q) < POSITION_LIMITS)
+    assert np.all(np.abs(q) < IIWA_7.position_limits)
     logger = diagram.GetSubsystemByName("log(metrics)")
     samples = dict(zip(SAMPLE_NAMES, logger.FindLog(context).data(), strict=True))
     error = samples["grasp_position_error"][np.isfinite(samples["grasp_position_error"])]

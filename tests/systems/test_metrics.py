@@ -8,7 +8,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.capsules import BODY_NAMES, BODY_PAIRS
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
@@ -46,7 +46,7 @@ def sample(fixed_context):
 
 
 def configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-1, 1, (n, 7)) * POSITION_LIMITS
+    return np.random.default_rng(seed).uniform(-1, 1, (n, 7)) * IIWA_7.position_limits
 
 
 class DrakeArm:
@@ -153,10 +153,10 @@ def test_a_straight_arm_is_clear_and_a_folded_one_is_not(sample):
 
 
 def test_limit_margin_and_speed_are_those_of_the_worst_joint(sample):
-    q, v = 0.5 * POSITION_LIMITS, 0.3 * VELOCITY_LIMITS
-    assert sample(q, v)["limit_margin"] == pytest.approx((POSITION_LIMITS - q).min())
+    q, v = 0.5 * IIWA_7.position_limits, 0.3 * IIWA_7.velocity_limits
+    assert sample(q, v)["limit_margin"] == pytest.approx((IIWA_7.position_limits - q).min())
     assert sample(q, v)["velocity_ratio"] == pytest.approx(0.3)
-    q[2], v[4] = -POSITION_LIMITS[2] - 0.02, -1.25 * VELOCITY_LIMITS[4]
+    q[2], v[4] = -IIWA_7.position_limits[2] - 0.02, -1.25 * IIWA_7.velocity_limits[4]
     assert sample(q, v)["limit_margin"] == pytest.approx(-0.02)
     assert sample(q, v)["velocity_ratio"] == pytest.approx(1.25)
 

@@ -12,7 +12,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
@@ -76,7 +76,7 @@ def test_everything_kept_is_reached_by_a_configuration_inside_the_limits(filtere
     q, travel_time = REACH.nearest(X_WG, np.zeros(7))
     assert np.isfinite(travel_time).all()
     np.testing.assert_allclose(forward_kinematics(q, REACH.gripper.X_FG), X_WG, atol=1e-9)
-    assert np.all(np.abs(q) <= POSITION_LIMITS - REACH.limit_margin + 1e-12)
+    assert np.all(np.abs(q) <= IIWA_7.position_limits - REACH.limit_margin + 1e-12)
 
 
 @pytest.mark.parametrize("method", ["ik", "rmm", "both"])

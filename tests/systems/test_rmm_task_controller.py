@@ -14,7 +14,7 @@ from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.velocity_drive import VelocityDrive
@@ -161,7 +161,7 @@ def test_the_desired_velocity_limits_the_next_command():
     last = -0.2 * np.ones(7)
     bench.fix(desired_velocity=last)
     qd = bench.command()
-    most = ACCELERATION_LIMITS * TaskControlOptions().safety.period
+    most = IIWA_7.acceleration_limits * TaskControlOptions().safety.period
     assert (np.abs(qd - last) <= most + 1e-9).all()
     assert np.abs(qd - free).max() > 0.1
 
@@ -205,7 +205,7 @@ def test_refits_cause_no_jump_in_a_loop_with_the_drive():
         if tick % 20 == 0:
             hold.SetAbstractState(0, two_clusters(seed=tick))
         qd = command.Eval(controller.GetMyContextFromRoot(context))
-        assert (np.abs(qd - last) <= ACCELERATION_LIMITS * 0.005 + 1e-9).all()
+        assert (np.abs(qd - last) <= IIWA_7.acceleration_limits * 0.005 + 1e-9).all()
         simulator.AdvanceTo((tick + 1) * 0.005)
         desired = state.Eval(drive.GetMyContextFromRoot(context))
         diagram.GetInputPort("position").FixValue(context, desired[:7])

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 PERIOD = 0.005
@@ -98,7 +98,7 @@ def test_a_zero_command_holds_the_latched_position_though_the_arm_sags():
 def test_a_small_command_is_integrated():
     command = np.array([0.1, -0.05, 0.02, 0.1, -0.1, 0.03, 0.2])
     states = drive(command, 100)
-    ramp = np.abs(command) / ACCELERATION_LIMITS  # time until the command is met
+    ramp = np.abs(command) / IIWA_7.acceleration_limits  # time until the command is met
     moved = command * (100 * PERIOD - 0.5 * ramp)
     np.testing.assert_allclose(states[-1, 7:], command, atol=1e-12)
     assert np.all(np.abs(states[-1, :7] - Q0 - moved) <= np.abs(command) * PERIOD)
@@ -109,23 +109,25 @@ def test_velocity_and_acceleration_saturate_at_the_limits_of_each_joint():
     states = drive(100.0 * signs, 80, q=np.zeros(7))
     v = np.vstack([np.zeros(7), states[:, 7:]])
     acceleration = np.diff(v, axis=0) / PERIOD
-    np.testing.assert_allclose(acceleration[0], signs * ACCELERATION_LIMITS)
-    assert np.all(np.abs(acceleration) <= ACCELERATION_LIMITS * (1 + 1e-9))
-    assert np.all(np.abs(v) <= VELOCITY_LIMITS * (1 + 1e-12))
-    np.testing.assert_allclose(v[-1], signs * VELOCITY_LIMITS)
+    np.testing.assert_allclose(acceleration[0], signs * IIWA_7.acceleration_limits)
+    assert np.all(np.abs(acceleration) <= IIWA_7.acceleration_limits * (1 + 1e-9))
+    assert np.all(np.abs(v) <= IIWA_7.velocity_limits * (1 + 1e-12))
+    np.testing.assert_allclose(v[-1], signs * IIWA_7.velocity_limits)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_the_desired_position_never_leaves_the_limits(sign):
-    states = drive(np.full(7, sign * 100.0), 60, q=sign * 0.95 * POSITION_LIMITS)
-    assert np.all(np.abs(states[:, :7]) <= POSITION_LIMITS)
+    states = drive(np.full(7, sign * 100.0), 60, q=sign * 0.95 * IIWA_7.position_limits)
+    assert np.all(np.abs(states[:, :7]) <= IIWA_7.position_limits)
     margin = VelocityDrive.LIMIT_MARGIN
-    np.testing.assert_allclose(states[-1, :7], sign * (POSITION_LIMITS - margin))
+    np.testing.assert_allclose(states[-1, :7], sign * (IIWA_7.position_limits - margin))
 
 
 def test_without_position_limits_it_goes_on():
-    states = drive(np.full(7, 1.0), 60, q=0.99 * POSITION_LIMITS, enforce_position_limits=False)
-    assert np.all(states[-1, :7] > POSITION_LIMITS)
+    states = drive(
+        np.full(7, 1.0), 60, q=0.99 * IIWA_7.position_limits, enforce_position_limits=False
+    )
+    assert np.all(states[-1, :7] > IIWA_7.position_limits)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -10,7 +10,7 @@ import torch
 from feasigrasp import cli
 from feasigrasp.models.ik.flow import IkFlow
 from feasigrasp.models.ik.flow_layers import FlowShape
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.training import train_ik_flow
@@ -140,6 +140,6 @@ def test_samples_are_free_and_fit_their_poses():
     q, X = training_batch(np.random.default_rng(0), 2000)
     assert 1900 < len(q) < 2000  # some are in self-collision
     assert not in_collision(q).any()
-    assert (np.abs(q) <= POSITION_LIMITS).all()
-    assert np.abs(q / POSITION_LIMITS).max(axis=0).min() > 0.99
+    assert (np.abs(q) <= IIWA_7.position_limits).all()
+    assert np.abs(q / IIWA_7.position_limits).max(axis=0).min() > 0.99
     np.testing.assert_array_equal(X, forward_kinematics(q))

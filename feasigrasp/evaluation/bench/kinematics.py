@@ -11,15 +11,17 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 
 import numpy as np
+from numba import njit
 
 from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
 from feasigrasp.models.ik.flow import IkFlow
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.collision_kernels import in_collision_kernel
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.models.robot.self_collision import IIWA_CAPSULES, in_collision
 from feasigrasp.models.weights_file import WeightsError
 from feasigrasp.results.arguments import add_common_arguments
 
@@ -38,6 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser, out="out/bench_kinematics", objects="builtin")
 
 
+@njit(cache=True)
+def _one_by_one(Q, model, hit):
+    """What batches are measured against."""
+    for k in range(len(Q)):
+        hit[k] = in_collision_kernel(Q[k], model, 0.0)
+
+
 def cases(seed: int) -> Iterator[tuple[Case, str, float]]:
     """What is timed, the unit of its row, and the factor from seconds per call to it.
 
@@ -45,7 +54,7 @@ def cases(seed: int) -> Iterator[tuple[Case, str, float]]:
         seed: Seed of the random configurations, uniform inside the joint limits.
     """
     rng = np.random.default_rng(seed)
-    Q = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (COLLISION_BATCH, 7))
+    Q = IIWA_7.random_positions(rng, COLLISION_BATCH)
     batch = Q[:BATCH].copy()
     X_WF = forward_kinematics(batch)
     reachability = Reachability(
@@ -54,10 +63,16 @@ def cases(seed: int) -> Iterator[tuple[Case, str, float]]:
     X_WG = X_WF @ reachability.gripper.X_FG
     drake = DrakeArm()
     fk, collision, inverse = _ROW_NAMES
+    hit = np.empty(len(Q), dtype=bool)
     per_configuration = 1e6 / len(Q)
     yield (fk, "default", lambda: pose_and_jacobian(batch)), "us", 1e6
     yield (fk, "peer:drake", lambda: drake.pose_and_jacobian(batch)), "us", 1e6
     yield (collision, "default", lambda: in_collision(Q)), "us", per_configuration
+    yield (
+        (collision, "one by one", lambda: _one_by_one(Q, IIWA_CAPSULES, hit)),
+        "us",
+        per_configuration,
+    )
     yield (collision, "peer:drake", lambda: drake.in_collision(Q)), "us", per_configuration
     yield (inverse, "default", lambda: reachability.nearest(X_WG, HOME)), "ms", 1e3
     if find_spec("pinocchio"):
@@ -66,7 +81,9 @@ def cases(seed: int) -> Iterator[tuple[Case, str, float]]:
     else:
         print("pinocchio is not installed (PyPI: pin): its row is left out")
     if find_spec("eaik"):
-        eaik = eaik_nearest(np.linspace(-POSITION_LIMITS[2], POSITION_LIMITS[2], ARM_ANGLES))
+        eaik = eaik_nearest(
+            np.linspace(-IIWA_7.position_limits[2], IIWA_7.position_limits[2], ARM_ANGLES)
+        )
         yield (inverse, "peer:eaik", lambda: eaik(X_WF, HOME)), "ms", 1e3
     else:
         print("EAIK is not installed (PyPI: eaik): its row is left out")

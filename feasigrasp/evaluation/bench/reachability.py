@@ -30,7 +30,7 @@ from feasigrasp.errors import ReachabilityError
 from feasigrasp.evaluation.measures.timing import Case, Timing, report_bench, time_cases, timing_row
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.judge import METHODS, PoseJudge
+from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.results.arguments import add_common_arguments
@@ -82,7 +82,7 @@ def main(args: argparse.Namespace) -> int:
 def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
     reachability, X_WG = Reachability(), X_WO @ grasps.X_OG
     cases: list[Case] = []
-    for method in METHODS:
+    for method in JudgeMethod:
         judge, name = PoseJudge(reachability, method), f"{_FILTER}.{method}"
         whole = partial(judge_grasps, n_best=2 * GRASPS, score_share=0.0)
         cases.append((name, "default", partial(judge.verdicts, X_WG)))

@@ -34,7 +34,7 @@ from feasigrasp.evaluation.peers.safety_solvers import Solver, solvers
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.rows import Row, write_csv
@@ -69,7 +69,7 @@ def ticks(n: int, seed: int, safety: Safety) -> list[State]:
     free: list[State] = []
     close: list[State] = []
     while len(close) < n // 2:
-        q, last, V = _start(rng), np.zeros(7), np.zeros(6)
+        q, last, V = _start(rng), np.zeros(IIWA_7.joints), np.zeros(6)
         for k in range(RUN):
             X, J = pose_and_jacobian(q)
             if k % HOLD == 0:
@@ -77,7 +77,7 @@ def ticks(n: int, seed: int, safety: Safety) -> list[State]:
             preferred = 0.5 * (HOME - q)
             matrix, vector, _ = safety.problem(q, preferred, J, V, qd_last=last)
             if k % STRIDE == STRIDE - 1:
-                rows, (lower, upper, _) = matrix[7:].copy(), vector.copy()
+                rows, (lower, upper, _) = matrix[IIWA_7.joints :].copy(), vector.copy()
                 state = State(q, last, J, V, preferred, lower, upper, rows)
                 (close if len(rows) > 0 else free).append(state)
             last = safety.velocity(q, preferred, J, V, qd_last=last)
@@ -101,7 +101,7 @@ def _twist(X_WF: Array, rng: np.random.Generator) -> Array:
 def _start(rng: np.random.Generator) -> Array:
     clear = Reachability(clearance=0.03, limit_margin=0.0)
     while True:
-        q = rng.uniform(-0.95, 0.95, 7) * POSITION_LIMITS
+        q = rng.uniform(-0.95, 0.95, 7) * IIWA_7.position_limits
         if clear.admissible(q).all():
             return q
 
@@ -119,14 +119,14 @@ def judge(
     options = safety.options
     outcome = {key: np.full(len(states), np.nan) for key in (*KINDS, "error")}
     weights = np.array([options.rotation_weight] * 3 + [1.0] * 3)
-    change = options.acceleration_scale * options.period * ACCELERATION_LIMITS
+    change = options.acceleration_scale * options.period * IIWA_7.acceleration_limits
     for k, (s, qd) in enumerate(zip(states, commands, strict=True)):
         if qd is None or not np.isfinite(qd).all():
             continue
         lower, upper = safety.problem(s.q, s.qd_preferred)[1][:2, :7]
         outcome["limits"][k] = max(0.0, (lower - qd).max(), (qd - upper).max())
         outcome["acceleration"][k] = max(0.0, (np.abs(qd - s.qd_last) - change).max())
-        outcome["clearance"][k] = (s.lower[7:] - s.rows @ qd).max(initial=0.0)
+        outcome["clearance"][k] = (s.lower[IIWA_7.joints :] - s.rows @ qd).max(initial=0.0)
         outcome["error"][k] = np.linalg.norm(weights * (s.J @ qd - s.V))
     return outcome
 
@@ -168,7 +168,7 @@ def solve_law(solver: Solver, weights: Array, damping: float) -> Law:
     def law(s: State) -> Array | None:
         if id(s) not in made:
             WJ = weights[:, None] * s.J
-            H = WJ.T @ WJ + damping * np.eye(7)
+            H = WJ.T @ WJ + damping * np.eye(IIWA_7.joints)
             made[id(s)] = H, -(WJ.T @ (weights * s.V)) - damping * s.qd_preferred
         return solver(*made[id(s)], s.rows, s.lower, s.upper)
 

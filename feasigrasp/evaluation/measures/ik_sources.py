@@ -21,7 +21,7 @@ from feasigrasp.models.ik.arm_circle import closed_form_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.ik.flow import IkFlow
 from feasigrasp.models.ik.least_squares import refine
-from feasigrasp.models.robot.iiwa import NUM_JOINTS, POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.results.markdown import markdown_table
@@ -63,7 +63,7 @@ FULL, QUICK = Sizes(20_000, 1000, 1000), Sizes(2000, 200, 1000)
 @njit(cache=True)
 def _closed_form_kernel(X_WF, psi, choice, q):
     """Writes for each pose a random branch inside the limits at the first arm angle with any."""
-    candidates = np.empty((8, 7))
+    candidates = np.empty((8, IIWA_7.joints))
     inside = np.empty(8, dtype=np.int64)
     for n in range(len(X_WF)):
         for k in range(psi.shape[1]):
@@ -82,7 +82,7 @@ def _closed_form_kernel(X_WF, psi, choice, q):
 def from_closed_form(X_WF: Array, seed: int) -> Array:
     """Uniform over arm angle and branch among those inside the limits: exact and diverse."""
     rng = np.random.default_rng(seed)
-    q = np.full((len(X_WF), NUM_JOINTS), np.nan)
+    q = np.full((len(X_WF), IIWA_7.joints), np.nan)
     missing = np.arange(len(X_WF))
     tries, left = 16, LARGEST_TRIES
     while len(missing) and left > 0:
@@ -97,9 +97,7 @@ def from_closed_form(X_WF: Array, seed: int) -> Array:
 
 def from_random_seeds(X_WF: Array, seed: int) -> Array:
     """Damped least squares from uniform configurations, within the limits, until it is there."""
-    q = np.random.default_rng(seed).uniform(
-        -POSITION_LIMITS, POSITION_LIMITS, (len(X_WF), NUM_JOINTS)
-    )
+    q = IIWA_7.random_positions(np.random.default_rng(seed), len(X_WF))
     active = np.arange(len(X_WF))
     for _ in range(LARGEST_STEPS // _STEPS_AT_ONCE):
         q[active], position, angle = refine(
@@ -123,9 +121,9 @@ def reachable_poses(n: int, seed: int) -> Array:
     """Flange poses (n, 4, 4) of uniform configurations inside limits, free of self-collision."""
     # Entries that are left out count as zero: [seed] alone would be the flow's first batch.
     rng = np.random.default_rng([seed, *_STREAM])
-    q = np.empty((0, NUM_JOINTS))
+    q = np.empty((0, IIWA_7.joints))
     while len(q) < n:
-        more = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, NUM_JOINTS))
+        more = IIWA_7.random_positions(rng, n)
         q = np.concatenate([q, more[~in_collision(more)]])
     return forward_kinematics(q[:n])
 
@@ -204,7 +202,7 @@ def _error_rows(name: str, q: Array, X_WF: Array) -> list[Row]:
     _, position, angle = refine(X_WF, q, 0)
     found, n = np.isfinite(position), len(q)
     reached = found & _reached(position, angle)
-    inside = (np.abs(q[reached]) <= POSITION_LIMITS).all(axis=1)
+    inside = np.asarray((np.abs(q[reached]) <= IIWA_7.position_limits).all(axis=1))
     free = ~in_collision(q[reached])
     mm, deg = 1e3 * position[found], np.rad2deg(angle[found])
 
@@ -263,7 +261,7 @@ def _diversity(source: Source, X_WF: Array, seed: int) -> tuple[Estimate, Estima
     _, position, angle = refine(np.repeat(X_WF, PER_POSE, axis=0), q, 0)
     reached = _reached(position, angle).reshape(-1, PER_POSE)
     distances, branches = [], []
-    for configurations, valid in zip(q.reshape(-1, PER_POSE, NUM_JOINTS), reached, strict=True):
+    for configurations, valid in zip(q.reshape(-1, PER_POSE, IIWA_7.joints), reached, strict=True):
         some = configurations[valid]
         if len(some) < 2:
             continue

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.geometry.se3 import hat
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
-from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_AXES, JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 Array = Any  # an array of NumPy or a tensor of torch
 
@@ -26,11 +26,10 @@ class ArrayArm:
     def __init__(self, xp: ModuleType, X_FG: ArrayLike) -> None:
         """The arm whose flange carries the hand at ``X_FG``, shape (4, 4)."""
         self.xp = xp
-        axes = np.array([hat(axis) for axis in JOINT_AXES])
-        rise = np.diff([0.0, *JOINT_HEIGHTS, FLANGE_HEIGHT])
-        self._axis, self._hat = xp.asarray(JOINT_AXES), xp.asarray(axes)
+        axes = np.array([hat(axis) for axis in IIWA_7.joint_axes])
+        self._axis, self._hat = xp.asarray(np.array(IIWA_7.joint_axes)), xp.asarray(axes)
         self._hat_squared, self._eye = xp.asarray(axes @ axes), xp.asarray(np.eye(3))
-        self._rise = xp.asarray(np.outer(rise, [0.0, 0.0, 1.0]))
+        self._rise = xp.asarray(np.outer(IIWA_7.link_steps, [0.0, 0.0, 1.0]))
         self._R_FG = xp.asarray(np.asarray(X_FG)[:3, :3].copy())
         self._p_FG = xp.asarray(np.asarray(X_FG)[:3, 3].copy())
 
@@ -41,7 +40,7 @@ class ArrayArm:
         turns = self._eye + sin * self._hat + (1.0 - cos) * self._hat_squared
         R, p = self._eye, self._rise[0]
         axes, origins = [], []
-        for i in range(7):
+        for i in range(IIWA_7.joints):
             axes.append(R @ self._axis[i] + 0.0 * q[:, :3])
             origins.append(p + 0.0 * q[:, :3])
             R = R @ turns[:, i]

@@ -12,6 +12,7 @@ from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.robot.capsules import hand_capsules
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 
 
@@ -29,13 +30,13 @@ class DrakeArm:
         builder.parser().package_map().Add("feasigrasp", str(model_path()))
         (arm,) = builder.parser().AddModels(str(model_path("iiwa", "iiwa7.urdf")))
         plant = builder.plant()
-        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("iiwa_link_0"))
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(IIWA_7.link_names[0]))
         if table:
             (top,) = builder.parser().AddModels(str(model_path("iiwa", "table.urdf")))
             plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("table_top", top))
         # A body of its own, since the checker filters by bodies.
         hand = plant.AddRigidBody("hand", arm, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
-        plant.WeldFrames(plant.GetFrameByName("iiwa_link_7"), hand.body_frame())
+        plant.WeldFrames(plant.GetFrameByName(IIWA_7.link_names[-1]), hand.body_frame())
         for k, capsule in enumerate(hand_capsules()):
             a, b = np.array(capsule.a), np.array(capsule.b)
             plant.RegisterCollisionGeometry(
@@ -49,10 +50,8 @@ class DrakeArm:
         self._checker = SceneGraphCollisionChecker(
             model=builder.Build(), robot_model_instances=[arm], edge_step_size=0.1
         )
-        for link in range(3, 8):
-            self._checker.SetCollisionFilteredBetween(
-                plant.GetBodyByName(f"iiwa_link_{link}"), hand, True
-            )
+        for link in IIWA_7.link_names[3:]:
+            self._checker.SetCollisionFilteredBetween(plant.GetBodyByName(link), hand, True)
         self._plant = self._checker.plant()
         self._flange = self._plant.GetFrameByName("iiwa_flange")
         self._context = self._plant.CreateDefaultContext()
@@ -65,7 +64,7 @@ class DrakeArm:
     def pose_and_jacobian(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Flange poses (n, 4, 4) and Jacobians (n, 6, 7) of configurations (n, 7), one by one."""
         Q = np.asarray(Q, dtype=float)
-        X_WF, J_WF = np.empty((len(Q), 4, 4)), np.empty((len(Q), 6, 7))
+        X_WF, J_WF = np.empty((len(Q), 4, 4)), np.empty((len(Q), 6, IIWA_7.joints))
         plant, context, flange, world = (
             self._plant, self._context, self._flange, self._plant.world_frame()
         )  # fmt: skip

@@ -27,7 +27,9 @@ from pydrake.systems.framework import BusValue
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+_N = IIWA_7.joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ def clamped_pseudo_inverse(damping: float = 0.05) -> Law:
     def law(s: State) -> Array:
         inverse = s.J.T @ np.linalg.inv(s.J @ s.J.T + damping**2 * np.eye(6))
         qd = s.qd_preferred + inverse @ (s.V - s.J @ s.qd_preferred)
-        return np.clip(qd, s.lower[:7], s.upper[:7])
+        return np.clip(qd, s.lower[:_N], s.upper[:_N])
 
     return law
 
@@ -77,14 +79,14 @@ def clamped_pseudo_inverse(damping: float = 0.05) -> Law:
 @njit(cache=True)
 def _saturate(J, V, qd_preferred, lower, upper):
     """Saturation in the null space (Flacco, De Luca, Khatib, ICRA 2012, algorithm 1)."""
-    free, fixed = np.ones(7), qd_preferred.copy()
-    best_scale, best = -1.0, np.minimum(np.maximum(np.zeros(7), lower), upper)
+    free, fixed = np.ones(_N), qd_preferred.copy()
+    best_scale, best = -1.0, np.minimum(np.maximum(np.zeros(_N), lower), upper)
     for _ in range(8):
         inverse = np.diag(free) @ np.linalg.pinv(J * free, 1e-3)
         along, rest = inverse @ V, fixed - inverse @ (J @ fixed)
         # The largest share of the twist that the free joints can do inside their bounds.
         low, high, critical = 0.0, 1.0, -1
-        for i in range(7):
+        for i in range(_N):
             if free[i] == 0.0:
                 continue
             a, b = along[i], rest[i]
@@ -114,7 +116,7 @@ def _saturate(J, V, qd_preferred, lower, upper):
 
 def saturation_in_the_null_space(s: State) -> Array:
     """Pseudo-inverse, joints at their bounds taken out one by one; knows no clearance."""
-    return np.asarray(_saturate(s.J, s.V, s.qd_preferred, s.lower[:7], s.upper[:7]))
+    return np.asarray(_saturate(s.J, s.V, s.qd_preferred, s.lower[:_N], s.upper[:_N]))
 
 
 def drake_function(options: SafetyOptions) -> Law:
@@ -123,12 +125,12 @@ def drake_function(options: SafetyOptions) -> Law:
     It keeps the direction of the twist and scales it down. From Python it takes no rows, and a
     position limit holds for the next step only.
     """
-    parameters = DifferentialInverseKinematicsParameters(7, 7)
+    parameters = DifferentialInverseKinematicsParameters(_N, _N)
     parameters.set_time_step(options.period)
-    parameters.set_joint_centering_gain(np.eye(7))
-    position = POSITION_LIMITS - options.position_margin
-    velocity = options.velocity_scale * VELOCITY_LIMITS
-    acceleration = options.acceleration_scale * ACCELERATION_LIMITS
+    parameters.set_joint_centering_gain(np.eye(_N))
+    position = IIWA_7.position_limits - options.position_margin
+    velocity = options.velocity_scale * IIWA_7.velocity_limits
+    acceleration = options.acceleration_scale * IIWA_7.acceleration_limits
     parameters.set_joint_position_limits((-position, position))
     parameters.set_joint_velocity_limits((-velocity, velocity))
     parameters.set_joint_acceleration_limits((-acceleration, acceleration))
@@ -154,9 +156,9 @@ def drake_system(options: SafetyOptions) -> Law:
     Centering = DifferentialInverseKinematicsSystem.JointCenteringCost
     Velocity = DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint
     Collision = DifferentialInverseKinematicsSystem.CollisionConstraint
-    position = POSITION_LIMITS - options.position_margin
-    velocity = options.velocity_scale * VELOCITY_LIMITS
-    free = np.full(7, np.inf)
+    position = IIWA_7.position_limits - options.position_margin
+    velocity = options.velocity_scale * IIWA_7.velocity_limits
+    free = np.full(_N, np.inf)
     limits = JointLimits(-position, position, -velocity, velocity, -free, free)
     recipe = Recipe()
     recipe.AddIngredient(Cost(config=Cost.Config(cartesian_qp_weight=100.0)))
@@ -173,7 +175,7 @@ def drake_system(options: SafetyOptions) -> Law:
         recipe=recipe,
         task_frame="world",
         collision_checker=DrakeArm(table=True).checker,
-        active_dof=DofMask(7, True),
+        active_dof=DofMask(_N, True),
         time_step=options.period,
         K_VX=1.0,
         Vd_TG_limit=SpatialVelocity(np.full(3, 100.0), np.full(3, 100.0)),

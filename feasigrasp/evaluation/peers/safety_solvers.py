@@ -17,10 +17,12 @@ import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, OsqpSolver, SolverOptions
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 Solver = Callable[[Array, Array, Array, Array, Array], "Array | None"]
 
 _TOLERANCE = 1e-7
+_N = IIWA_7.joints
 
 
 def solve_daqp(H: Array, f: Array, A: Array, lower: Array, upper: Array) -> Array | None:
@@ -30,15 +32,15 @@ def solve_daqp(H: Array, f: Array, A: Array, lower: Array, upper: Array) -> Arra
 
 
 def _stacked(A: Array) -> Array:
-    return np.vstack([np.eye(7), A])
+    return np.vstack([np.eye(_N), A])
 
 
 def _quadprog() -> Solver:
     quadprog = import_module("quadprog")
 
     def solve(H, f, A, lower, upper):
-        C = np.vstack([np.eye(7), -np.eye(7), A])
-        b = np.concatenate([lower[:7], -upper[:7], lower[7:]])
+        C = np.vstack([np.eye(_N), -np.eye(_N), A])
+        b = np.concatenate([lower[:_N], -upper[:_N], lower[_N:]])
         try:
             return quadprog.solve_qp(H, -f, C.T, b)[0]
         except ValueError:  # inconsistent constraints
@@ -66,7 +68,7 @@ def _piqp() -> Solver:
     def solve(H, f, A, lower, upper):
         solver = piqp.DenseSolver()
         solver.settings.eps_abs = _TOLERANCE
-        solver.setup(H, f, None, None, A, lower[7:], upper[7:], lower[:7], upper[:7])
+        solver.setup(H, f, None, None, A, lower[_N:], upper[_N:], lower[:_N], upper[:_N])
         return solver.result.x if solver.solve() == piqp.PIQP_SOLVED else None
 
     return solve
@@ -94,8 +96,8 @@ def _clarabel() -> Solver:
     settings.verbose = False
 
     def solve(H, f, A, lower, upper):
-        G = sparse.csc_matrix(np.vstack([np.eye(7), -np.eye(7), -A]))
-        h = np.concatenate([upper[:7], -lower[:7], -lower[7:]])
+        G = sparse.csc_matrix(np.vstack([np.eye(_N), -np.eye(_N), -A]))
+        h = np.concatenate([upper[:_N], -lower[:_N], -lower[_N:]])
         cones = [clarabel.NonnegativeConeT(len(h))]
         solver = clarabel.DefaultSolver(sparse.triu(H, format="csc"), f, G, h, cones, settings)
         solution = solver.solve()
@@ -112,11 +114,11 @@ def _drake(solver: Any, options: dict[str, float]) -> Solver:
 
     def solve(H, f, A, lower, upper):
         program = MathematicalProgram()
-        x = program.NewContinuousVariables(7)
+        x = program.NewContinuousVariables(_N)
         program.AddQuadraticCost(H, f, x, is_convex=True)
-        program.AddBoundingBoxConstraint(lower[:7], upper[:7], x)
+        program.AddBoundingBoxConstraint(lower[:_N], upper[:_N], x)
         if len(A) > 0:
-            program.AddLinearConstraint(A, lower[7:], np.full(len(A), np.inf), x)
+            program.AddLinearConstraint(A, lower[_N:], np.full(len(A), np.inf), x)
         result = solver.Solve(program, None, settings)
         return result.GetSolution(x) if result.is_success() else None
 

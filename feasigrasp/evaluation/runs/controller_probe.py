@@ -42,7 +42,7 @@ def grasps_in_reach(
     centers: list[Array] = []
     groups: list[Array] = []
     while len(groups) < n_groups:
-        center = forward_kinematics(HOME + rng.uniform(-0.9, 0.9, 7), X_FG)
+        center = forward_kinematics(HOME + rng.uniform(-0.9, 0.9, len(HOME)), X_FG)
         gaps = [se3.log(se3.inverse(center) @ other) for other in centers]
         if any(np.linalg.norm(gap * _PER_METRE) < _APART for gap in gaps):
             continue
@@ -71,7 +71,7 @@ class ControllerProbe:
                 "grasps": grasps,
                 "object_pose": RigidTransform(X_WO),
                 "object_velocity": SpatialVelocity(V_WO),
-                "desired_velocity": np.zeros(7),
+                "desired_velocity": np.zeros(len(HOME)),
             }.items()
         }
         self.simulator.Initialize()
@@ -80,7 +80,11 @@ class ControllerProbe:
         self._position, self._pose = fixed["position"], fixed["object_pose"]
         poses = X_WO @ se3.exp(rng.normal(0.0, 0.01, (_INPUTS, 6)))
         self.inputs = list(
-            zip(HOME + rng.normal(0.0, 0.05, (_INPUTS, 7)), map(RigidTransform, poses), strict=True)
+            zip(
+                HOME + rng.normal(0.0, 0.05, (_INPUTS, len(HOME))),
+                map(RigidTransform, poses),
+                strict=True,
+            )
         )
         self._next = cycle(self.inputs)
 

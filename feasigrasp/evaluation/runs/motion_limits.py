@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Rounding of a command that sits exactly at its limit is no violation.
 _ROUNDING = 1e-6
@@ -45,15 +45,18 @@ def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
         ``velocity_peak_percent`` (of the true motion), ``acceleration_peak_percent``; the
         accelerations None for a single tick.
     """
-    speed = np.maximum(np.abs(ticks.commanded), np.abs(ticks.measured)) / VELOCITY_LIMITS
+    speed = np.maximum(np.abs(ticks.commanded), np.abs(ticks.measured)) / IIWA_7.velocity_limits
     result: dict[str, float | None] = {
         "velocity_limit_violation_percent": _share_beyond(speed),
         "acceleration_limit_violation_percent": None,
-        "velocity_peak_percent": 100.0 * float(np.max(np.abs(ticks.measured) / VELOCITY_LIMITS)),
+        "velocity_peak_percent": 100.0
+        * float(np.max(np.abs(ticks.measured) / IIWA_7.velocity_limits)),
         "acceleration_peak_percent": None,
     }
     if len(ticks.commanded) > 1:
-        change = np.abs(np.diff(ticks.commanded, axis=0)) / ticks.period / ACCELERATION_LIMITS
+        change = (
+            np.abs(np.diff(ticks.commanded, axis=0)) / ticks.period / IIWA_7.acceleration_limits
+        )
         result["acceleration_limit_violation_percent"] = _share_beyond(change)
         result["acceleration_peak_percent"] = 100.0 * float(np.max(change))
     return result

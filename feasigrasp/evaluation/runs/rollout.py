@@ -37,7 +37,7 @@ from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
@@ -136,7 +136,7 @@ def make_rollout(
     follow = add("controller", controller(scenario, reachability))
     safe = scenario.control.safe
     drive = add("drive", VelocityDrive(scenario.control.period, enforce_position_limits=safe))
-    arm = add("arm", Demultiplexer([NUM_JOINTS, NUM_JOINTS]))
+    arm = add("arm", Demultiplexer([IIWA_7.joints, IIWA_7.joints]))
     metrics = add("metrics", Metrics(gripper))
     phase = add("phase", ConstantVectorSource([0.0]))
 
@@ -196,7 +196,7 @@ def roll_out(
         diagram = make_rollout(scenario, grasps, controller)
         simulator = Simulator(diagram)
         drive = diagram.GetSubsystemByName("drive")
-        state = np.concatenate([np.deg2rad(scenario.q_start), np.zeros(NUM_JOINTS)])
+        state = np.concatenate([np.deg2rad(scenario.q_start), np.zeros(IIWA_7.joints)])
         drive.GetMyMutableContextFromRoot(simulator.get_mutable_context()).SetDiscreteState(state)
         simulator.Initialize()
         simulator.AdvanceTo(duration)
@@ -229,7 +229,7 @@ def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, A
         period: Time between ticks [s].
     """
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))
-    qd = states[:, NUM_JOINTS:]
+    qd = states[:, IIWA_7.joints :]
     distance = np.linalg.norm([x["p_HO_x"], x["p_HO_y"], x["p_HO_z"]], axis=0)
     close = x["grasp_position_error"] < TRACKED_POSITION
     tracked = close & (x["grasp_angle_error"] < TRACKED_ANGLE)

@@ -17,7 +17,7 @@ from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import dump_scenario
@@ -115,7 +115,7 @@ def _measured(
         return found.sample_times().copy(), found.data().copy()
 
     times, samples = log("metrics")
-    commanded, measured = (log(name)[1][NUM_JOINTS:].T for name in ("drive", "arm"))
+    commanded, measured = (log(name)[1][IIWA_7.joints :].T for name in ("drive", "arm"))
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,

@@ -19,7 +19,7 @@ from feasigrasp.evaluation.measures.ik_sources import format_source_table, ik_so
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import in_collision, min_distance
 from feasigrasp.results.arguments import add_common_arguments
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def random_configurations(n: int, rng: np.random.Generator) -> Array:
     """Configurations uniform inside the joint limits, shape (n, 7) [rad]."""
-    return rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+    return IIWA_7.random_positions(rng, n)
 
 
 def folded_configurations(n: int, rng: np.random.Generator) -> Array:
@@ -51,7 +51,7 @@ def folded_configurations(n: int, rng: np.random.Generator) -> Array:
     side = np.sign(Q[:, :1])
     Q[:, [2, 4]] *= 0.2
     Q[:, [1, 3, 5]] = side * np.abs(Q[:, [1, 3, 5]]) * (1, -1, 1)
-    Q[:, [1, 3]] = (Q[:, [1, 3]] + np.sign(Q[:, [1, 3]]) * POSITION_LIMITS[1]) / 2
+    Q[:, [1, 3]] = (Q[:, [1, 3]] + np.sign(Q[:, [1, 3]]) * IIWA_7.position_limits[1]) / 2
     return Q
 
 
@@ -80,13 +80,14 @@ def inverse_rows(n: int, seed: int, folder: Path) -> list[Row]:
     position, rotation, away = np.empty(n), np.empty(n), np.empty(n)
     for k in tqdm(range(n), desc="inverse kinematics", leave=False):
         solutions = closed_form(X_WF[k], psis[k])
-        # All of them have the same wrist, whose distance decides whether there are any.
-        missed = forward_kinematics(solutions) - X_WF[k] if len(solutions) else np.inf
+        missed = forward_kinematics(solutions) - X_WF[k]
         position[k] = np.sqrt((np.square(missed)[..., :3, 3]).sum(axis=-1)).max()
         # The angle of a small rotation is its Frobenius norm over the root of 2.
         rotation[k] = np.sqrt((np.square(missed)[..., :3, :3]).sum(axis=(-1, -2)) / 2).max()
         own = closed_form(X_WF[k], arm_angle(Q[k]))
-        away[k] = np.abs(own - Q[k]).max(axis=1).min() if len(own) else np.inf
+        away[k] = np.abs(own - Q[k]).max(axis=1).min()
+    # Without solutions they are NaN.
+    position, rotation, away = (np.nan_to_num(x, nan=np.inf) for x in (position, rotation, away))
     _write(folder / "inverse.csv", "position_m,rotation_rad,away_rad", position, rotation, away)
     found = proportion(int((away <= SAME_CONFIGURATION).sum()), n)
     residual = float(max(position.max(), rotation.max()))

@@ -16,12 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
 
-from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.ik.arm_circle import ArmCircle, arm_circle_kernel
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 _TWO_PI = 2.0 * np.pi
 _MAX_ZEROS = 20
@@ -56,7 +54,7 @@ class Segments(NamedTuple):
 @njit(cache=True)
 def make_segments(margin):
     """Room for the segments of one pose, ``margin`` [rad] inside the joint limits."""
-    limit = np.minimum(POSITION_LIMITS - margin, np.pi)
+    limit = np.minimum(IIWA_7.position_limits - margin, np.pi)
     start, branches = np.empty(_MAX_ZEROS + 1), np.empty(_MAX_ZEROS + 1, dtype=np.int64)
     return Segments(limit, np.sin(limit), np.cos(limit), np.empty((10, 3)), start, branches)
 
@@ -168,54 +166,3 @@ def segments_kernel(circle, segments):
         branches[k] = _inside(segments, 0.5 * (start[k] + start[k + 1]))
         some |= branches[k]
     return count if some else 0
-
-
-def _joined(start: Array, inside: Mask) -> list[tuple[float, float]]:
-    """Intervals from segments: ``start`` has one entry more than ``inside``."""
-    if inside.all():
-        return [(-np.pi, np.pi)]
-    count = len(inside)
-    offset = int(np.flatnonzero(~inside)[0])  # no interval runs across the start of this segment
-    intervals: list[tuple[float, float]] = []
-    for step in range(count):
-        k = (offset + step) % count
-        turn = _TWO_PI if offset + step >= count else 0.0
-        low, high = float(start[k]) + turn, float(start[k + 1]) + turn
-        if not inside[k]:
-            continue
-        if intervals and inside[k - 1]:
-            intervals[-1] = (intervals[-1][0], high)
-        else:
-            intervals.append((low, high))
-    return intervals
-
-
-def arm_angle_intervals(X_WF: ArrayLike, margin: float = 0.0) -> list[Array]:
-    """All arm angles for which each branch of a flange pose is inside the joint limits.
-
-    Args:
-        X_WF: Flange pose, shape (4, 4) [m].
-        margin: Distance kept from the joint limits [rad].
-
-    Returns:
-        For each branch of `closed_form` its closed intervals of arm angle, shape (k, 2) [rad],
-        ascending. An interval starts in [-pi, pi) and may end beyond pi; (-pi, pi) is the whole
-        circle. Windows below 1e-10 rad, and single angles at which a joint just touches its limit,
-        are left out. No branch has any if the wrist is out of reach or the pose is not finite.
-    """
-    segments = make_segments(float(margin))
-    circle: ArmCircle = arm_circle_kernel(np.ascontiguousarray(X_WF, dtype=float))
-    count = segments_kernel(circle, segments)
-    found = []
-    for branch in range(8):
-        inside = (segments.branches[:count] >> branch) & 1 == 1
-        if not inside.any():
-            found.append(np.zeros((0, 2)))
-            continue
-        intervals = np.array(_joined(segments.start[: count + 1], inside))
-        if not inside.all():  # from elbow angles to arm angles
-            intervals -= np.pi if branch >= 4 else 0.0
-            low = (intervals[:, :1] + np.pi) % _TWO_PI - np.pi
-            intervals += low - intervals[:, :1]
-        found.append(intervals[np.argsort(intervals[:, 0])])
-    return found

@@ -12,7 +12,7 @@ from numba import njit
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.fast_math import fast_atan2
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 _PI = float(np.pi)
 _FAST = {"contract", "nsz"}
@@ -99,9 +99,13 @@ def _triple_times(angle, q, first, margin, plus, minus):
     """Writes the times of three joints from ``first`` on, for both signs of the middle one."""
     m = len(plus)
     n1, n2, n3 = q[first], q[first + 1], q[first + 2]
-    l1, l2 = POSITION_LIMITS[first] - margin, POSITION_LIMITS[first + 1] - margin
-    l3 = POSITION_LIMITS[first + 2] - margin
-    v1, v2, v3 = VELOCITY_LIMITS[first], VELOCITY_LIMITS[first + 1], VELOCITY_LIMITS[first + 2]
+    l1, l2 = IIWA_7.position_limits[first] - margin, IIWA_7.position_limits[first + 1] - margin
+    l3 = IIWA_7.position_limits[first + 2] - margin
+    v1, v2, v3 = (
+        IIWA_7.velocity_limits[first],
+        IIWA_7.velocity_limits[first + 1],
+        IIWA_7.velocity_limits[first + 2],
+    )
     for k in range(m):
         a, b, c = angle[k], angle[m + k], angle[2 * m + k]
         time = max(_joint_time(a, n1, l1, v1), _joint_time(b, n2, l2, v2))
@@ -127,10 +131,10 @@ def travel_times_kernel(circle, q, margin, lanes):
     shoulder, wrist = (y[:m], y[m : 2 * m]), (y[2 * m : 3 * m], y[3 * m : 4 * m])
     _triple_times(angle[: 3 * m], q, 0, margin, shoulder[0], shoulder[1])
     _triple_times(angle[3 * m :], q, 4, margin, wrist[0], wrist[1])
-    limit = POSITION_LIMITS[3] - margin
+    limit = IIWA_7.position_limits[3] - margin
     bent = np.inf if circle.q4 > limit else 0.0
-    elbow_plus = bent + abs(circle.q4 - q[3]) / VELOCITY_LIMITS[3]
-    elbow_minus = bent + abs(-circle.q4 - q[3]) / VELOCITY_LIMITS[3]
+    elbow_plus = bent + abs(circle.q4 - q[3]) / IIWA_7.velocity_limits[3]
+    elbow_minus = bent + abs(-circle.q4 - q[3]) / IIWA_7.velocity_limits[3]
     _branch_times(shoulder[0], shoulder[1], wrist[0], wrist[1], elbow_plus, elbow_minus, time)
 
 

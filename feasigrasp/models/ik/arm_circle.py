@@ -22,12 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.robot.iiwa import (
-    D_BASE_SHOULDER,
-    D_ELBOW_WRIST,
-    D_SHOULDER_ELBOW,
-    D_WRIST_FLANGE,
-)
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+_BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
 
 #: So much farther than the stretched arm [m] the wrist may be: rounding of a pose on the edge.
 REACH_TOLERANCE = 1e-12
@@ -77,10 +74,10 @@ def arm_circle_kernel(X_WF):
     r00, r01, r02 = X_WF[0, 0], X_WF[0, 1], X_WF[0, 2]
     r10, r11, r12 = X_WF[1, 0], X_WF[1, 1], X_WF[1, 2]
     r20, r21, r22 = X_WF[2, 0], X_WF[2, 1], X_WF[2, 2]
-    x = X_WF[0, 3] - D_WRIST_FLANGE * r02
-    y = X_WF[1, 3] - D_WRIST_FLANGE * r12
-    z = X_WF[2, 3] - D_WRIST_FLANGE * r22 - D_BASE_SHOULDER
-    upper, lower = D_SHOULDER_ELBOW, D_ELBOW_WRIST
+    x = X_WF[0, 3] - _WRIST_FLANGE * r02
+    y = X_WF[1, 3] - _WRIST_FLANGE * r12
+    z = X_WF[2, 3] - _WRIST_FLANGE * r22 - _BASE_SHOULDER
+    upper, lower = _SHOULDER_ELBOW, _ELBOW_WRIST
     length = np.sqrt(x * x + y * y + z * z)
     far, near = upper + lower - length, length - abs(upper - lower)
     # The columns: two unit vectors at right angles, and their cross product. False for NaN.
@@ -189,9 +186,9 @@ def arm_angle_kernel(q):
     s3, c3, s4, c4 = np.sin(q[2]), np.cos(q[2]), np.sin(q[3]), np.cos(q[3])
     # Upper arm R_03 e_z, forearm R_04 e_z, and the elbow's axis R_03 e_y.
     vx, vy = c1 * c2 * c3 - s1 * s3, s1 * c2 * c3 + c1 * s3
-    x = D_SHOULDER_ELBOW * c1 * s2 + D_ELBOW_WRIST * (c4 * c1 * s2 - s4 * vx)
-    y = D_SHOULDER_ELBOW * s1 * s2 + D_ELBOW_WRIST * (c4 * s1 * s2 - s4 * vy)
-    z = D_SHOULDER_ELBOW * c2 + D_ELBOW_WRIST * (c4 * c2 + s4 * s2 * c3)
+    x = _SHOULDER_ELBOW * c1 * s2 + _ELBOW_WRIST * (c4 * c1 * s2 - s4 * vx)
+    y = _SHOULDER_ELBOW * s1 * s2 + _ELBOW_WRIST * (c4 * s1 * s2 - s4 * vy)
+    z = _SHOULDER_ELBOW * c2 + _ELBOW_WRIST * (c4 * c2 + s4 * s2 * c3)
     ex, ey, ez = -c1 * c2 * s3 - s1 * c3, c1 * c3 - s1 * c2 * s3, s2 * s3
     # U^T R_03 = Rz(psi) Ry(+-beta): its y-axis is (-sin psi, cos psi, 0).
     rho = np.sqrt(x * x + y * y)

@@ -1,4 +1,4 @@
-"""Inverse kinematics of the iiwa 7 in closed form: all solutions, the nearest one, diverse ones.
+"""Inverse kinematics of the iiwa 7 in closed form: all solutions, and the nearest ones in turn.
 
 For a flange pose and an arm angle there are eight configurations: the signs of the shoulder, elbow
 and wrist joints 2, 4 and 6 (see `feasigrasp.models.ik.arm_circle` for the formulas and the
@@ -12,21 +12,19 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
 from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
-    arm_circle_kernel,
     closed_form_kernel,
     configuration_kernel,
 )
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @njit(cache=True)
 def inside_limits_kernel(q, margin):
     """Whether every joint stays ``margin`` [rad] away from its limits."""
-    for i in range(7):  # noqa: SIM110 - numba compiles the loop, not all()
-        if not abs(q[i]) <= POSITION_LIMITS[i] - margin:
+    for i in range(IIWA_7.joints):  # noqa: SIM110 - numba compiles the loop, not all()
+        if not abs(q[i]) <= IIWA_7.position_limits[i] - margin:
             return False
     return True
 
@@ -35,8 +33,8 @@ def inside_limits_kernel(q, margin):
 def travel_time_kernel(q_a, q_b):
     """max_j |dq_j| / v_j: the least time from one configuration to the other [s]."""
     worst = 0.0
-    for i in range(7):
-        worst = max(worst, abs(q_a[i] - q_b[i]) / VELOCITY_LIMITS[i])
+    for i in range(IIWA_7.joints):
+        worst = max(worst, abs(q_a[i] - q_b[i]) / IIWA_7.velocity_limits[i])
     return worst
 
 
@@ -62,73 +60,42 @@ def next_nearest_kernel(circle, lanes, q):
 
 
 @njit(cache=True)
-def _nearest_batch(X_WF, q_near, psis, margin, q, times):
-    lanes = lanes_kernel(psis, np.nan)
-    candidate = np.empty(7)
-    for n in range(len(X_WF)):
-        q[n], times[n] = np.nan, np.inf
-        circle = arm_circle_kernel(X_WF[n])
-        if not circle.reached:
-            continue
-        travel_times_kernel(circle, q_near, margin, lanes)
-        while next_nearest_kernel(circle, lanes, candidate) < np.inf:
-            # Angles next to a singularity are rough until the configuration is written.
-            if inside_limits_kernel(candidate, margin):
-                q[n] = candidate
-                times[n] = travel_time_kernel(candidate, q_near)
-                break
+def _closed_form_batch(X_WF, psi, out):
+    for k in range(len(X_WF)):
+        if closed_form_kernel(X_WF[k], psi[k], out[k]) == 0:
+            out[k] = np.nan
 
 
-def closed_form(X_WF: ArrayLike, psi: float) -> Array:
-    """All configurations that reach a flange pose with a given arm angle, limits not considered.
+def closed_form(X_WF: ArrayLike, psi: ArrayLike) -> Array:
+    """All configurations that reach flange poses with given arm angles, limits not considered.
 
     Args:
-        X_WF: Flange pose, shape (4, 4) [m].
-        psi: Arm angle [rad].
+        X_WF: Flange poses in the base frame, shape (..., 4, 4) [m].
+        psi: Arm angles [rad], one for all poses or of shape (...).
 
     Returns:
-        Shape (8, 7) [rad], or (0, 7) if the wrist centre is out of reach or ``X_WF`` is no pose (an
-        entry is not finite, or its rotation none). Row ``4 elbow + 2 shoulder + wrist``: 0 where
-        joint 4, 2 or 6 is positive, 1 where it is negative.
+        Shape (..., 8, 7) [rad]; NaN where the wrist centre is out of reach or ``X_WF`` is no pose
+        (an entry is not finite, or its rotation none). Row ``4 elbow + 2 shoulder + wrist``: 0
+        where joint 4, 2 or 6 is positive, 1 where it is negative.
+
+    Raises:
+        ValueError: ``X_WF`` has another shape.
     """
-    out = np.empty((8, 7))
-    count = closed_form_kernel(np.ascontiguousarray(X_WF, dtype=float), float(psi), out)
-    return out[:count]
+    poses = np.ascontiguousarray(X_WF, dtype=float)
+    if poses.shape[-2:] != (4, 4):
+        raise ValueError(f"poses must have shape (..., 4, 4), got {poses.shape}")
+    lead = poses.shape[:-2]
+    angles = np.array(np.broadcast_to(np.asarray(psi, dtype=float), lead))
+    out = np.empty((*lead, 8, IIWA_7.joints))
+    _closed_form_batch(
+        poses.reshape(-1, 4, 4), angles.reshape(-1), out.reshape(-1, 8, IIWA_7.joints)
+    )
+    return out
 
 
 def arm_angle(q: ArrayLike) -> float:
     """Arm angle of a configuration [rad]: with it, `closed_form` of its flange pose contains it."""
-    return float(arm_angle_kernel(np.asarray(q, dtype=float)))
-
-
-def nearest_inside_limits(
-    X_WF: ArrayLike, q: ArrayLike, psis: ArrayLike, *, margin: float = 0.0
-) -> tuple[Array, Array]:
-    """For each flange pose the configuration inside the limits that is soonest reached from ``q``.
-
-    Args:
-        X_WF: Flange poses in the base frame, shape (n, 4, 4) [m].
-        q: Present joint positions [rad], shape (7,).
-        psis: Arm angles to try, each in all eight branches [rad], shape (m,).
-        margin: Distance kept from the joint limits [rad].
-
-    Returns:
-        Configurations (n, 7) [rad], NaN where there is none, and travel times (n,) [s],
-        ``max_j |dq_j| / v_j``, infinite where there is none.
-
-    Raises:
-        ValueError: ``X_WF`` or ``q`` has another shape.
-    """
-    poses = flange_poses(X_WF)
-    near = np.ascontiguousarray(q, dtype=float)
-    if near.shape != (7,):
-        raise ValueError(f"the present joint positions must have shape (7,), got {near.shape}")
-    angles = np.ascontiguousarray(psis, dtype=float).reshape(-1)
-    found, times = np.empty((len(poses), 7)), np.empty(len(poses))
-    if len(angles) == 0:
-        return np.full_like(found, np.nan), np.full_like(times, np.inf)
-    _nearest_batch(poses, near, angles, float(margin), found, times)
-    return found, times
+    return float(arm_angle_kernel(IIWA_7.positions(q, 1)))
 
 
 def flange_poses(X_WF: ArrayLike) -> Array:

@@ -37,7 +37,7 @@ from feasigrasp.models.ik.flow_layers import (
     turn_kernel,
 )
 from feasigrasp.models.ik.least_squares import refine
-from feasigrasp.models.robot.iiwa import NUM_JOINTS, POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.weights_file import WEIGHTS, WeightArrays, WeightsFormat, check_arrays
 
 WeightArray = NDArray[np.float32]
@@ -111,9 +111,9 @@ class IkFlow(Frozen):
             ValueError: The poses have another shape or are not finite.
         """
         X_WF = _poses(X_WF)
-        u = np.random.default_rng(seed).random((len(X_WF), per_pose, NUM_JOINTS))
+        u = np.random.default_rng(seed).random((len(X_WF), per_pose, IIWA_7.joints))
         repeated = np.repeat(X_WF, per_pose, axis=0)
-        return self.inverse(repeated, u.reshape(-1, NUM_JOINTS)).reshape(u.shape)
+        return self.inverse(repeated, u.reshape(-1, IIWA_7.joints)).reshape(u.shape)
 
     def solve(self, X_WF: ArrayLike, seed: int = 0, refinement_steps: int = 3) -> Array:
         """One configuration of each pose: a sample, refined by damped least squares.
@@ -149,7 +149,7 @@ class IkFlow(Frozen):
         """
         X_WF = _poses(X_WF)
         u = np.asarray(u, dtype=float)
-        if u.shape != (len(X_WF), NUM_JOINTS) or not ((u >= 0.0) & (u <= 1.0)).all():
+        if u.shape != (len(X_WF), IIWA_7.joints) or not ((u >= 0.0) & (u <= 1.0)).all():
             raise ValueError(f"latents must be ({len(X_WF)}, 7) numbers in [0, 1]")
         q = np.empty(u.shape)
         with _one_thread():
@@ -160,7 +160,7 @@ class IkFlow(Frozen):
 
     def _inverse(self, target: Array, u: Array, q: Array) -> None:
         """Writes the configurations; moves the targets (n, 3, 4) along the chain."""
-        for joint in range(NUM_JOINTS):
+        for joint in range(IIWA_7.joints):
             head, azimuth = self._head(target, joint)
             angle = np.empty(len(target))
             quantile_kernel(head, self.shape.narrowest, azimuth, joint, u[:, joint], angle)
@@ -182,11 +182,11 @@ class IkFlow(Frozen):
         """
         X_WF = _poses(X_WF)
         q = np.asarray(q, dtype=float)
-        if q.shape != (len(X_WF), NUM_JOINTS) or not (np.abs(q) <= POSITION_LIMITS).all():
+        if q.shape != (len(X_WF), IIWA_7.joints) or not (np.abs(q) <= IIWA_7.position_limits).all():
             raise ValueError(f"q must be ({len(X_WF)}, 7) joint positions inside the limits")
         u, log_density = np.empty(q.shape), np.zeros(len(q))
         target = X_WF[:, :3].copy()
-        for joint in range(NUM_JOINTS):
+        for joint in range(IIWA_7.joints):
             with _one_thread():
                 head, azimuth = self._head(target, joint)
             angle, latent, term = q[:, joint].copy(), np.empty(len(q)), np.empty(len(q))

@@ -13,12 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.robot.iiwa import (
-    JOINT_AXES,
-    JOINT_HEIGHTS,
-    NUM_JOINTS,
-    POSITION_LIMITS,
-)
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Numbers that describe a target to the network of one joint.
 FEATURES = 8
@@ -33,14 +28,17 @@ BACKGROUND = 1e-5
 #: Angles are inverted to this accuracy [rad].
 TOLERANCE = 1e-10
 #: Step along the local z-axis to joint i.
-STEPS = np.diff(np.concatenate([[0.0], JOINT_HEIGHTS]))
+STEPS = np.array(IIWA_7.link_steps[:-1])
 #: Rows (a, b, c) of a target for each joint: it turns a towards b, about c.
 PLANES = np.array(
-    [(0, 1, 2) if axis[2] > 0 else (2, 0, 1) if axis[1] > 0 else (0, 2, 1) for axis in JOINT_AXES]
+    [
+        (0, 1, 2) if axis[2] > 0 else (2, 0, 1) if axis[1] > 0 else (0, 2, 1)
+        for axis in IIWA_7.joint_axes
+    ]
 )
 #: Column of a target whose direction about the joint's axis is the zero of angles: the position,
 #: but for the last joint, on whose axis the position lies, its x-axis.
-REFERENCES = np.array([3] * (NUM_JOINTS - 1) + [0])
+REFERENCES = np.array([3] * (IIWA_7.joints - 1) + [0])
 
 
 @dataclass(frozen=True)
@@ -77,8 +75,8 @@ class FlowShape:
         components = tuple(int(k) for k in content["components"])
         hidden = tuple(tuple(int(width) for width in widths) for widths in content["hidden"])
         narrowest = float(content["narrowest"])
-        if len(components) != NUM_JOINTS or len(hidden) != NUM_JOINTS:
-            raise ValueError(f"sizes of {NUM_JOINTS} joints are needed, one of each joint")
+        if len(components) != IIWA_7.joints or len(hidden) != IIWA_7.joints:
+            raise ValueError(f"sizes of {IIWA_7.joints} joints are needed, one of each joint")
         if min(components) < 1 or any(min(widths, default=1) < 1 for widths in hidden):
             raise ValueError("a size is less than 1")
         if not 0.0 < narrowest < WIDEST:
@@ -226,7 +224,7 @@ def quantile_kernel(head, narrowest, azimuth, joint, u, q):
         u: Latents (n,).
         q: Out: angles (n,) [rad].
     """
-    limit = POSITION_LIMITS[joint]
+    limit = IIWA_7.position_limits[joint]
     mixture = np.empty((7, head.shape[1] // 4))
     order = np.empty(mixture.shape[1], dtype=np.int64)
     for n in range(len(q)):
@@ -254,7 +252,7 @@ def quantile_kernel(head, narrowest, azimuth, joint, u, q):
 @njit(cache=True)
 def latent_kernel(head, narrowest, azimuth, joint, q, u, log_density):
     """The way back: from angles q (n,) to latents u (n,), and log densities (n,)."""
-    limit = POSITION_LIMITS[joint]
+    limit = IIWA_7.position_limits[joint]
     mixture = np.empty((7, head.shape[1] // 4))
     for n in range(len(q)):
         background = _mixture(head[n], narrowest, azimuth[n], limit, mixture)

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 _IDENTITY = np.eye(4)
@@ -30,7 +30,7 @@ def damped_velocity_kernel(J, V, damping, A, y, qd):
     for i in range(6):
         for j in range(i + 1):
             dot = damping * damping if i == j else 0.0
-            for k in range(7):
+            for k in range(IIWA_7.joints):
                 dot += J[i, k] * J[j, k]
             for k in range(j):
                 dot -= A[i, k] * A[j, k]
@@ -45,7 +45,7 @@ def damped_velocity_kernel(J, V, damping, A, y, qd):
         for k in range(i + 1, 6):
             dot -= A[k, i] * y[k]
         y[i] = dot * A[i, i]
-    for k in range(7):
+    for k in range(IIWA_7.joints):
         dot = 0.0
         for i in range(6):
             dot += J[i, k] * y[i]
@@ -77,14 +77,14 @@ def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf):
     infinity, the default, leaves them free. Returns the last position error [m] and angle error
     [rad].
     """
-    X, J, A = np.empty((4, 4)), np.empty((6, 7)), np.empty((6, 6))
-    error, y, dq = np.empty(6), np.empty(6), np.empty(7)
+    X, J, A = np.empty((4, 4)), np.empty((6, IIWA_7.joints)), np.empty((6, 6))
+    error, y, dq = np.empty(6), np.empty(6), np.empty(IIWA_7.joints)
     for _ in range(steps):
         pose_jacobian_kernel(q, _IDENTITY, X, J)
         pose_error_kernel(X, X_WF, error)
         damped_velocity_kernel(J, error, damping, A, y, dq)
-        for i in range(7):
-            limit = POSITION_LIMITS[i] - limit_margin
+        for i in range(IIWA_7.joints):
+            limit = IIWA_7.position_limits[i] - limit_margin
             q[i] = min(max(q[i] + dq[i], -limit), limit)
     pose_jacobian_kernel(q, _IDENTITY, X, J)
     return pose_error_kernel(X, X_WF, error)
@@ -124,7 +124,7 @@ def refine(
     """
     targets = np.ascontiguousarray(X_WF, dtype=float)
     refined = np.array(q, dtype=float, order="C")
-    if targets.shape != (len(refined), 4, 4) or refined.shape != (len(targets), 7):
+    if targets.shape != (len(refined), 4, 4) or refined.shape != (len(targets), IIWA_7.joints):
         raise ValueError(
             f"refine: poses {targets.shape} and configurations {refined.shape}; "
             "give (n, 4, 4) and (n, 7)"

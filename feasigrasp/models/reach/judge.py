@@ -8,30 +8,36 @@ reaches. Exact inverse kinematics knows, and knows why not.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import ReachabilityError
+from feasigrasp.models.arrays import Frozen
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.reach.kernels import REACHABLE
-from feasigrasp.models.reach.reachability import VERDICTS, Reachability
+from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 
-#: ``ik``: exact. ``rmm``: the paper's. ``both``: the paper's, and exact on what passes.
-METHODS = ("ik", "rmm", "both")
+_UNLIKELY = VERDICTS.index(Verdict.UNLIKELY)
 
-UNLIKELY = 5
-#: What `PoseJudge.verdicts` says, by code.
-REASONS = {**VERDICTS, UNLIKELY: "unlikely under the reachable-space mixture"}
+
+class JudgeMethod(StrEnum):
+    """How hand poses are judged."""
+
+    IK = "ik"  # exact
+    RMM = "rmm"  # the paper's density
+    BOTH = "both"  # the paper's, and exact on what passes
 
 
 @dataclass(frozen=True, eq=False)
-class PoseJudge:
+class PoseJudge(Frozen):
     """Says which hand poses can be reached, and why the others cannot.
 
     Attributes:
         reachability: Exact inverse kinematics; its gripper tells where the flange is.
-        method: One of `METHODS`.
+        method: Exact, the paper's, or both; a `JudgeMethod` or its word.
         space: Density of reachable flange poses, for ``rmm`` and ``both``; the packaged one of the
             iiwa if not given.
 
@@ -40,26 +46,24 @@ class PoseJudge:
     """
 
     reachability: Reachability
-    method: str = "ik"
+    method: JudgeMethod | str = JudgeMethod.IK
     space: ReachableSpace | None = None
 
     def __post_init__(self) -> None:
         """Checks the method, and loads the packaged space where one is needed."""
-        if self.method not in METHODS:
-            raise ReachabilityError(
-                f"reachability method {self.method!r}; choose one of {', '.join(METHODS)}"
-            )
-        if self.method != "ik" and self.space is None:
+        method = parse_choice(JudgeMethod, self.method, "reachability method", ReachabilityError)
+        object.__setattr__(self, "method", method)
+        if method != JudgeMethod.IK and self.space is None:
             object.__setattr__(self, "space", ReachableSpace.load_default())
 
     def verdicts(self, X_WG: ArrayLike) -> NDArray[np.int8]:
-        """Verdicts on hand poses (n, 4, 4) in the base frame, keys of `REASONS`, shape (n,)."""
-        if self.method == "ik":
+        """Verdicts on hand poses (n, 4, 4) in the base frame, places in `VERDICTS`, shape (n,)."""
+        if self.method == JudgeMethod.IK:
             return self.reachability.verdicts(X_WG)
         assert self.space is not None  # loaded above
         X_WF = self.reachability.flange(X_WG)
         likely = self.space.contains(X_WF)  # not so for NaN
-        verdicts = np.where(likely, REACHABLE, UNLIKELY).astype(np.int8)
-        if self.method == "both" and likely.any():
+        verdicts = np.where(likely, REACHABLE, _UNLIKELY).astype(np.int8)
+        if self.method == JudgeMethod.BOTH and likely.any():
             verdicts[likely] = self.reachability.flange_verdicts(X_WF[likely])
         return verdicts

@@ -27,12 +27,12 @@ from feasigrasp.models.numerics.vectors import dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import closest_parameters, end_point
 from feasigrasp.models.robot.capsules import CapsuleModel
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
-from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: What `verdict_kernel` returns; the names are in `feasigrasp.models.reach.reachability.VERDICTS`.
+#: What `verdict_kernel` returns: places in `feasigrasp.models.reach.reachability.VERDICTS`.
 REACHABLE, WRIST, LIMITS, SELF_COLLISION, TABLE = 0, 1, 2, 3, 4
 
-_LINK_7_TO_FLANGE = float(FLANGE_HEIGHT - JOINT_HEIGHTS[6])
+_LINK_7_TO_FLANGE = IIWA_7.link_steps[-1]
 
 
 class Search(NamedTuple):
@@ -89,7 +89,7 @@ def make_room(search, q_near):
     return Room(
         lanes_kernel(search.psis, arm_angle_kernel(q_near)),
         make_segments(search.limit_margin),
-        np.empty(7),
+        np.empty(IIWA_7.joints),
         np.empty(search.fixed.shape),
     )
 
@@ -175,7 +175,7 @@ def _all_candidates(circle, search, room):
     most = 0
     for k in range(count):
         most += 8 * _parts(segments, k, search.spacing)[0]
-    candidates = np.empty((most, 7))
+    candidates = np.empty((most, IIWA_7.joints))
     n = 0
     for k in range(count):
         parts, size = _parts(segments, k, search.spacing)
@@ -240,7 +240,7 @@ def nearest_batch_kernel(X_WF, q_near, search, q, times):
 @njit(cache=True)
 def verdict_batch_kernel(X_WF, search, verdicts):
     """`verdict_kernel` of poses (n, 4, 4)."""
-    room = make_room(search, np.zeros(7))
+    room = make_room(search, np.zeros(IIWA_7.joints))
     for k in range(len(X_WF)):
         verdicts[k] = verdict_kernel(X_WF[k], search, room)
 
@@ -250,30 +250,3 @@ def admissible_batch_kernel(Q, search, admissible):
     """Whether configurations (n, 7) are inside the limits and clear of arm, hand and table."""
     for k in range(len(Q)):
         admissible[k] = _is_admissible(Q[k], search.capsules, search, search.table_height)
-
-
-@njit(cache=True)
-def diverse_kernel(X_WF, q_near, search, chosen):
-    """Writes up to ``len(chosen)`` admissible configurations by farthest-point selection.
-
-    The first one is the nearest to ``q_near``. Returns how many there are.
-    """
-    room = make_room(search, q_near)
-    circle = arm_circle_kernel(X_WF)
-    if not circle.reached or hand_verdict_kernel(X_WF, search, room.ends) != REACHABLE:
-        return 0
-    candidates = _all_candidates(circle, search, room)
-    n = len(candidates)
-    distance = np.full(n, np.inf)  # to the nearest of the chosen ones
-    index = 0
-    for k in range(n):
-        if travel_time_kernel(candidates[k], q_near) < travel_time_kernel(
-            candidates[index], q_near
-        ):
-            index = k
-    for count in range(min(n, len(chosen))):
-        chosen[count] = candidates[index]
-        for k in range(n):
-            distance[k] = min(distance[k], travel_time_kernel(candidates[k], chosen[count]))
-        index = int(np.argmax(distance))
-    return min(n, len(chosen))

@@ -10,11 +10,9 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
-from feasigrasp.models.reach.judge import REASONS, PoseJudge
+from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.kernels import REACHABLE
-from feasigrasp.models.reach.reachability import Reachability
-
-KEPT, SOON, BETTER = "kept", "out of reach soon", "better grasps in reach"
+from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 
 _CHUNK = 32  # hand poses judged at first, best scores first; twice as many each time after
 _INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
@@ -26,9 +24,7 @@ class JudgedGrasps(Frozen):
 
     Attributes:
         grasps: Those that are kept, in the object frame, best score first.
-        verdicts: For every grasp given, then for the 180-degree flip of every grasp: "kept", or
-            why it is not: one of `feasigrasp.models.reach.judge.REASONS` if it is out of reach now,
-            "out of reach soon", or "better grasps in reach".
+        verdicts: A `Verdict` on every grasp given, then on the 180-degree flip of every grasp.
     """
 
     grasps: GraspSet
@@ -39,7 +35,7 @@ def judge_grasps(
     grasps: GraspSet,
     X_WO: Array,
     V_WO: Array,
-    judge: PoseJudge,
+    judge: PoseJudge | Reachability,
     horizon: float = 1.0,
     n_best: int = 24,
     score_share: float = 0.6,
@@ -51,7 +47,7 @@ def judge_grasps(
         grasps: Grasps in the object frame.
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
-        judge: Says which hand poses can be reached.
+        judge: Says which hand poses can be reached; `Reachability` itself is exact.
         horizon: Look-ahead [s]; 0 for none. A grasp is judged after each quarter of it.
         n_best: How many are kept at most, the best scores first.
         score_share: Grasps that score less than this share of the best one in reach are left out.
@@ -65,43 +61,31 @@ def judge_grasps(
     order = np.argsort(-both.score, kind="stable")
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
     X_later = future_poses(motion, X_WO, V_WO, times)
-    verdicts = np.full(len(both), BETTER, dtype=object)
+    verdicts = np.full(len(both), Verdict.BETTER, dtype=object)
     kept: list[int] = []
     start, size = 0, _CHUNK
     while start < len(order) and len(kept) < n_best:
         chunk = order[start : start + size]
         start, size = start + size, 2 * size
         now = judge.verdicts(X_WO @ both.X_OG[chunk])
-        verdicts[chunk] = [REASONS[int(code)] for code in now]
+        verdicts[chunk] = [VERDICTS[code] for code in now]
         reached = chunk[now == REACHABLE]
         stays = _stays_in_reach(both.X_OG[reached], X_later, judge)
-        verdicts[reached] = np.where(stays, BETTER, SOON)  # until it is known which are kept
+        verdicts[reached] = np.where(
+            stays, Verdict.BETTER, Verdict.SOON
+        )  # until it is known which are kept
         kept.extend(reached[stays].tolist())
     kept = kept[:n_best]
     if kept:
         enough = score_share * both.score[kept[0]]
         kept = [i for i in kept if both.score[i] >= enough]
-    verdicts[kept] = KEPT
-    counts = Counter(reason for reason in verdicts if reason != KEPT)
+    verdicts[kept] = Verdict.KEPT
+    counts = Counter(reason for reason in verdicts if reason != Verdict.KEPT)
     chosen = both.select(np.array(kept, dtype=int)).counted(counts)
     return JudgedGrasps(chosen, tuple(verdicts.tolist()))
 
 
-def reachable_grasps(
-    grasps: GraspSet,
-    X_WO: Array,
-    V_WO: Array,
-    reachability: Reachability,
-    horizon: float = 1.0,
-    n_best: int = 24,
-    score_share: float = 0.6,
-) -> GraspSet:
-    """The grasps that `judge_grasps` keeps by exact inverse kinematics."""
-    judge = PoseJudge(reachability)
-    return judge_grasps(grasps, X_WO, V_WO, judge, horizon, n_best, score_share).grasps
-
-
-def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge) -> Mask:
+def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge | Reachability) -> Mask:
     """Which grasps (n, 4, 4) can be reached at all of the object's later poses (t, 4, 4)."""
     if len(X_OG) == 0 or len(X_later) == 0:
         return np.ones(len(X_OG), dtype=bool)

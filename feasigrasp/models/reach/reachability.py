@@ -7,41 +7,46 @@ self-collision and clear of the table; candidates come from the closed form over
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.closed_form import flange_poses
+from feasigrasp.models.reach.kernels import REACHABLE as REACHABLE
 from feasigrasp.models.reach.kernels import (
-    LIMITS,
-    SELF_COLLISION,
-    TABLE,
-    WRIST,
     Search,
     admissible_batch_kernel,
-    diverse_kernel,
     nearest_batch_kernel,
     verdict_batch_kernel,
 )
-from feasigrasp.models.reach.kernels import REACHABLE as REACHABLE
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: What `Reachability.verdicts` says, by code.
-VERDICTS = {
-    REACHABLE: "reachable",
-    WRIST: "wrist out of reach",
-    LIMITS: "joint limits",
-    SELF_COLLISION: "self-collision",
-    TABLE: "table",
-}
+
+class Verdict(StrEnum):
+    """What becomes of a hand pose, or of a grasp that is to be reached for a while."""
+
+    REACHABLE = "reachable"
+    WRIST = "wrist out of reach"
+    LIMITS = "joint limits"
+    SELF_COLLISION = "self-collision"
+    TABLE = "table"
+    UNLIKELY = "unlikely under the reachable-space mixture"
+    KEPT = "kept"
+    SOON = "out of reach soon"
+    BETTER = "better grasps in reach"
+
+
+#: What the codes of verdicts on poses stand for.
+VERDICTS = tuple(Verdict)
 
 
 @dataclass(frozen=True, eq=False)
-class Reachability:
+class Reachability(Frozen):
     """Exact reachability of hand poses for the iiwa 7 with a gripper.
 
     Whether some configuration is inside the joint limits is decided exactly, by the intervals of
@@ -74,7 +79,7 @@ class Reachability:
         return self.verdicts(X_WG) == REACHABLE
 
     def verdicts(self, X_WG: ArrayLike) -> NDArray[np.int8]:
-        """Why hand poses cannot be reached, as keys of `VERDICTS`.
+        """Why hand poses cannot be reached, as places in `VERDICTS`.
 
         Args:
             X_WG: Hand poses in the base frame, shape (n, 4, 4) [m].
@@ -105,34 +110,14 @@ class Reachability:
             ``max_j |dq_j| / v_j``, infinite where there is none.
         """
         X_WF = self.flange(X_WG)
-        found, times = np.full((len(X_WF), 7), np.nan), np.empty(len(X_WF))
-        near = np.ascontiguousarray(q, dtype=float)
+        found, times = np.full((len(X_WF), IIWA_7.joints), np.nan), np.empty(len(X_WF))
+        near = IIWA_7.positions(q, 1)
         nearest_batch_kernel(X_WF, near, self.search, found, times)
         return found, times
 
-    def diverse(self, X_WG: ArrayLike, n: int, q: ArrayLike | None = None) -> Array:
-        """Admissible configurations of one hand pose, far from one another.
-
-        They are spread over branches and arm angles by farthest-point selection: each next one is
-        the candidate whose travel time to those before it is longest.
-
-        Args:
-            X_WG: Hand pose in the base frame, shape (4, 4) [m].
-            n: How many, at most.
-            q: The first one is the nearest to these joint positions (7,) [rad]; the middle of the
-                joint ranges if not given.
-
-        Returns:
-            Shape (m, 7) [rad] with m <= n; fewer only if there are fewer candidates.
-        """
-        (X_WF,) = self.flange(X_WG)
-        near = np.zeros(7) if q is None else np.ascontiguousarray(q, dtype=float)
-        found = np.empty((int(n), 7))
-        return found[: diverse_kernel(X_WF, near, self.search, found)]
-
     def admissible(self, q: ArrayLike) -> Mask:
         """Which configurations (n, 7) are inside the limits and clear of arm, hand and table."""
-        Q = np.ascontiguousarray(q, dtype=float).reshape(-1, 7)
+        Q = IIWA_7.positions(q).reshape(-1, IIWA_7.joints)
         out = np.empty(len(Q), dtype=np.bool_)
         admissible_batch_kernel(Q, self.search, out)
         return out
@@ -148,9 +133,9 @@ def _make_search(reachability: Reachability) -> Search:
     # What is on the axis of joint 1 does not move with it.
     on_axis = (capsules.link == 1) & (np.abs(capsules.ends[:, :, :2]).max(axis=(1, 2)) == 0.0)
     ends = capsules.ends.copy()
-    ends[capsules.link == 1, :, 2] += JOINT_HEIGHTS[0]
+    ends[capsules.link == 1, :, 2] += IIWA_7.joint_heights[0]
     low, high = capsules.pairs.T
-    decided = (on_axis | (capsules.link == 0))[low] & (capsules.link[high] == 7)
+    decided = (on_axis | (capsules.link == 0))[low] & (capsules.link[high] == IIWA_7.joints)
     undecided = capsules._replace(movers=capsules.movers[capsules.link[capsules.movers] < 7])
     return Search(
         psis=np.linspace(-np.pi, np.pi, reachability.n_arm_angles, endpoint=False),
@@ -160,7 +145,7 @@ def _make_search(reachability: Reachability) -> Search:
         table_height=float(reachability.table_height),
         capsules=capsules,
         open=undecided.with_pairs(capsules.pairs[~decided]),
-        hand=np.flatnonzero(capsules.link == 7),
+        hand=np.flatnonzero(capsules.link == IIWA_7.joints),
         fixed=ends,
         fixed_pairs=np.ascontiguousarray(capsules.pairs[decided]),
     )

@@ -1,4 +1,4 @@
-"""Compiled geometry of the arm's capsules: link frames, distances of segments, gradients.
+"""Compiled geometry of the arm's capsules: link frames, distances of segments.
 
 The kernels are scalar numba code that other kernels can call; each takes the arrays of a
 `CapsuleModel` as an argument, so that no fact about the capsules is frozen into their compiled
@@ -14,16 +14,61 @@ from numba import njit
 
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn
-from feasigrasp.models.robot.iiwa import JOINT_AXES, JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
-_H0, _H1 = JOINT_HEIGHTS[:2]
-_L2, _L3, _L4, _L5, _L6 = np.diff(JOINT_HEIGHTS[1:])
+#: The base counts as one.
+LINKS = IIWA_7.joints + 1
+_H0, _H1 = IIWA_7.joint_heights[:2]
+_L2, _L3, _L4, _L5, _L6 = IIWA_7.link_steps[2:7]
 # Sign of a joint about y; 0 for a joint about z.
-_Y_SIGN = np.ascontiguousarray(JOINT_AXES[:, 1])
+_Y_SIGN = np.ascontiguousarray(IIWA_7.joint_axes[:, 1])
 
 
 @njit(cache=True, forceinline=True)
-def _write_frame(R, p, k, x, y, z, origin):
+def walk_links(sincos, source, write, target):
+    """Goes along the arm: ``write(target, k, x, y, z, origin)`` takes the frame of each link k.
+
+    ``sincos(source, j)`` gives the sine and the cosine of joint j.
+    """
+    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    write(target, 0, x, y, z, (0.0, 0.0, 0.0))
+    s, c = sincos(source, 0)
+    x, y = (c, s, 0.0), (-s, c, 0.0)
+    write(target, 1, x, y, z, (0.0, 0.0, _H0))
+    s, c = sincos(source, 1)
+    z, x = turn(z, x, s, c)
+    origin = (0.0, 0.0, _H1)
+    write(target, 2, x, y, z, origin)
+    origin = step(origin, _L2, z)
+    s, c = sincos(source, 2)
+    x, y = turn(x, y, s, c)
+    write(target, 3, x, y, z, origin)
+    origin = step(origin, _L3, z)
+    s, c = sincos(source, 3)
+    z, x = turn(z, x, -s, c)  # joint 4 turns about -y
+    write(target, 4, x, y, z, origin)
+    origin = step(origin, _L4, z)
+    s, c = sincos(source, 4)
+    x, y = turn(x, y, s, c)
+    write(target, 5, x, y, z, origin)
+    origin = step(origin, _L5, z)
+    s, c = sincos(source, 5)
+    z, x = turn(z, x, s, c)
+    write(target, 6, x, y, z, origin)
+    origin = step(origin, _L6, z)
+    s, c = sincos(source, 6)
+    x, y = turn(x, y, s, c)
+    write(target, 7, x, y, z, origin)
+
+
+@njit(cache=True, forceinline=True)
+def _sincos_of(q, joint):
+    return fast_sincos(q[joint])
+
+
+@njit(cache=True, forceinline=True)
+def _write_frame(target, k, x, y, z, origin):
+    R, p = target
     for i in range(3):
         R[k, i, 0], R[k, i, 1], R[k, i, 2] = x[i], y[i], z[i]
         p[k, i] = origin[i]
@@ -32,35 +77,7 @@ def _write_frame(R, p, k, x, y, z, origin):
 @njit(cache=True)
 def link_poses_kernel(q, R, p):
     """Writes rotations (8, 3, 3) and origins (8, 3) of the link frames 0 to 7 in the world."""
-    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    _write_frame(R, p, 0, x, y, z, (0.0, 0.0, 0.0))
-    s, c = fast_sincos(q[0])
-    x, y = (c, s, 0.0), (-s, c, 0.0)
-    _write_frame(R, p, 1, x, y, z, (0.0, 0.0, _H0))
-    s, c = fast_sincos(q[1])
-    z, x = turn(z, x, s, c)
-    origin = (0.0, 0.0, _H1)
-    _write_frame(R, p, 2, x, y, z, origin)
-    origin = step(origin, _L2, z)
-    s, c = fast_sincos(q[2])
-    x, y = turn(x, y, s, c)
-    _write_frame(R, p, 3, x, y, z, origin)
-    origin = step(origin, _L3, z)
-    s, c = fast_sincos(q[3])
-    z, x = turn(z, x, -s, c)  # joint 4 turns about -y
-    _write_frame(R, p, 4, x, y, z, origin)
-    origin = step(origin, _L4, z)
-    s, c = fast_sincos(q[4])
-    x, y = turn(x, y, s, c)
-    _write_frame(R, p, 5, x, y, z, origin)
-    origin = step(origin, _L5, z)
-    s, c = fast_sincos(q[5])
-    z, x = turn(z, x, s, c)
-    _write_frame(R, p, 6, x, y, z, origin)
-    origin = step(origin, _L6, z)
-    s, c = fast_sincos(q[6])
-    x, y = turn(x, y, s, c)
-    _write_frame(R, p, 7, x, y, z, origin)
+    walk_links(_sincos_of, q, _write_frame, (R, p))
 
 
 @njit(cache=True, forceinline=True)
@@ -80,8 +97,9 @@ def place(R, p, k, a):
 
 
 @njit(cache=True)
-def capsule_ends_kernel(q, model, R, p, ends):
-    """Writes the link poses and the capsules' end points (c, 2, 3) in the world."""
+def capsule_ends_kernel(q, model, ends):
+    """Writes the capsules' end points (c, 2, 3) in the world."""
+    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
     link_poses_kernel(q, R, p)
     for c in range(len(model.link)):
         for e in range(2):
@@ -128,65 +146,11 @@ def add_lever(point, normal, low, high, R, p, gradient):
 @njit(cache=True)
 def distances_kernel(q, model, distance):
     """Writes the signed distance of every pair (p,)."""
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     ends = np.empty(model.ends.shape)
-    capsule_ends_kernel(q, model, R, p, ends)
+    capsule_ends_kernel(q, model, ends)
     for k in range(len(model.pairs)):
         i, j = model.pairs[k, 0], model.pairs[k, 1]
-        a0, a1, b0, b1 = (
-            end_point(ends, i, 0),
-            end_point(ends, i, 1),
-            end_point(ends, j, 0),
-            end_point(ends, j, 1),
-        )
+        a0, a1 = end_point(ends, i, 0), end_point(ends, i, 1)
+        b0, b1 = end_point(ends, j, 0), end_point(ends, j, 1)
         _, _, d = closest_parameters(a0, a1, b0, b1)
         distance[k] = math.sqrt(dot(d, d)) - model.radius[i] - model.radius[j]
-
-
-@njit(cache=True)
-def gradients_kernel(q, model, distance, gradient):
-    """Writes signed distances (p,) and their gradients in q (p, 7).
-
-    With the closest points ``c1`` (lower link) and ``c2`` and ``n = (c2 - c1)/|c2 - c1|``, only
-    joints between the two links change a distance: ``dd/dq_j = n . (a_j x (c2 - p_j))`` with the
-    joint's axis ``a_j`` through ``p_j``.
-    """
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    ends = np.empty(model.ends.shape)
-    capsule_ends_kernel(q, model, R, p, ends)
-    gradient[:] = 0.0
-    for k in range(len(model.pairs)):
-        i, j = model.pairs[k, 0], model.pairs[k, 1]
-        a0, a1, b0, b1 = (
-            end_point(ends, i, 0),
-            end_point(ends, i, 1),
-            end_point(ends, j, 0),
-            end_point(ends, j, 1),
-        )
-        _, t, d = closest_parameters(a0, a1, b0, b1)
-        length = math.sqrt(dot(d, d))
-        distance[k] = length - model.radius[i] - model.radius[j]
-        if length < 1e-9:  # crossing segments: every direction separates them, none is a gradient
-            continue
-        normal = -d[0] / length, -d[1] / length, -d[2] / length
-        c2 = step(b0, t, minus(b1, b0))
-        add_lever(c2, normal, model.link[i], model.link[j], R, p, gradient[k])
-
-
-@njit(cache=True)
-def table_kernel(q, model, height, clearance, gradient):
-    """Writes clearances above ``z = height`` (m, 2) of the movers' ends; their gradients (m, 2, 7).
-
-    Both ends, since of a level capsule either is the lower one after the next motion.
-    """
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    ends = np.empty(model.ends.shape)
-    capsule_ends_kernel(q, model, R, p, ends)
-    gradient[:] = 0.0
-    for k in range(len(model.movers)):
-        c = model.movers[k]
-        for e in range(2):
-            clearance[k, e] = ends[c, e, 2] - model.radius[c] - height
-            add_lever(
-                end_point(ends, c, e), (0.0, 0.0, 1.0), 0, model.link[c], R, p, gradient[k, e]
-            )

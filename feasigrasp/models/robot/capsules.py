@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 HAND_NAMES = ("palm", "left_finger", "right_finger", "camera")
 #: Rigid bodies that carry capsules; ``BODY_LINK`` names the link that each of them moves with.
-BODY_NAMES = (*(f"iiwa_link_{i}" for i in range(8)), *HAND_NAMES)
-BODY_LINK = np.array([*range(8), 7, 7, 7, 7])
+BODY_NAMES = (*IIWA_7.link_names, *HAND_NAMES)
+BODY_LINK = np.array([*range(IIWA_7.joints + 1), *[IIWA_7.joints] * len(HAND_NAMES)])
 PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
 
 TUBE_RADIUS = 0.068
@@ -89,11 +89,7 @@ class CapsuleModel(NamedTuple):
 
 def arm_capsules() -> tuple[Capsule, ...]:
     """The capsules of the base and the seven links."""
-    shoulder = JOINT_HEIGHTS[1] - JOINT_HEIGHTS[0]
-    elbow = JOINT_HEIGHTS[3] - JOINT_HEIGHTS[2]
-    wrist = JOINT_HEIGHTS[5] - JOINT_HEIGHTS[4]
-    upper_tube = JOINT_HEIGHTS[2] - JOINT_HEIGHTS[1]
-    lower_tube = JOINT_HEIGHTS[4] - JOINT_HEIGHTS[3]
+    _, shoulder, upper_tube, elbow, lower_tube, wrist, _, _ = IIWA_7.link_steps
     r, out = TUBE_RADIUS, 0.120 - TUBE_RADIUS
     return (
         Capsule(0, (-0.010, 0.0, 0.0), (-0.010, 0.0, 0.050), 0.108),
@@ -154,7 +150,7 @@ def hand_points(gripper: ParallelGripper | None = None) -> Array:
 def _link_to_grasp(gripper: ParallelGripper) -> Array:
     """X_7G, the grasp frame on link 7."""
     X_7G = gripper.X_FG.copy()
-    X_7G[2, 3] += FLANGE_HEIGHT - JOINT_HEIGHTS[6]
+    X_7G[2, 3] += IIWA_7.link_steps[-1]
     return X_7G
 
 
@@ -188,7 +184,9 @@ def capsule_model(
         ends=ends,
         radius=radius,
         reach=radius + np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2,
-        balls=np.array([_ball(ends[link == k], radius[link == k]) for k in range(8)]),
+        balls=np.array(
+            [_ball(ends[link == k], radius[link == k]) for k in range(IIWA_7.joints + 1)]
+        ),
         pairs=np.empty((0, 2), dtype=np.int64),
         groups=np.empty((0, 4), dtype=np.int64),
         movers=np.flatnonzero(link >= 2),

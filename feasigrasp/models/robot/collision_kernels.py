@@ -15,22 +15,22 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.numerics.vectors import dot, minus, step, turn
+from feasigrasp.models.numerics.vectors import dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import (
+    LINKS,
     closest_parameters,
     end_point,
     link_poses_kernel,
     place,
+    walk_links,
 )
-from feasigrasp.models.robot.iiwa import JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Configurations in a block: its rows stay in the first-level cache.
 LANES = 64
 # Rows: 7 angles that become sines, 7 cosines, 3 x 8 coordinates of the balls' centres.
-_COSINES, _CENTRES, _ROWS = 7, 14, 38
-
-_H0, _H1 = JOINT_HEIGHTS[:2]
-_L2, _L3, _L4, _L5, _L6 = np.diff(JOINT_HEIGHTS[1:])
+_COSINES, _CENTRES = IIWA_7.joints, 2 * IIWA_7.joints
+_ROWS = _CENTRES + 3 * LINKS
 
 
 @njit(cache=True, forceinline=True)
@@ -66,49 +66,25 @@ def _group_collides(R, p, model, g, margin):
 
 
 @njit(cache=True, forceinline=True)
-def _write_centre(rows, stride, b, link, origin, x, y, z, ball):
+def _sincos_of(lane, joint):
+    rows, stride, b = lane
+    return rows[joint * stride + b], rows[(_COSINES + joint) * stride + b]
+
+
+@njit(cache=True, forceinline=True)
+def _write_centre(target, link, x, y, z, origin):
+    (rows, stride, b), balls = target
+    ball = balls[link]
     centre = step(step(step(origin, ball[0], x), ball[1], y), ball[2], z)
     for i in range(3):
         rows[(_CENTRES + 3 * link + i) * stride + b] = centre[i]
 
 
 @njit(cache=True, forceinline=True)
-def _sine_cosine(rows, stride, b, joint):
-    return rows[(joint - 1) * stride + b], rows[(_COSINES + joint - 1) * stride + b]
-
-
-@njit(cache=True, forceinline=True)
 def _write_centres(rows, stride, b, balls):
     """Writes the centres of the links' balls in lane b, from its sines and cosines."""
-    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    _write_centre(rows, stride, b, 0, (0.0, 0.0, 0.0), x, y, z, balls[0])
-    s, c = _sine_cosine(rows, stride, b, 1)
-    x, y = (c, s, 0.0), (-s, c, 0.0)
-    _write_centre(rows, stride, b, 1, (0.0, 0.0, _H0), x, y, z, balls[1])
-    s, c = _sine_cosine(rows, stride, b, 2)
-    z, x = (s * x[0], s * x[1], c), (c * x[0], c * x[1], -s)
-    origin = (0.0, 0.0, _H1)
-    _write_centre(rows, stride, b, 2, origin, x, y, z, balls[2])
-    origin = step(origin, _L2, z)
-    s, c = _sine_cosine(rows, stride, b, 3)
-    x, y = turn(x, y, s, c)
-    _write_centre(rows, stride, b, 3, origin, x, y, z, balls[3])
-    origin = step(origin, _L3, z)
-    s, c = _sine_cosine(rows, stride, b, 4)
-    z, x = turn(z, x, -s, c)  # joint 4 turns about -y
-    _write_centre(rows, stride, b, 4, origin, x, y, z, balls[4])
-    origin = step(origin, _L4, z)
-    s, c = _sine_cosine(rows, stride, b, 5)
-    x, y = turn(x, y, s, c)
-    _write_centre(rows, stride, b, 5, origin, x, y, z, balls[5])
-    origin = step(origin, _L5, z)
-    s, c = _sine_cosine(rows, stride, b, 6)
-    z, x = turn(z, x, s, c)
-    _write_centre(rows, stride, b, 6, origin, x, y, z, balls[6])
-    origin = step(origin, _L6, z)
-    s, c = _sine_cosine(rows, stride, b, 7)
-    x, y = turn(x, y, s, c)
-    _write_centre(rows, stride, b, 7, origin, x, y, z, balls[7])
+    lane = rows, stride, b
+    walk_links(_sincos_of, lane, _write_centre, (lane, balls))
 
 
 @njit(cache=True, forceinline=True)
@@ -128,7 +104,7 @@ def _centres_of(balls):
 @njit(cache=True)
 def _write_one(q, rows, balls):
     """Writes the rows of a single configuration."""
-    for j in range(7):
+    for j in range(IIWA_7.joints):
         rows[j], rows[_COSINES + j] = fast_sincos(q[j])
     _write_centres(rows, 1, 0, _centres_of(balls))
 
@@ -165,7 +141,7 @@ def doubts_kernel(q, balls, groups, margin, height, first, end):
 @njit(cache=True)
 def _collides(q, model, margin):
     """Whether any pair is closer than ``margin``."""
-    rows, R, p = np.empty(_ROWS), np.empty((8, 3, 3)), np.empty((8, 3))
+    rows, R, p = np.empty(_ROWS), np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
     _write_one(q, rows, model.balls)
     link_poses_kernel(q, R, p)
     for g in range(len(model.groups)):
@@ -179,7 +155,7 @@ def _collides(q, model, margin):
 @njit(cache=True)
 def _reaches_below(q, model, height):
     """Whether a mover reaches below ``z = height``."""
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
     link_poses_kernel(q, R, p)
     for k in range(len(model.movers)):
         c = model.movers[k]
@@ -216,10 +192,10 @@ def _load(Q, first, rows, doubt):
     for b in range(LANES):
         q = Q[min(first + b, len(Q) - 1)]  # the last block is filled up
         doubt[b] = 0.0 * (q[0] + q[1] + q[2] + q[3] + q[4] + q[5] + q[6])
-        for j in range(7):
+        for j in range(IIWA_7.joints):
             rows[j * LANES + b] = q[j]
-    for i in range(7 * LANES):
-        rows[i], rows[i + 7 * LANES] = fast_sincos(rows[i])
+    for i in range(IIWA_7.joints * LANES):
+        rows[i], rows[i + _COSINES * LANES] = fast_sincos(rows[i])
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ from numba import njit
 
 from feasigrasp.models.robot.capsule_kernels import distances_kernel
 from feasigrasp.models.robot.collision_kernels import in_collision_kernel
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import manipulability_kernel
 
 
@@ -28,7 +28,7 @@ def arm_condition_kernel(q, v, model, all_pairs_model):
     distance = np.empty(len(model.pairs))
     distances_kernel(q, model, distance)
     margin, ratio = np.inf, 0.0
-    for i in range(7):
-        margin = min(margin, POSITION_LIMITS[i] - abs(q[i]))
-        ratio = max(ratio, abs(v[i]) / VELOCITY_LIMITS[i])
+    for i in range(IIWA_7.joints):
+        margin = min(margin, IIWA_7.position_limits[i] - abs(q[i]))
+        ratio = max(ratio, abs(v[i]) / IIWA_7.velocity_limits[i])
     return collides, np.min(distance), margin, ratio, manipulability_kernel(q)

@@ -1,4 +1,8 @@
-"""Geometry of a parallel gripper, the one source for model files, filters and controllers."""
+"""Geometry of a parallel gripper, the one source for model files, filters and controllers.
+
+A hand is six lengths and two boxes; the sampler, the filter and the network's view of the room for
+a hand take them from there, so nothing is trained anew for another one.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
-from feasigrasp.models.arrays import Array
-
-
-def _flange_to_grasp(offset: float) -> Array:
-    X_FG = np.eye(4)
-    X_FG[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # closing direction x_G along y_F
-    X_FG[2, 3] = offset
-    return X_FG
+from feasigrasp.models.arrays import Array, Frozen
 
 
 @dataclass(frozen=True, eq=False)
-class ParallelGripper:
+class ParallelGripper(Frozen):
     """A two-finger parallel gripper, described in its grasp frame G.
 
     The defaults stand in for the SAKE EZGripper of the paper: the range in which its pads stay
@@ -55,9 +52,10 @@ class ParallelGripper:
     def __post_init__(self) -> None:
         """Checks the sizes and derives the pose of the grasp frame in the flange frame."""
         self._check()
-        X_FG = _flange_to_grasp(self.tool_offset)
-        X_FG.flags.writeable = False
-        object.__setattr__(self, "X_FG", X_FG)
+        X_FG = np.eye(4)
+        X_FG[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # closing direction x_G along y_F
+        X_FG[2, 3] = self.tool_offset
+        self._freeze(X_FG=X_FG)
 
     def _check(self) -> None:
         lengths = {
@@ -129,3 +127,19 @@ class ParallelGripper:
 
 def _grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
     return np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+#: An example of how to describe a hand of one's own: one like the Schunk WSG 50 with 110 mm stroke.
+#: Lengths as in Drake's description of it, made after the maker's drawing: body 146 x 72.5 x 50 mm,
+#: fingers 12 x 82 x 20 mm that start at its front face, pads on the last 20 mm of each. The flange
+#: is the back of the body. The camera sits beside the body as far out as on the default hand.
+WSG_50 = ParallelGripper(
+    max_opening=0.110,
+    finger_thickness=0.012,
+    finger_width=0.020,
+    tip=0.010,
+    heel=-0.072,
+    palm_size=(0.146, 0.050, 0.0725),
+    tool_offset=0.1445,
+    camera_center=(0.0, 0.0705, -0.127),
+)

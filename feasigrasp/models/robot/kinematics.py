@@ -15,13 +15,9 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.fast_math import fast_sincos, sincos_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, step, turn
-from feasigrasp.models.robot.iiwa import (
-    D_BASE_SHOULDER,
-    D_ELBOW_WRIST,
-    D_SHOULDER_ELBOW,
-    D_WRIST_FLANGE,
-)
+from feasigrasp.models.robot.iiwa import IIWA_7
 
+_BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
 # Writable, since a kernel is compiled once more for read-only arguments.
 _IDENTITY = np.eye(4)
 
@@ -57,16 +53,16 @@ def _pose_jacobian(s, c, X_FT, X_WT, J_WT):
     for j in range(4):
         x, y, z = X_FT[0, j], X_FT[1, j], X_FT[2, j]
         if j == 3:
-            z += D_WRIST_FLANGE
+            z += _WRIST_FLANGE
         X_WT[0, j] = x7[0] * x + y7[0] * y + a7[0] * z
         X_WT[1, j] = x7[1] * x + y7[1] * y + a7[1] * z
         X_WT[2, j] = x7[2] * x + y7[2] * y + a7[2] * z
         X_WT[3, j] = 0.0
     from_wrist = X_WT[0, 3], X_WT[1, 3], X_WT[2, 3]
-    from_elbow = step(from_wrist, D_ELBOW_WRIST, a5)
-    from_shoulder = step(from_elbow, D_SHOULDER_ELBOW, a3)
+    from_elbow = step(from_wrist, _ELBOW_WRIST, a5)
+    from_shoulder = step(from_elbow, _SHOULDER_ELBOW, a3)
     X_WT[0, 3], X_WT[1, 3] = from_shoulder[0], from_shoulder[1]
-    X_WT[2, 3] = from_shoulder[2] + D_BASE_SHOULDER
+    X_WT[2, 3] = from_shoulder[2] + _BASE_SHOULDER
     X_WT[3, 3] = 1.0
     if J_WT is not None:
         _write_column(J_WT, 0, (0.0, 0.0, 1.0), from_shoulder)
@@ -88,8 +84,8 @@ def _manipulability(s, c):
     """
     a2, a3, a4, a5, a6, a7, _, _ = _axes(s, c)
     a1 = (0.0, 0.0, 1.0)
-    from_elbow = step((0.0, 0.0, 0.0), D_ELBOW_WRIST, a5)
-    from_shoulder = step(from_elbow, D_SHOULDER_ELBOW, a3)
+    from_elbow = step((0.0, 0.0, 0.0), _ELBOW_WRIST, a5)
+    from_shoulder = step(from_elbow, _SHOULDER_ELBOW, a3)
     l1, l2 = cross(a1, from_shoulder), cross(a2, from_shoulder)
     l3, l4 = cross(a3, from_shoulder), cross(a4, from_elbow)
     l12, l34 = cross(l1, l2), cross(l3, l4)
@@ -162,13 +158,6 @@ def _manipulability_batch_kernel(q, out):
         out[k] = _manipulability(_row(sine, k), _row(cosine, k))
 
 
-def _positions(q: ArrayLike) -> Array:
-    q = np.ascontiguousarray(q, dtype=float)
-    if q.shape[-1] != 7:
-        raise ValueError(f"joint positions need 7 entries in the last axis, got shape {q.shape}")
-    return q
-
-
 def _tool(X_FT: ArrayLike | None) -> Array:
     return _IDENTITY if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
 
@@ -187,18 +176,23 @@ def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Arra
     Raises:
         ValueError: The last axis of ``q`` is not 7 long.
     """
-    q = _positions(q)
+    q = IIWA_7.positions(q)
     lead = q.shape[:-1]
-    X_WT, J_WT = np.empty((*lead, 4, 4)), np.empty((*lead, 6, 7))
-    _batch_kernel(q.reshape(-1, 7), _tool(X_FT), X_WT.reshape(-1, 4, 4), J_WT.reshape(-1, 6, 7))
+    X_WT, J_WT = np.empty((*lead, 4, 4)), np.empty((*lead, 6, IIWA_7.joints))
+    _batch_kernel(
+        q.reshape(-1, IIWA_7.joints),
+        _tool(X_FT),
+        X_WT.reshape(-1, 4, 4),
+        J_WT.reshape(-1, 6, IIWA_7.joints),
+    )
     return X_WT, J_WT
 
 
 def forward_kinematics(q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """Tool pose ``X_WT``, shape (..., 4, 4). Arguments and errors as `pose_and_jacobian`."""
-    q = _positions(q)
+    q = IIWA_7.positions(q)
     X_WT = np.empty((*q.shape[:-1], 4, 4))
-    _pose_batch_kernel(q.reshape(-1, 7), _tool(X_FT), X_WT.reshape(-1, 4, 4))
+    _pose_batch_kernel(q.reshape(-1, IIWA_7.joints), _tool(X_FT), X_WT.reshape(-1, 4, 4))
     return X_WT
 
 
@@ -207,7 +201,7 @@ def manipulability(q: ArrayLike) -> Array:
 
     It is the same at every tool point. Arguments and errors as `pose_and_jacobian`; shape (...).
     """
-    q = _positions(q)
+    q = IIWA_7.positions(q)
     out = np.empty(q.shape[:-1])
-    _manipulability_batch_kernel(q.reshape(-1, 7), out.reshape(-1))
+    _manipulability_batch_kernel(q.reshape(-1, IIWA_7.joints), out.reshape(-1))
     return out

@@ -1,4 +1,4 @@
-"""Distances between the arm's capsules, and to a table, with gradients in the joint angles.
+"""Distances between the arm's capsules, and to a table; verdicts on self-collision.
 
 The distance of two capsules is that of their segments minus both radii. The functions use the iiwa
 with its hand unless they are given another model. The kernels that other compiled code calls are
@@ -12,10 +12,10 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.robot.capsule_kernels import distances_kernel, gradients_kernel, table_kernel
+from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel, distances_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
 from feasigrasp.models.robot.collision_kernels import in_collision_batch_kernel
-from feasigrasp.models.robot.iiwa import NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: The arm with its hand: the model that the functions use by default.
 IIWA_CAPSULES = capsule_model()
@@ -25,19 +25,6 @@ IIWA_CAPSULES = capsule_model()
 def _distances_batch(q, model, distance):
     for n in range(len(q)):
         distances_kernel(q[n], model, distance[n])
-
-
-@njit(cache=True, nogil=True)
-def _gradients_batch(q, model, distance, gradient):
-    for n in range(len(q)):
-        gradients_kernel(q[n], model, distance[n], gradient[n])
-
-
-def _positions(q: ArrayLike, expected: str, ndim: int | None = None) -> Array:
-    q = np.ascontiguousarray(q, dtype=float)
-    if q.shape[-1] != NUM_JOINTS or ndim not in (None, q.ndim):
-        raise ValueError(f"joint positions must have shape {expected}, got {q.shape}")
-    return q
 
 
 def signed_distances(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> Array:
@@ -53,37 +40,38 @@ def signed_distances(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> Array
     Raises:
         ValueError: The last axis of ``q`` is not 7 long.
     """
-    q = _positions(q, "(..., 7)")
-    pairs = len(model.pairs)
-    distance = np.empty((*q.shape[:-1], pairs))
-    _distances_batch(q.reshape(-1, NUM_JOINTS), model, distance.reshape(-1, pairs))
+    q = IIWA_7.positions(q)
+    distance = np.empty((*q.shape[:-1], len(model.pairs)))
+    _distances_batch(q.reshape(-1, IIWA_7.joints), model, distance.reshape(-1, distance.shape[-1]))
     return distance
-
-
-def distances_and_gradients(
-    q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES
-) -> tuple[Array, Array]:
-    """Signed distances (..., p) [m] and their gradients in the joint positions (..., p, 7) [m/rad].
-
-    Where the segments of a pair cross, its gradient is zero. Arguments and errors as
-    `signed_distances`.
-    """
-    q = _positions(q, "(..., 7)")
-    pairs = len(model.pairs)
-    distance = np.empty((*q.shape[:-1], pairs))
-    gradient = np.empty((*q.shape[:-1], pairs, NUM_JOINTS))
-    _gradients_batch(
-        q.reshape(-1, NUM_JOINTS),
-        model,
-        distance.reshape(-1, pairs),
-        gradient.reshape(-1, pairs, NUM_JOINTS),
-    )
-    return distance, gradient
 
 
 def min_distance(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> float:
     """The smallest signed distance of all checked pairs of one configuration (7,) [m]."""
-    return float(signed_distances(_positions(q, "(7,)", 1), model).min())
+    return float(signed_distances(IIWA_7.positions(q, 1), model).min())
+
+
+def table_distances(
+    q: ArrayLike, table_height: float = 0.0, model: CapsuleModel = IIWA_CAPSULES
+) -> Array:
+    """Clearance above a horizontal plane of the ends of the capsules whose height can change.
+
+    Args:
+        q: Joint positions, shape (7,) [rad].
+        table_height: Height of the plane in the base frame [m].
+        model: The capsules; each of ``model.movers`` has two entries in a row, one per end (links 2
+            to 7 and the hand; the height of link 1 never changes).
+
+    Returns:
+        Shape (2 m,) [m], negative below the plane.
+
+    Raises:
+        ValueError: ``q`` does not have shape (7,).
+    """
+    ends = np.empty(model.ends.shape)
+    capsule_ends_kernel(IIWA_7.positions(q, 1), model, ends)
+    radius = model.radius[model.movers, None]
+    return np.asarray((ends[model.movers, :, 2] - radius - table_height).reshape(-1))
 
 
 def in_collision(Q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES, margin: float = 0.0) -> Mask:
@@ -100,31 +88,7 @@ def in_collision(Q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES, margin: floa
     Raises:
         ValueError: ``Q`` does not have shape (n, 7).
     """
-    Q = _positions(Q, "(n, 7)", 2)
+    Q = IIWA_7.positions(Q, 2)
     hit = np.empty(len(Q), dtype=np.bool_)
     in_collision_batch_kernel(Q, model, float(margin), hit)
     return hit
-
-
-def table_distances_and_gradients(
-    q: ArrayLike, table_height: float = 0.0, model: CapsuleModel = IIWA_CAPSULES
-) -> tuple[Array, Array]:
-    """Clearance above a horizontal plane of the ends of the capsules whose height can change.
-
-    Args:
-        q: Joint positions, shape (7,) [rad].
-        table_height: Height of the plane in the base frame [m].
-        model: The capsules; each of ``model.movers`` has two entries in a row, one per end (links 2
-            to 7 and the hand; the height of link 1 never changes).
-
-    Returns:
-        Clearances (2 m,) [m], negative below the plane, and gradients (2 m, 7) [m/rad].
-
-    Raises:
-        ValueError: ``q`` does not have shape (7,).
-    """
-    q = _positions(q, "(7,)", 1)
-    m = len(model.movers)
-    clearance, gradient = np.empty((m, 2)), np.empty((m, 2, NUM_JOINTS))
-    table_kernel(q, model, table_height, clearance, gradient)
-    return clearance.reshape(-1), gradient.reshape(-1, NUM_JOINTS)

@@ -30,6 +30,7 @@ from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.objects.carrying import body_pose_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 from feasigrasp.scenario.schema import ObjectConfig
 from feasigrasp.systems.station.camera import export_camera
@@ -64,7 +65,7 @@ class StationConfig:
     plant: MultibodyPlantConfig
     directives: list[ModelDirective] = field(default_factory=list)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    q_start: np.ndarray = field(default_factory=lambda: np.zeros(7))
+    q_start: np.ndarray = field(default_factory=lambda: np.zeros(IIWA_7.joints))
     friction: float = ObjectConfig.friction
     enforce_constraints: bool = True
     touch_object: bool = True
@@ -177,7 +178,7 @@ class Station(Diagram):
         plant, iiwa = self.plant, self.plant.GetModelInstanceByName("iiwa")
         builder.ExportInput(plant.get_desired_state_input_port(iiwa), "iiwa.desired_state")
         state = plant.get_state_output_port(iiwa)
-        position = builder.AddNamedSystem("iiwa_position", Demultiplexer([7, 7]))
+        position = builder.AddNamedSystem("iiwa_position", Demultiplexer([IIWA_7.joints] * 2))
         builder.Connect(state, position.get_input_port())
         builder.ExportOutput(position.get_output_port(0), "iiwa.position_measured")
         builder.ExportOutput(state, "iiwa.state_estimated")
@@ -250,9 +251,9 @@ def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
             f"Drake says: {error}"
         ) from error
     iiwa = plant.GetModelInstanceByName("iiwa")
-    for i, (kp, q) in enumerate(zip(ARM_KP, config.q_start, strict=True), start=1):
-        joint = plant.GetJointByName(f"iiwa_joint_{i}", iiwa)
-        actuator = plant.GetJointActuatorByName(f"iiwa_joint_{i}", iiwa)
+    for name, kp, q in zip(IIWA_7.joint_names, ARM_KP, config.q_start, strict=True):
+        joint = plant.GetJointByName(name, iiwa)
+        actuator = plant.GetJointActuatorByName(name, iiwa)
         actuator.set_controller_gains(PdControllerGains(p=kp, d=1.8 * np.sqrt(kp)))
         joint.set_default_positions([q])
         if not config.enforce_constraints:

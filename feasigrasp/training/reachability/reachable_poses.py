@@ -22,7 +22,7 @@ from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
 from feasigrasp.models.robot.self_collision import in_collision
 
@@ -55,8 +55,8 @@ class SerialArm(Protocol):
 class IiwaArm:
     """The iiwa 7 with a hand at its flange; the end frame is the flange F."""
 
-    lower: ClassVar[Array] = -POSITION_LIMITS
-    upper: ClassVar[Array] = POSITION_LIMITS
+    lower: ClassVar[Array] = -IIWA_7.position_limits
+    upper: ClassVar[Array] = IIWA_7.position_limits
     forward_kinematics = staticmethod(forward_kinematics)
     manipulability = staticmethod(manipulability)
 

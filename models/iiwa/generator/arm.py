@@ -4,8 +4,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from feasigrasp.models.robot import iiwa
 from feasigrasp.models.robot.capsules import BODY_PAIRS, arm_capsules
+from feasigrasp.models.robot.iiwa import IIWA_7
 from generator import xml
 
 # Masses and inertias: CAD values scaled to KUKA's total mass of 23.9 kg, as published in the
@@ -38,7 +38,7 @@ FRICTION = 0.6
 
 
 def _link(robot: ET.Element, index: int, height: float) -> None:
-    link = ET.SubElement(robot, "link", name=f"iiwa_link_{index}")
+    link = ET.SubElement(robot, "link", name=IIWA_7.link_names[index])
     mass, com, inertia = INERTIAS[index]
     xml.inertial(link, mass, np.subtract(com, (0.0, 0.0, height)), inertia)
     xml.visual_mesh(link, f"link_{index}")
@@ -56,35 +56,33 @@ def _link(robot: ET.Element, index: int, height: float) -> None:
 
 
 def _joint(robot: ET.Element, i: int, step: float) -> None:
-    joint = ET.SubElement(robot, "joint", name=f"iiwa_joint_{i + 1}", type="revolute")
-    ET.SubElement(joint, "parent", link=f"iiwa_link_{i}")
-    ET.SubElement(joint, "child", link=f"iiwa_link_{i + 1}")
+    joint = ET.SubElement(robot, "joint", name=IIWA_7.joint_names[i], type="revolute")
+    ET.SubElement(joint, "parent", link=IIWA_7.link_names[i])
+    ET.SubElement(joint, "child", link=IIWA_7.link_names[i + 1])
     xml.origin(joint, (0.0, 0.0, step))
-    ET.SubElement(joint, "axis", xyz=xml.numbers(iiwa.JOINT_AXES[i]))
+    ET.SubElement(joint, "axis", xyz=xml.numbers(IIWA_7.joint_axes[i]))
     limit = {
-        "lower": -iiwa.POSITION_LIMITS[i],
-        "upper": iiwa.POSITION_LIMITS[i],
-        "velocity": iiwa.VELOCITY_LIMITS[i],
-        "effort": iiwa.EFFORT_LIMITS[i],
-        xml.drake_tag("acceleration"): iiwa.ACCELERATION_LIMITS[i],
+        "lower": -IIWA_7.position_limits[i],
+        "upper": IIWA_7.position_limits[i],
+        "velocity": IIWA_7.velocity_limits[i],
+        "effort": IIWA_7.effort_limits[i],
+        xml.drake_tag("acceleration"): IIWA_7.acceleration_limits[i],
     }
     ET.SubElement(joint, "limit", {k: repr(float(v)) for k, v in limit.items()})
-    xml.actuator(robot, f"iiwa_joint_{i + 1}", ROTOR_INERTIAS[i], GEAR_RATIO)
+    xml.actuator(robot, IIWA_7.joint_names[i], ROTOR_INERTIAS[i], GEAR_RATIO)
 
 
 def arm_urdf() -> str:
     """Text of iiwa7.urdf: base frame ``iiwa_link_0``, tool frame ``iiwa_flange``."""
     robot = ET.Element("robot", name="iiwa7")
-    heights = np.concatenate([[0.0], iiwa.JOINT_HEIGHTS])
-    for index in range(8):
-        _link(robot, index, heights[index])
-    for i in range(iiwa.NUM_JOINTS):
-        _joint(robot, i, heights[i + 1] - heights[i])
-    flange = iiwa.FLANGE_HEIGHT - iiwa.JOINT_HEIGHTS[6]
-    xml.frame(robot, "iiwa_flange", "iiwa_link_7", (0.0, 0.0, flange))
-    for low in range(8):
-        apart = [
-            f"group_link_{high}" for high in range(low + 1, 8) if (low, high) not in BODY_PAIRS
-        ]
-        xml.collision_filter(robot, f"group_link_{low}", [f"iiwa_link_{low}"], apart)
+    links = IIWA_7.link_names
+    for index, height in enumerate([0.0, *IIWA_7.joint_heights]):
+        _link(robot, index, height)
+    for i in range(IIWA_7.joints):
+        _joint(robot, i, IIWA_7.link_steps[i])
+    xml.frame(robot, "iiwa_flange", links[-1], (0.0, 0.0, IIWA_7.link_steps[-1]))
+    for low, link in enumerate(links):
+        others = range(low + 1, len(links))
+        apart = [f"group_link_{high}" for high in others if (low, high) not in BODY_PAIRS]
+        xml.collision_filter(robot, f"group_link_{low}", [link], apart)
     return xml.document(robot)

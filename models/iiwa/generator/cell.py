@@ -3,7 +3,7 @@
 import numpy as np
 
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import FLANGE_HEIGHT, JOINT_HEIGHTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from generator.camera import camera_pose
 from generator.xml import number
 
@@ -63,4 +63,4 @@ def cell_directives(gripper: ParallelGripper, *, drake_arm: bool = False) -> str
     rest = _REST.format(x=x, y=y, z=z, roll=number(-np.rad2deg(gripper.camera_tilt)))
     if not drake_arm:
         return _HEADER + _OWN_ARM + rest
-    return _HEADER + _DRAKE_ARM.format(flange=number(FLANGE_HEIGHT - JOINT_HEIGHTS[6])) + rest
+    return _HEADER + _DRAKE_ARM.format(flange=number(IIWA_7.link_steps[-1])) + rest

@@ -17,7 +17,7 @@ from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TAS
 from feasigrasp.evaluation.runs.controller_probe import V_WO
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.results.rows import Row
 
@@ -27,7 +27,7 @@ X_FG = REACHABILITY.gripper.X_FG
 
 @pytest.mark.parametrize("xp", [np, torch])
 def test_array_kinematics_are_ours(xp):
-    q = np.random.default_rng(0).uniform(-POSITION_LIMITS, POSITION_LIMITS, (5, 7))
+    q = IIWA_7.random_positions(np.random.default_rng(0), 5)
     R, p, J = (np.asarray(x) for x in ArrayArm(xp, X_FG).hand(xp.asarray(q)))
     for i in range(5):
         X, expected = pose_and_jacobian(q[i], X_FG)

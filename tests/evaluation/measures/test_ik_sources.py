@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.evaluation.measures import ik_sources
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_every_source_stays_inside_the_limits():
     for name, source in ik_sources.SOURCES.items():
         q = source(poses, 3)
         assert q.shape == (100, 7), name
-        assert (np.abs(q) <= POSITION_LIMITS).all(), name
+        assert (np.abs(q) <= IIWA_7.position_limits).all(), name
         np.testing.assert_array_equal(q, source(poses, 3), err_msg=name)
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 PERIOD = 0.005
-STEP = ACCELERATION_LIMITS * PERIOD
+STEP = IIWA_7.acceleration_limits * PERIOD
 
 
 def ramp(*shares):
@@ -21,7 +21,7 @@ def test_a_motion_at_its_limits_keeps_them():
     assert found["velocity_limit_violation_percent"] == 0.0
     assert found["acceleration_limit_violation_percent"] == 0.0
     assert found["acceleration_peak_percent"] == pytest.approx(100.0)
-    still = np.tile(VELOCITY_LIMITS, (5, 1))
+    still = np.tile(IIWA_7.velocity_limits, (5, 1))
     found = limit_metrics(JointTicks(still, -still, PERIOD))
     assert found["velocity_limit_violation_percent"] == 0.0
     assert found["velocity_peak_percent"] == pytest.approx(100.0)
@@ -39,7 +39,7 @@ def test_one_joint_in_one_tick_counts():
 @pytest.mark.parametrize("which", ["commanded", "measured"])
 def test_too_fast_is_too_fast_in_the_command_or_in_truth(which):
     ticks = {"commanded": np.zeros((4, 7)), "measured": np.zeros((4, 7))}
-    ticks[which][1:3, 0] = -1.01 * VELOCITY_LIMITS[0]
+    ticks[which][1:3, 0] = -1.01 * IIWA_7.velocity_limits[0]
     found = limit_metrics(JointTicks(**ticks, period=PERIOD))
     assert found["velocity_limit_violation_percent"] == 50.0
     expected = 101.0 if which == "measured" else 0.0

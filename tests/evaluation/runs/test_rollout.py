@@ -12,7 +12,7 @@ from pydrake.systems.framework import LeafSystem
 from feasigrasp.evaluation.runs.rollout import ROLLOUT_METRICS, object_grasps, roll_out
 from feasigrasp.evaluation.studies.prediction import MEASUREMENTS, motion_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, NUM_JOINTS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
@@ -25,12 +25,12 @@ class Steady(LeafSystem):
 
     def __init__(self, scenario, reachability):
         super().__init__()
-        self.DeclareVectorInputPort("position", NUM_JOINTS)
+        self.DeclareVectorInputPort("position", IIWA_7.joints)
         self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
         self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
         self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
         self.DeclareVectorOutputPort(
-            "commanded_velocity", NUM_JOINTS, lambda context, output: output.SetFromVector(SPEED)
+            "commanded_velocity", IIWA_7.joints, lambda context, output: output.SetFromVector(SPEED)
         )
 
 
@@ -43,12 +43,12 @@ def test_the_arm_goes_exactly_where_a_steady_command_takes_it():
     rollout = roll_out(config, GraspSet.empty(), duration=0.5, controller=Steady)
     period = config.control.period
     # Every joint ramps up at its acceleration limit, then moves on.
-    dv = ACCELERATION_LIMITS * period
+    dv = IIWA_7.acceleration_limits * period
     steps = np.arange(1, len(rollout.tick_times))[:, None]
     qd = np.sign(SPEED) * np.minimum(np.abs(SPEED), steps * dv)
     q = np.deg2rad(config.q_start) + period * np.cumsum(qd, axis=0)
-    np.testing.assert_allclose(rollout.states[1:, NUM_JOINTS:], qd, atol=1e-12)
-    np.testing.assert_allclose(rollout.states[1:, :NUM_JOINTS], q, atol=1e-12)
+    np.testing.assert_allclose(rollout.states[1:, IIWA_7.joints :], qd, atol=1e-12)
+    np.testing.assert_allclose(rollout.states[1:, : IIWA_7.joints], q, atol=1e-12)
     assert rollout.metrics["acceleration_limit_violation_percent"] == 0.0
     assert rollout.metrics["no_grasp_percent"] == 100.0
 

@@ -9,7 +9,7 @@ from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
 
 A, C, L, H, D = (int(phase) for phase in Phase)
@@ -129,7 +129,7 @@ def test_what_is_not_given_is_not_told():
     for name in ("acceleration_limit_violation_percent", "obstacle_distance_min_mm"):
         assert result[name] is None
     velocity = np.zeros((3, 7))
-    velocity[1, 2] = 2.0 * VELOCITY_LIMITS[2]
+    velocity[1, 2] = 2.0 * IIWA_7.velocity_limits[2]
     result = summarize(
         samples(3),
         closes=False,
@@ -204,7 +204,7 @@ READY = np.deg2rad([0, 30, 0, -60, 0, 90, 0])
 def test_a_harmless_posture_is_harmless():
     x = sample(READY)
     assert x["self_collision"] == 0.0 and x["self_distance"] > 0.05
-    assert x["limit_margin"] == pytest.approx(np.min(POSITION_LIMITS - np.abs(READY)))
+    assert x["limit_margin"] == pytest.approx(np.min(IIWA_7.position_limits - np.abs(READY)))
     assert x["velocity_ratio"] == 0.0
     assert np.isnan(x["grasp_position_error"])
     assert [x[f"p_WO_{axis}"] for axis in "xyz"] == [0.5, 0.0, 0.5]
@@ -221,6 +221,6 @@ def test_a_joint_folded_beyond_its_limit_is_in_collision(joint):
 
 
 def test_speeds_are_measured_against_their_own_limits():
-    v = 0.1 * VELOCITY_LIMITS
-    v[4] = -1.5 * VELOCITY_LIMITS[4]
+    v = 0.1 * IIWA_7.velocity_limits
+    v[4] = -1.5 * IIWA_7.velocity_limits[4]
     assert sample(READY, v)["velocity_ratio"] == pytest.approx(1.5)

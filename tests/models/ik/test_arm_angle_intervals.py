@@ -4,15 +4,58 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.arm_angle_intervals import arm_angle_intervals
+from feasigrasp.models.ik.arm_angle_intervals import make_segments, segments_kernel
+from feasigrasp.models.ik.arm_circle import arm_circle_kernel
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 def random_configurations(n, seed=0, share=1.0):
-    limits = share * POSITION_LIMITS
+    limits = share * IIWA_7.position_limits
     return np.random.default_rng(seed).uniform(-limits, limits, (n, 7))
+
+
+def joined(start, inside):
+    """Intervals from segments: ``start`` has one entry more than ``inside``."""
+    if inside.all():
+        return [(-np.pi, np.pi)]
+    count = len(inside)
+    offset = int(np.flatnonzero(~inside)[0])  # no interval runs across the start of this segment
+    intervals = []
+    for step in range(count):
+        k = (offset + step) % count
+        turn = 2 * np.pi if offset + step >= count else 0.0
+        low, high = float(start[k]) + turn, float(start[k + 1]) + turn
+        if not inside[k]:
+            continue
+        if intervals and inside[k - 1]:
+            intervals[-1] = (intervals[-1][0], high)
+        else:
+            intervals.append((low, high))
+    return intervals
+
+
+def arm_angle_intervals(X_WF, margin=0.0):
+    """For each branch its closed intervals of arm angle, shape (k, 2) [rad], ascending.
+
+    An interval starts in [-pi, pi) and may end beyond pi; (-pi, pi) is the whole circle.
+    """
+    segments = make_segments(float(margin))
+    count = segments_kernel(arm_circle_kernel(np.ascontiguousarray(X_WF, dtype=float)), segments)
+    found = []
+    for branch in range(8):
+        inside = (segments.branches[:count] >> branch) & 1 == 1
+        if not inside.any():
+            found.append(np.zeros((0, 2)))
+            continue
+        intervals = np.array(joined(segments.start[: count + 1], inside))
+        if not inside.all():  # from elbow angles to arm angles
+            intervals -= np.pi if branch >= 4 else 0.0
+            low = (intervals[:, :1] + np.pi) % (2 * np.pi) - np.pi
+            intervals += low - intervals[:, :1]
+        found.append(intervals[np.argsort(intervals[:, 0])])
+    return found
 
 
 def contains(intervals, psi):
@@ -24,7 +67,10 @@ def contains(intervals, psi):
 def scan(X, margin, psis):
     """How far every branch is inside the limits, shape (len(psis), 8) [rad]."""
     return np.array(
-        [(POSITION_LIMITS - margin - np.abs(closed_form(X, psi))).min(axis=1) for psi in psis]
+        [
+            (IIWA_7.position_limits - margin - np.abs(closed_form(X, psi))).min(axis=1)
+            for psi in psis
+        ]
     )
 
 
@@ -63,7 +109,7 @@ def test_windows_too_narrow_for_a_grid_are_found():
     narrow = 0
     for q in random_configurations(3000, seed=3, share=0.95):
         joints = rng.choice(7, 3, replace=False)
-        q[joints] = np.sign(q[joints]) * (POSITION_LIMITS[joints] - 1e-4)
+        q[joints] = np.sign(q[joints]) * (IIWA_7.position_limits[joints] - 1e-4)
         X = forward_kinematics(q)
         intervals = arm_angle_intervals(X)
         assert any(contains(found, arm_angle(q)) for found in intervals)

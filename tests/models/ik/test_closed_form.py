@@ -4,20 +4,38 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
+from feasigrasp.models.ik.arm_circle import arm_circle_kernel
 from feasigrasp.models.ik.closed_form import (
     arm_angle,
     closed_form,
     inside_limits_kernel,
-    nearest_inside_limits,
+    next_nearest_kernel,
     travel_time_kernel,
 )
 from feasigrasp.models.numerics.fast_math import fast_atan2
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 def random_configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+    return IIWA_7.random_positions(np.random.default_rng(seed), n)
+
+
+def nearest_inside_limits(poses, near, psis, margin=0.0):
+    """Of each pose (n, 4, 4) the configuration of `psis` that is soonest reached, and its time."""
+    found, times = np.full((len(poses), 7), np.nan), np.full(len(poses), np.inf)
+    lanes, candidate = lanes_kernel(np.asarray(psis, dtype=float), np.nan), np.empty(7)
+    for n, circle in enumerate(map(arm_circle_kernel, poses)):
+        if not circle.reached:
+            continue
+        travel_times_kernel(circle, near, margin, lanes)
+        while next_nearest_kernel(circle, lanes, candidate) < np.inf:
+            # Angles next to a singularity are rough until the configuration is written.
+            if inside_limits_kernel(candidate, margin):
+                found[n], times[n] = candidate, travel_time_kernel(candidate, near)
+                break
+    return found, times
 
 
 def pose_error(q, X_WF):
@@ -27,7 +45,7 @@ def pose_error(q, X_WF):
 def test_every_solution_reaches_the_pose():
     rng = np.random.default_rng(1)
     poses = forward_kinematics(random_configurations(10_000))
-    found = np.array([closed_form(X, rng.uniform(-np.pi, np.pi)) for X in poses])
+    found = closed_form(poses, rng.uniform(-np.pi, np.pi, len(poses)))
     assert found.shape == (10_000, 8, 7)
     assert pose_error(found, poses[:, None]) < 1e-9
 
@@ -77,19 +95,34 @@ def test_wrist_out_of_reach(distance):
     R = se3.so3_exp([0.2, 1.0, -0.4])
     wrist = np.array([0, 0, 0.34]) + distance * np.array([0.6, 0.0, 0.8])
     X = se3.make_pose(R, wrist + 0.126 * R[:, 2])
-    assert closed_form(X, 0.3).shape == (0, 7)
+    assert np.isnan(closed_form(X, 0.3)).all()
 
 
 def test_a_pose_that_is_not_finite_gives_no_solution():
     X = np.eye(4)
     X[0, 3] = np.nan
-    assert closed_form(X, 0.0).shape == (0, 7)
+    assert np.isnan(closed_form(X, 0.0)).all()
     for i in range(3):
         for j in range(4):
             X = forward_kinematics(np.full(7, 0.3)).copy()
             X[i, j] = [np.nan, np.inf, -np.inf][(i + j) % 3]
-            assert closed_form(X, 0.0).shape == (0, 7)
-    assert closed_form(forward_kinematics(np.full(7, 0.3)), np.nan).shape == (0, 7)
+            assert np.isnan(closed_form(X, 0.0)).all()
+    assert np.isnan(closed_form(forward_kinematics(np.full(7, 0.3)), np.nan)).all()
+
+
+def test_one_pose_and_many():
+    poses = forward_kinematics(random_configurations(6, seed=6)).reshape(2, 3, 4, 4)
+    poses[1, 1] = np.nan
+    psi = np.arange(6.0).reshape(2, 3)
+    many, one_angle = closed_form(poses, psi), closed_form(poses, 2.0)
+    assert many.shape == one_angle.shape == (2, 3, 8, 7)
+    for k in np.ndindex(2, 3):
+        np.testing.assert_array_equal(many[k], closed_form(poses[k], psi[k]))
+        np.testing.assert_array_equal(one_angle[k], closed_form(poses[k], 2.0))
+    assert np.isnan(many[1, 1]).all() and np.isfinite(many).sum() == 5 * 8 * 7
+    assert closed_form(np.zeros((0, 4, 4)), 0.0).shape == (0, 8, 7)
+    with pytest.raises(ValueError, match=r"\(\.\.\., 4, 4\)"):
+        closed_form(np.eye(3), 0.0)
 
 
 def test_what_is_no_rotation_gives_no_solution():
@@ -99,7 +132,7 @@ def test_what_is_no_rotation_gives_no_solution():
     scaled[:3, :3] *= 1.001
     flat[:3, :3] = 0.0
     for bad in (mirrored, scaled, flat):
-        assert closed_form(bad, 0.3).shape == (0, 7)
+        assert np.isnan(closed_form(bad, 0.3)).all()
     rounded = X.astype(np.float32)
     assert pose_error(closed_form(rounded, 0.3), rounded) < 1e-6
 
@@ -164,22 +197,22 @@ def test_nearest_inside_limits_is_the_best_of_all_branches():
     poses = forward_kinematics(random_configurations(60, seed=9))
     psis, margin = np.linspace(-np.pi, np.pi, 16, endpoint=False), 0.2
     for X in poses:
-        near = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS)
-        found, times = nearest_inside_limits(X, near, psis, margin=margin)
+        near = rng.uniform(-IIWA_7.position_limits, IIWA_7.position_limits)
+        found, times = nearest_inside_limits(X[None], near, psis, margin)
         candidates = np.concatenate([closed_form(X, psi) for psi in psis])
-        inside = (np.abs(candidates) <= POSITION_LIMITS - margin).all(axis=1)
+        inside = (np.abs(candidates) <= IIWA_7.position_limits - margin).all(axis=1)
         if not inside.any():
             assert np.isinf(times[0]) and np.isnan(found).all()
             continue
-        travel = np.max(np.abs(candidates[inside] - near) / VELOCITY_LIMITS, axis=1)
+        travel = np.max(np.abs(candidates[inside] - near) / IIWA_7.velocity_limits, axis=1)
         assert times[0] == pytest.approx(travel.min(), abs=1e-8)
         # Of those that are equally soon, such as both signs of a wrist that is not the slowest, it
         # is the one whose shoulder, or wrist, needs the least.
         ties = candidates[inside][travel < travel.min() + 1e-8]
         assert np.abs(ties - found[0]).max(axis=1).min() < 1e-12
-        parts = np.abs(ties - near) / VELOCITY_LIMITS
+        parts = np.abs(ties - near) / IIWA_7.velocity_limits
         least = np.minimum(parts[:, :4].max(axis=1), parts[:, 4:].max(axis=1)).min()
-        mine = np.abs(found[0] - near) / VELOCITY_LIMITS
+        mine = np.abs(found[0] - near) / IIWA_7.velocity_limits
         assert min(mine[:4].max(), mine[4:].max()) == pytest.approx(least, abs=1e-6)
 
 
@@ -193,9 +226,9 @@ def test_nearest_inside_limits_at_singular_poses():
     finite = np.isfinite(times)
     assert finite.mean() > 0.5
     assert pose_error(found[finite], poses[finite]) < 1e-11
-    assert (np.abs(found[finite]) <= POSITION_LIMITS).all()
+    assert (np.abs(found[finite]) <= IIWA_7.position_limits).all()
     np.testing.assert_allclose(
-        times[finite], np.max(np.abs(found[finite]) / VELOCITY_LIMITS, axis=1), atol=1e-12
+        times[finite], np.max(np.abs(found[finite]) / IIWA_7.velocity_limits, axis=1), atol=1e-12
     )
 
 
@@ -203,13 +236,6 @@ def test_nearest_inside_limits_of_nothing():
     X = np.stack([np.full((4, 4), np.nan), se3.make_pose(np.eye(3), [2.0, 0.0, 0.0])])
     found, times = nearest_inside_limits(X, np.zeros(7), [0.0, 1.0])
     assert np.isinf(times).all() and np.isnan(found).all()
-    assert nearest_inside_limits(np.zeros((0, 4, 4)), np.zeros(7), [0.0])[0].shape == (0, 7)
-    upright = forward_kinematics(np.full(7, 0.3))
-    assert np.isinf(nearest_inside_limits(upright, np.zeros(7), [])[1]).all()
-    with pytest.raises(ValueError, match=r"\(n, 4, 4\)"):
-        nearest_inside_limits(np.eye(3), np.zeros(7), [0.0])
-    with pytest.raises(ValueError, match=r"\(7,\)"):
-        nearest_inside_limits(upright, np.zeros(6), [0.0])
 
 
 def test_fast_atan2():
@@ -223,12 +249,12 @@ def test_fast_atan2():
 
 def test_inside_limits():
     margin = 0.1
-    assert inside_limits_kernel(POSITION_LIMITS - 0.11, margin)
-    assert inside_limits_kernel(-POSITION_LIMITS + 0.11, margin)
+    assert inside_limits_kernel(IIWA_7.position_limits - 0.11, margin)
+    assert inside_limits_kernel(-IIWA_7.position_limits + 0.11, margin)
     for joint in range(7):
         for sign in (-1, 1):
             q = np.zeros(7)
-            q[joint] = sign * (POSITION_LIMITS[joint] - 0.09)
+            q[joint] = sign * (IIWA_7.position_limits[joint] - 0.09)
             assert not inside_limits_kernel(q, margin)
             assert inside_limits_kernel(q, 0.0)
 
@@ -237,8 +263,8 @@ def test_travel_time_is_that_of_the_slowest_joint():
     q = np.array([0.1, -0.2, 0.3, 0.4, -0.5, 0.6, 0.7])
     for joint in range(7):
         other = q.copy()
-        other[joint] += 0.5 * VELOCITY_LIMITS[joint]
-        other[(joint + 1) % 7] -= 0.1 * VELOCITY_LIMITS[(joint + 1) % 7]
+        other[joint] += 0.5 * IIWA_7.velocity_limits[joint]
+        other[(joint + 1) % 7] -= 0.1 * IIWA_7.velocity_limits[(joint + 1) % 7]
         assert travel_time_kernel(q, other) == pytest.approx(0.5)
         assert travel_time_kernel(other, q) == pytest.approx(0.5)
     assert travel_time_kernel(q, q) == 0.0

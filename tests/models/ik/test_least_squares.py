@@ -9,7 +9,7 @@ from feasigrasp.models.ik.least_squares import (
     damped_velocity_kernel,
     refine,
 )
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import (
     forward_kinematics,
     manipulability,
@@ -18,7 +18,7 @@ from feasigrasp.models.robot.kinematics import (
 
 
 def random_configurations(n, seed=0):
-    return np.random.default_rng(seed).uniform(-POSITION_LIMITS, POSITION_LIMITS, (n, 7))
+    return IIWA_7.random_positions(np.random.default_rng(seed), n)
 
 
 def pose_error(q, X_WF):
@@ -105,12 +105,12 @@ def test_a_batch_is_one_by_one():
 
 def test_joints_can_be_kept_inside_their_limits():
     rng = np.random.default_rng(11)
-    Q = np.sign(random_configurations(40, seed=11)) * POSITION_LIMITS
+    Q = np.sign(random_configurations(40, seed=11)) * IIWA_7.position_limits
     X = forward_kinematics(Q * rng.uniform(0.95, 1.1, Q.shape))
     free, _, _ = refine(X, 0.9 * Q, 5)
-    assert (np.abs(free) > POSITION_LIMITS).any()
+    assert (np.abs(free) > IIWA_7.position_limits).any()
     q, position, _ = refine(X, 0.9 * Q, 5, limit_margin=0.05)
-    assert (np.abs(q) <= POSITION_LIMITS - 0.05).all()
+    assert (np.abs(q) <= IIWA_7.position_limits - 0.05).all()
     left = np.linalg.norm(forward_kinematics(q)[:, :3, 3] - X[:, :3, 3], axis=1)
     np.testing.assert_allclose(position, left, atol=1e-12)
 

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object, make_motion
@@ -194,7 +194,7 @@ def test_let_go_the_object_falls(blind):
 def test_the_end_stops_are_there_only_in_safe_mode(mode, free):
     cell = Cell(scenario(mode=mode)).start()
     beyond = HOME.copy()
-    beyond[0] = POSITION_LIMITS[0] + 0.2
+    beyond[0] = IIWA_7.position_limits[0] + 0.2
     cell.fix("iiwa.desired_state", np.r_[beyond, np.zeros(7)])
     plant = cell.station.plant
     near = beyond - np.r_[0.3, np.zeros(6)]
@@ -206,7 +206,7 @@ def test_the_end_stops_are_there_only_in_safe_mode(mode, free):
     if free:
         assert reached == pytest.approx(beyond[0], abs=5e-3)
     else:
-        assert reached == pytest.approx(POSITION_LIMITS[0], abs=0.02)
+        assert reached == pytest.approx(IIWA_7.position_limits[0], abs=0.02)
 
 
 @pytest.mark.parametrize(

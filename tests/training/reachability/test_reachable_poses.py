@@ -7,7 +7,7 @@ from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import REACHABLE, WRIST, Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.training.reachability.reachable_poses import (
     IiwaArm,
     join,
@@ -52,7 +52,7 @@ def test_a_tool_is_a_right_multiplication():
 def test_thinning_keeps_in_proportion_to_manipulability():
     arm, reference = IiwaArm(), 0.1
     rng = np.random.default_rng(1)
-    q = rng.uniform(-POSITION_LIMITS, POSITION_LIMITS, (40_000, 7))
+    q = IIWA_7.random_positions(rng, 40_000)
     expected = np.minimum(arm.manipulability(q) / reference, 1.0).mean()
     thinned = sample(40_000, thin=reference, floor=-9.0)
     kept = len(thinned.positions) / (len(thinned.positions) + thinned.thinned)

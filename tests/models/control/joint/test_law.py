@@ -17,7 +17,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.models.reach.lookahead import reachable_grasps
+from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.robot.self_collision import min_distance
@@ -77,7 +77,7 @@ def solutions_of(grasps, options=OPTIONS, X_WO=X_WO, q=HOME, mode="safe"):
 
 
 def in_reach(grasps, X_WO=X_WO, V_WO=STILL):
-    return reachable_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=200)
+    return judge_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=200).grasps
 
 
 @pytest.mark.parametrize("position", [(0.5, 0.0, 0.5), (0.45, -0.25, 0.3)])
@@ -105,7 +105,7 @@ def test_without_feed_forward_it_lags_by_speed_over_gain(ring_of_grasps, roll_ou
     """v/k = 12.5 mm at 0.1 m/s and k = 8/s; the first 1.5 s are the transient."""
     motion = uniform_motion([0.5, -0.1, 0.5], np.array([0, 0, 0, 0, 0.1, 0.0]))
     X_WO = motion(0.0)[0]
-    grasps = reachable_grasps(ring_of_grasps, *motion(0.0), REACHABILITY, horizon=2.0)
+    grasps = judge_grasps(ring_of_grasps, *motion(0.0), REACHABILITY, horizon=2.0).grasps
     soonest = np.argmin(REACHABILITY.nearest(X_WO @ grasps.X_OG, HOME)[1])
     one = grasps.select(np.array([soonest]))
     close = X_WO @ one.X_OG[0] @ se3.exp([0, 0.05, 0, 0.01, 0, -0.02])

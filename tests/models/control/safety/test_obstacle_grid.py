@@ -140,8 +140,8 @@ def test_rows_agree_with_the_scene_field(box, grid):
 
 def capsule_clearance(q, model):
     """Least distance of the moving capsules from the box, by points along their segments."""
-    R, p, ends = np.empty((8, 3, 3)), np.empty((8, 3)), np.empty(model.ends.shape)
-    capsule_ends_kernel(q, model, R, p, ends)
+    ends = np.empty(model.ends.shape)
+    capsule_ends_kernel(q, model, ends)
     share = np.linspace(0.0, 1.0, 41)[:, None]
     return min(
         (box_distance(ends[c, 0] + share * (ends[c, 1] - ends[c, 0])) - model.radius[c]).min()

@@ -18,9 +18,9 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.robot.self_collision import (
-    distances_and_gradients,
     min_distance,
-    table_distances_and_gradients,
+    signed_distances,
+    table_distances,
 )
 
 OPTIONS = SafetyOptions()
@@ -40,7 +40,13 @@ positions = vectors(st.floats(-1.5, 1.5), 7).map(lambda x: x * POSITION_LIMITS)
 
 
 def clearance(q):
-    return min(min_distance(q), table_distances_and_gradients(q)[0].min())
+    return min(min_distance(q), table_distances(q).min())
+
+
+def with_gradient(distances, q, step=1e-6):
+    """Distances (m,) and their gradients (m, 7), by central differences."""
+    ahead, behind = (np.stack([distances(q + s * e) for e in np.eye(7)]) for s in (step, -step))
+    return distances(q), (ahead - behind).T / (2 * step)
 
 
 def random_twist_request(q, rng):
@@ -133,7 +139,8 @@ def near_collision(n, closer_than, seed):
 
 def test_close_bodies_approach_no_faster_than_their_room_allows():
     for q in near_collision(20, 0.04, seed=1):
-        for distance, gradient in (distances_and_gradients(q), table_distances_and_gradients(q)):
+        for distances in (signed_distances, table_distances):
+            distance, gradient = with_gradient(distances, q)
             for row in np.flatnonzero(distance < 0.08):
                 qd = safe_velocity(q, -5.0 * gradient[row])
                 allowed = -OPTIONS.approach_gain * (distance[row] - OPTIONS.clearance)
@@ -156,8 +163,8 @@ def test_bodies_that_are_too_close_are_pushed_apart():
 
 def towards_contact(q, rng):
     """Full speed at whatever is nearest and can come nearer, self or table."""
-    d_self, grad_self = distances_and_gradients(q)
-    d_table, grad_table = table_distances_and_gradients(q)
+    d_self, grad_self = with_gradient(signed_distances, q)
+    d_table, grad_table = with_gradient(table_distances, q)
     distance, gradient = np.concatenate([d_self, d_table]), np.concatenate([grad_self, grad_table])
     distance[np.abs(gradient).max(axis=1) < 1e-9] = np.inf
     return (-20.0 * gradient[np.argmin(distance)],)
@@ -260,7 +267,7 @@ def test_rows_that_are_left_out_change_nothing():
     for q in near_collision(12, 0.03, seed=6):
         request = rng.normal(size=7) + towards_contact(q, rng)[0] / 10
         lower, upper = velocity_bounds(q, OPTIONS)
-        parts = [distances_and_gradients(q), table_distances_and_gradients(q)]
+        parts = [with_gradient(f, q) for f in (signed_distances, table_distances)]
         distance, gradient = (np.concatenate(x) for x in zip(*parts, strict=True))
         allowed = -OPTIONS.approach_gain * (distance - OPTIONS.clearance)
         best = minimize(
@@ -293,11 +300,11 @@ def test_the_hand_that_is_given_is_the_one_that_is_kept_clear():
         J = pose_and_jacobian(q, large.X_FG)[1]
         last = safety.velocity(q, np.zeros(7), J, dive, qd_last=last)
         q = q + OPTIONS.period * last
-        nearest = table_distances_and_gradients(q, 0.0, model)[0].min()
+        nearest = table_distances(q, 0.0, model).min()
         lowest.append(min(nearest, min_distance(q, model)))
     assert 0.97 * OPTIONS.clearance < min(lowest) < 1.5 * OPTIONS.clearance
     # The default hand would have had several centimetres to go.
-    assert table_distances_and_gradients(q)[0].min() > OPTIONS.clearance + 0.03
+    assert table_distances(q).min() > OPTIONS.clearance + 0.03
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from feasigrasp.models.control.task.safe_law import (
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.ascent import ascent_direction
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
-from feasigrasp.models.reach.lookahead import reachable_grasps
+from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 
@@ -35,7 +35,7 @@ def test_the_papers_law_follows_the_mixture(ring_of_grasps):
     """J qd is the object's twist plus the preconditioned direction, and converges to a grasp."""
     X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
     V_WO = np.array([0.1, -0.1, 0.2, 0.05, 0.1, -0.03])
-    grasps = reachable_grasps(ring_of_grasps, X_WO, STILL, Reachability())
+    grasps = judge_grasps(ring_of_grasps, X_WO, STILL, Reachability()).grasps
     mixture = fit_grasp_mixture(grasps, 10, np.random.default_rng(0))
     X_WH, J = pose_and_jacobian(HOME, X_FG)
     undamped = dataclasses.replace(OPTIONS, damping=0.0)

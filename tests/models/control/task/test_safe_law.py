@@ -19,7 +19,7 @@ from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
-from feasigrasp.models.reach.lookahead import reachable_grasps
+from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 from feasigrasp.models.robot.self_collision import min_distance
@@ -105,7 +105,7 @@ def command(q, grasps, X_WO, V_WO, options=OPTIONS):
 
 
 def within_reach(grasps, X_WO, V_WO=STILL, **options):
-    return reachable_grasps(grasps, X_WO, V_WO, REACHABILITY, **options)
+    return judge_grasps(grasps, X_WO, V_WO, REACHABILITY, **options).grasps
 
 
 def near_a_grasp(X_WO, X_OG):

@@ -6,8 +6,7 @@ import pytest
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.network.network import GraspNetwork
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.grippers import WSG_50
+from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 
