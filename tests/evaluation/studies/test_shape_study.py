@@ -22,7 +22,7 @@ def record(name, view, preset, length_scale, value):
 def test_objects_not_views_are_the_repeats():
     """Means 2 and 5 of two objects: 3.5, and the interval of these two figures."""
     records = [record("a", view, "paper", 0.3, value) for view, value in enumerate([1.0, 2.0, 3.0])]
-    records += [record("b", 0, "paper", 0.3, 5.0), record("b", 1, "paper", 0.3, np.nan)]
+    records += [record("b", 0, "paper", 0.3, 5.0), record("b", 1, "paper", 0.3, None)]
     row = summary_rows(records)[0]
     assert (row.name, row.preset, row.n) == ("length_scale.true_to_completed_mm", "paper/0.3", 2)
     assert row.value == pytest.approx(3.5)
