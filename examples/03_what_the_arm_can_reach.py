@@ -6,8 +6,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from feasigrasp.models.reach import Reachability, ReachableSpace
-from feasigrasp.models.reach.reachability import VERDICTS
+from feasigrasp.models.reach import VERDICTS, Reachability, ReachableSpace
 
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/03_what_the_arm_can_reach.png")
 

@@ -20,6 +20,8 @@ FOLDERS = (
 )
 #: Words of others, and mathematics: what may stand in backticks without being ours.
 FOREIGN = {"PIP_EXTRA_INDEX_URL", "potrf", "drake_models", "manifold3d"}
+#: Rows of summaries whose names are put together from parts.
+PUT_TOGETHER = re.compile(r"^(bench|sampler|labels)\.|_(us|ms|percent)$")
 
 
 def sources() -> str:
@@ -80,7 +82,7 @@ def test_words_in_backticks_are_in_the_code(page, known):
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
     words = {w for w in re.findall(r"`([A-Za-z_][\w.]*)(?:\(\))?`", text) if is_identifier(w)}
     unknown = {w for w in words - FOREIGN if any(part not in known for part in w.split("."))}
-    assert not unknown
+    assert not {w for w in unknown if not PUT_TOGETHER.search(w)}
 
 
 def is_identifier(word: str) -> bool:
@@ -91,7 +93,7 @@ def is_identifier(word: str) -> bool:
 def test_commands_exist(page):
     groups = "|".join(cli.GROUPS)
     named = re.findall(rf"feasigrasp ({groups}) ([a-z][\w-]*)", page.read_text())
-    assert not [pair for pair in named if pair not in cli.COMMANDS]
+    assert not [(group, name) for group, name in named if name not in cli.commands(group)]
 
 
 def test_the_checks_can_fail():

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 from feasigrasp.lazy import hand_on
 
 if TYPE_CHECKING:
-    from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+    from feasigrasp.systems.dynamic_grasp import add_dynamic_grasp, make_dynamic_grasp
     from feasigrasp.systems.gp_joint_controller import GPJointController
+    from feasigrasp.systems.grasp_controller import GraspController
     from feasigrasp.systems.grasp_sampler import GraspSampler
     from feasigrasp.systems.gripper_sequencer import GripperSequencer
     from feasigrasp.systems.metrics import Metrics
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "GPJointController",
+    "GraspController",
     "GraspSampler",
     "GripperSequencer",
     "Metrics",
@@ -31,6 +33,7 @@ __all__ = [
     "Station",
     "StationConfig",
     "VelocityDrive",
+    "add_dynamic_grasp",
     "make_dynamic_grasp",
 ]
 
@@ -49,6 +52,8 @@ __getattr__ = hand_on(
         "VelocityDrive": "velocity_drive",
         "ObjectTracker": "object_tracker",
         "Metrics": "metrics",
+        "GraspController": "grasp_controller",
+        "add_dynamic_grasp": "dynamic_grasp",
         "make_dynamic_grasp": "dynamic_grasp",
     },
 )

@@ -73,7 +73,7 @@ class Training(TrainingRun[nn.Module]):
     def __init__(self, args: argparse.Namespace, examples: Examples, held_out: Examples) -> None:
         self.preset, self.examples, self.held_out = args.preset, examples, held_out
         identity = {
-            "preset": args.preset,
+            "preset": str(args.preset),
             "seed": args.seed,
             "batch": args.batch,
             "examples": len(examples),

@@ -14,7 +14,7 @@ class TrackerConfig:
         rotation_noise: Standard deviation [rad].
         dropout: Probability that a measurement is lost.
         jerk: How quickly the object's acceleration is expected to change, see
-            `feasigrasp.models.objects.prediction.Noise`: lower is smoother, higher follows sooner.
+            `feasigrasp.models.objects.pose_filter.Noise`: lower is smoother, higher follows sooner.
         angular_jerk: The same for its angular acceleration.
         seed: Seed of noise and losses.
     """

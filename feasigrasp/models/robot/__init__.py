@@ -1,7 +1,19 @@
 """What arm and hand are: facts, kinematics, collisions."""
 
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.grippers import WSG_50
-from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability, pose_and_jacobian
+from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7, Arm
+from feasigrasp.models.robot.kinematics import (
+    forward_kinematics,
+    manipulability,
+    pose_and_jacobian,
+)
 
-__all__ = ["ParallelGripper", "WSG_50", "forward_kinematics", "manipulability", "pose_and_jacobian"]
+__all__ = [
+    "IIWA_7",
+    "WSG_50",
+    "Arm",
+    "ParallelGripper",
+    "forward_kinematics",
+    "manipulability",
+    "pose_and_jacobian",
+]
