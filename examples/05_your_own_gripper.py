@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from feasigrasp.models.grasps import perceive
+from feasigrasp.models.grasps import Rejection, perceive
 from feasigrasp.models.objects import load_object
 from feasigrasp.models.robot import WSG_50, ParallelGripper
 
@@ -25,25 +25,28 @@ WIDE = ParallelGripper(
     camera_center=(0.0, 0.085, -0.130),
 )
 HANDS = {"default": ParallelGripper(), "WSG 50": WSG_50, "wide": WIDE}
+THINNED = (Rejection.NEAR_COPY, Rejection.UNCERTAIN)
 OBJECTS = ("screwdriver", "mustard_bottle", "water_bottle", "ball", "bowl")
 
-kept = np.zeros((len(HANDS), len(OBJECTS)), dtype=int)
+held = np.zeros((len(HANDS), len(OBJECTS)), dtype=int)
 for j, name in enumerate(OBJECTS):
     points = load_object(name).mesh.sample(4000, seed=0)
     for i, hand in enumerate(HANDS.values()):
-        kept[i, j] = len(perceive(points, None, gripper=hand, sampler="antipodal").grasps)
-for label, row in zip(HANDS, kept, strict=True):
+        grasps = perceive(points, None, gripper=hand, sampler="antipodal").grasps
+        # Those that hold and are clear of the object; then the best few were chosen from them.
+        held[i, j] = len(grasps) + sum(grasps.rejected.get(r, 0) for r in THINNED)
+for label, row in zip(HANDS, held, strict=True):
     print(f"{label:8s}", ", ".join(f"{n} on {o}" for n, o in zip(row, OBJECTS, strict=True)))
 
 figure, axes = plt.subplots(1, 2, figsize=(10, 3.8), width_ratios=[1, 2])
 for k, (name, hand) in enumerate(HANDS.items()):
     p_G = hand.surface_points(hand.max_opening)
     axes[0].plot(1e3 * p_G[:, 0], 1e3 * p_G[:, 2] - 250 * k, ".", ms=4, label=name)
-    axes[1].bar(np.arange(len(OBJECTS)) + 0.27 * (k - 1), kept[k], width=0.27, label=name)
+    axes[1].bar(np.arange(len(OBJECTS)) + 0.27 * (k - 1), held[k], width=0.27, label=name)
 axes[0].set_aspect("equal")
 axes[0].set_title("points of the open hands, from the side [mm]", fontsize=9)
 axes[1].set_xticks(range(len(OBJECTS)), OBJECTS)
-axes[1].set_ylabel("grasps kept")
+axes[1].set_ylabel("candidates that hold and do not collide")
 axes[1].legend()
 figure.tight_layout()
 picture.parent.mkdir(parents=True, exist_ok=True)
