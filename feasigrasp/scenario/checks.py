@@ -8,16 +8,17 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.control.joint.sources import SOURCES
+from feasigrasp.models.control.joint.sources import Source
+from feasigrasp.models.control.safety.safe_velocity import Mode
 from feasigrasp.models.grasps.samplers import METHODS as SAMPLERS
 from feasigrasp.models.reach.judge import METHODS
 from feasigrasp.models.shape.completion import PRESETS
 from feasigrasp.scenario.schema import Scenario
 
-_CHOICES = {
+_CHOICES: dict[str, tuple[str, ...]] = {
     "control.controller": ("task", "joint"),
-    "control.mode": ("safe", "paper"),
-    "control.source": SOURCES,
+    "control.mode": tuple(Mode),
+    "control.source": tuple(Source),
     "perception.preset": PRESETS,
     "perception.sampler": SAMPLERS,
     "reachability.method": METHODS,

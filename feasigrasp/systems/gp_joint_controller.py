@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.models.control.joint.law import JointControlOptions, JointSpaceControl
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.safety.obstacle_grid import object_grid, obstacle_grid
+from feasigrasp.models.control.safety.safe_velocity import Mode
 from feasigrasp.models.geometry.sphere import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
@@ -57,7 +58,7 @@ class GPJointController(LeafSystem):
         options: JointControlOptions | None = None,
         *,
         solution_period: float = 0.05,
-        mode: str = "safe",
+        mode: str = Mode.SAFE,
     ) -> None:
         """A controller; ``mode`` is ``safe``, or ``paper`` to enforce nothing."""
         super().__init__()

@@ -8,14 +8,13 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.safety.obstacle_grid import object_grid, obstacle_grid
-from feasigrasp.models.control.safety.safe_velocity import Safety
+from feasigrasp.models.control.safety.safe_velocity import Mode, Safety
 from feasigrasp.models.control.task.memory import TaskMemory
-from feasigrasp.models.control.task.safe_law import (
-    TaskControlOptions,
-    paper_task_space_velocity,
-    task_space_velocity,
-)
+from feasigrasp.models.control.task.paper_law import paper_task_space_velocity
+from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
 from feasigrasp.models.geometry.sphere import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import future_poses
@@ -64,7 +63,7 @@ class RMMTaskController(LeafSystem):
         *,
         max_components: int = 10,
         period: float = 0.05,
-        mode: str = "safe",
+        mode: str = Mode.SAFE,
         seed: int = 0,
     ) -> None:
         """A controller; ``mode`` is ``safe``, or ``paper`` to enforce nothing."""
@@ -73,7 +72,7 @@ class RMMTaskController(LeafSystem):
         self._options = options or TaskControlOptions()
         self._safety = Safety(self._options.safety, reachability.gripper)
         self._max_components = max_components
-        self._safe = mode != "paper"
+        self._safe = parse_choice(Mode, mode, "mode", ControlError) is Mode.SAFE
         self._seed = seed
         self._compile()
         self._position = self.DeclareVectorInputPort("position", NUM_JOINTS)

@@ -34,7 +34,7 @@ from feasigrasp.evaluation.peers.safety_laws import (
 )
 from feasigrasp.evaluation.peers.safety_solvers import Solver, solvers
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions, velocity_bounds
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.robot.self_collision import min_distance, table_distances_and_gradients
@@ -108,7 +108,7 @@ def _start(rng: np.random.Generator) -> Array:
 
 
 def judge(
-    states: Sequence[State], commands: Sequence[Array | None], options: SafetyOptions
+    states: Sequence[State], commands: Sequence[Array | None], safety: Safety
 ) -> dict[str, Array]:
     """What the commands do at each tick; infinity or NaN without a command.
 
@@ -118,12 +118,13 @@ def judge(
         and how far they are from the twist, ``|W (J qd - V)|`` (``error``, m/s).
     """
     outcome = {key: np.full(len(states), np.nan) for key in (*KINDS, "error")}
+    options = safety.options
     weights = np.array([options.rotation_weight] * 3 + [1.0] * 3)
     change = options.acceleration_scale * options.period * ACCELERATION_LIMITS
     for k, (s, qd) in enumerate(zip(states, commands, strict=True)):
         if qd is None or not np.isfinite(qd).all():
             continue
-        lower, upper = velocity_bounds(s.q, options)
+        lower, upper = safety.problem(s.q, np.zeros(7))[1][:2, :7]
         outcome["limits"][k] = max(0.0, (lower - qd).max(), (qd - upper).max())
         outcome["acceleration"][k] = max(0.0, (np.abs(qd - s.qd_last) - change).max())
         outcome["clearance"][k] = (s.lower[7:] - s.rows @ qd).max(initial=0.0)
@@ -198,7 +199,7 @@ def main(args: argparse.Namespace) -> int:
                 commands = [law(s) for s in states]
                 timing = cpu_time(_all(law, states), 0.5 if args.quick else 4.0)
             rows.append(timing_row(f"{name}_us", preset, timing, "us", 1e6 / len(states)))
-            outcome = judge(states, commands, options)
+            outcome = judge(states, commands, safety)
             rows += rows_of(name, preset, outcome)
             for k in range(len(states)):
                 raw.append([name, preset, k, *(float(column[k]) for column in outcome.values())])

@@ -10,7 +10,7 @@ from feasigrasp.evaluation.bench import safety as bench
 from feasigrasp.evaluation.bench.timing import cpu_time
 from feasigrasp.evaluation.peers import safety_laws as laws
 from feasigrasp.evaluation.peers.safety_solvers import solve_daqp, solvers
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions, velocity_bounds
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 
 OPTIONS = SafetyOptions()
 
@@ -31,20 +31,20 @@ def test_half_of_the_ticks_have_a_clearance_in_the_way(states):
 
 
 def test_the_package_breaks_nothing_and_a_pseudo_inverse_does(states, safety):
-    outcome = bench.judge(states, [laws.package(safety)(s) for s in states], OPTIONS)
+    outcome = bench.judge(states, [laws.package(safety)(s) for s in states], safety)
     for kind in bench.KINDS:
         assert outcome[kind].max() < 1e-9
-    free = bench.judge(states, [np.linalg.pinv(s.J) @ s.V for s in states], OPTIONS)
+    free = bench.judge(states, [np.linalg.pinv(s.J) @ s.V for s in states], safety)
     assert (free["acceleration"] > bench.TOLERANCE).any()
     assert (free["clearance"] > bench.TOLERANCE).any()
     assert np.median(free["error"]) < 1e-9 < np.median(outcome["error"])
 
 
-def test_a_broken_limit_and_a_missing_answer_are_seen(states):
+def test_a_broken_limit_and_a_missing_answer_are_seen(states, safety):
     commands = [s.qd_last for s in states]
-    commands[0] = velocity_bounds(states[0].q, OPTIONS)[1] + 0.5
+    commands[0] = safety.problem(states[0].q, np.zeros(7))[1][1, :7] + 0.5
     commands[1] = None
-    outcome = bench.judge(states, commands, OPTIONS)
+    outcome = bench.judge(states, commands, safety)
     assert outcome["limits"][0] == pytest.approx(0.5)
     assert np.isnan(outcome["error"][1])
     rows = {row.name: row.value for row in bench.rows_of("x", "default", outcome)}
@@ -82,11 +82,11 @@ def test_saturation_in_the_null_space_keeps_bounds_and_follows_what_it_can(state
             np.testing.assert_allclose(s.J @ qd, s.V, atol=1e-9)
 
 
-def test_drake_follows_a_twist_where_nothing_is_in_the_way(states):
+def test_drake_follows_a_twist_where_nothing_is_in_the_way(safety):
     """At home at rest with a small twist: Drake's ways and ours agree on what the hand does."""
     q, J = bench.HOME, bench.pose_and_jacobian(bench.HOME)[1]
     V = np.array([0.01, 0.0, -0.01, 0.005, 0.005, 0.0])
-    lower, upper = velocity_bounds(q, OPTIONS, np.zeros(7))
+    lower, upper = safety.problem(q, np.zeros(7), qd_last=np.zeros(7))[1][:2, :7]
     s = laws.State(q, np.zeros(7), J, V, np.zeros(7), lower, upper, np.empty((0, 7)))
     for law in (laws.drake_function(OPTIONS), laws.drake_system(OPTIONS)):
         np.testing.assert_allclose(J @ law(s), V, atol=1e-4)

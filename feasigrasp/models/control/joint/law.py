@@ -14,7 +14,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numba import njit
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.joint.field import (
     NOISE_VARIANCE,
     distances_kernel,
@@ -25,7 +27,7 @@ from feasigrasp.models.control.joint.outlook import Outlook
 from feasigrasp.models.control.joint.search import SolutionOptions, SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import Mode, Safety, SafetyOptions
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
@@ -142,20 +144,22 @@ class JointSpaceControl:
     reachability: Reachability
     options: JointControlOptions = field(default_factory=JointControlOptions)
     period: float = 0.05
-    mode: str = "safe"
+    mode: str = Mode.SAFE
     search: SolutionSearch = field(init=False, repr=False)
     safety: Safety | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Derives what every step needs."""
-        if self.mode == "paper":
+        object.__setattr__(self, "mode", parse_choice(Mode, self.mode, "mode", ControlError))
+        paper = self.mode is Mode.PAPER
+        if paper:
             object.__setattr__(self, "options", self.options.as_in_the_paper())
         options, gripper = self.options, self.reachability.gripper
         search = SolutionSearch(
             self.reachability, options.funnel, options.outlook, options.solutions, self.period
         )
         object.__setattr__(self, "search", search)
-        safety = None if self.mode == "paper" else Safety(options.safety, gripper)
+        safety = None if paper else Safety(options.safety, gripper)
         object.__setattr__(self, "safety", safety)
 
     def update(

@@ -18,7 +18,8 @@ from numba import njit
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.control.joint.field import spacing_length_scale
+from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.control.joint.field import distances_kernel, length_scale_kernel
 from feasigrasp.models.control.joint.outlook import Outlook, outlook_kernel, way_cost_kernel
 from feasigrasp.models.control.joint.solutions import (
     Solutions,
@@ -26,7 +27,7 @@ from feasigrasp.models.control.joint.solutions import (
     flange_pose_kernel,
     solve_kernel,
 )
-from feasigrasp.models.control.joint.sources import SOURCES, new_configurations
+from feasigrasp.models.control.joint.sources import Source, new_configurations
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
@@ -62,7 +63,7 @@ class SolutionOptions:
         glide_gain: Rate per distance to the arm angle of least cost [1/s].
     """
 
-    source: str = "closed_form"
+    source: str = Source.CLOSED_FORM
     n_solutions: int = 64
     per_grasp: int = 4
     cost_rate: float = 4.0
@@ -72,10 +73,8 @@ class SolutionOptions:
 
     def __post_init__(self) -> None:
         """Checks the choice."""
-        if self.source not in SOURCES:
-            raise ControlError(
-                f"solutions come from {self.source!r}; choose one of {', '.join(SOURCES)}"
-            )
+        source = parse_choice(Source, self.source, "source", ControlError)
+        object.__setattr__(self, "source", source)
         if self.n_solutions < 1 or self.per_grasp < 1:
             raise ControlError(
                 f"n_solutions is {self.n_solutions} and per_grasp {self.per_grasp}; "
@@ -206,7 +205,9 @@ class SolutionSearch:
         acceleration = np.clip(
             (glide - items.rate) / period, -most.glide_acceleration, most.glide_acceleration
         )
-        wanted = spacing_length_scale(items.q)
+        r = np.empty((len(items.q),) * 2)
+        distances_kernel(items.q, r)
+        wanted = length_scale_kernel(r)
         if len(old.q) == 0:
             scale = wanted
         scale_rate = np.clip((wanted - scale) / period, -_LENGTH_SCALE_RATE, _LENGTH_SCALE_RATE)

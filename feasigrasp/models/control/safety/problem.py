@@ -3,8 +3,13 @@
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel, rows_kernel
+from feasigrasp.models.control.safety.clearance_rows import (
+    Body,
+    object_rows_kernel,
+    rows_kernel,
+)
 from feasigrasp.models.control.safety.speed_bounds import bounds_kernel
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
 
 _UNBOUNDED = 1e30
@@ -77,55 +82,29 @@ def problem_kernel(
 
     Everything in two arrays, since making a NumPy array costs as much as filling it: ``matrix``
     has H (7, 7) and below it the rows (m, 7), ``vector`` the lines lower bounds, upper bounds and
-    f. The arguments are single arrays, since numba takes ten times as long to unpack a tuple.
+    f. The arguments, from ``link`` to ``hand`` those of `Body`, are single arrays, since numba
+    takes ten times as long to unpack a tuple.
     """
-    period, margin, speed, acceleration = options[:4]
-    clearance, obstacle_clearance, object_clearance, height = options[4:8]
-    gain, rotation, damping = options[8:]
+    settings = options[0]
     lower, upper, f = vector[0], vector[1], vector[2, :7]
     state = 0.0
     for i in range(7):
         state += q[i] + (qd_last[i] if len(qd_last) > 0 else 0.0)
     if not np.isfinite(state):
         return -1, -1
-    bounds_kernel(q, qd_last, margin, gain, speed, acceleration, period, lower, upper)
-    m = rows_kernel(
-        q,
-        lower,
-        upper,
-        clearance,
-        obstacle_clearance,
-        height,
-        gain,
-        link,
-        ends,
-        radius,
-        pairs,
-        movers,
-        ball_link,
-        ball_center,
-        ball_radius,
-        grid,
-        frame,
-        matrix[7:],
-        lower[7:],
-    )
+    bounds_kernel(q, qd_last, settings, lower, upper)
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    link_poses_kernel(q, R, p)
+    body = Body(link, ends, radius, pairs, movers, ball_link, ball_center, ball_radius, hand)
+    m = rows_kernel(R, p, lower, upper, settings, body, grid, frame, matrix[7:], lower[7:])
     total = m + object_rows_kernel(
-        q,
-        lower,
-        upper,
-        object_clearance,
-        gain,
-        hand,
-        object_grid,
-        object_frame,
-        X_WO,
-        V_WO,
-        matrix[7 + m :],
-        lower[7 + m :],
+        *(R, p, lower, upper, settings, hand, object_grid, object_frame, X_WO, V_WO),
+        *(matrix[7 + m :], lower[7 + m :]),
     )
     upper[7 : 7 + total] = _UNBOUNDED
-    if not _write_request(qd_preferred, J, V, rotation, damping, matrix[:7], f):
+    if not _write_request(
+        qd_preferred, J, V, settings.rotation_weight, settings.damping, matrix[:7], f
+    ):
         stop_kernel(matrix[:7], f)
     return m, total
 

@@ -42,18 +42,18 @@ def _approach(room, gain, speed, deceleration, period):
 
 
 @njit(cache=True)
-def bounds_kernel(
-    q, qd_last, margin, gain, velocity_scale, acceleration_scale, period, lower, upper
-):
+def bounds_kernel(q, qd_last, options, lower, upper):
     """Writes joint velocity bounds into the first seven entries of ``lower`` and ``upper``.
 
-    ``qd_last`` is the previous command (7,), or empty if accelerations are not limited.
+    ``qd_last`` is the previous command (7,), or empty if accelerations are not limited;
+    ``options`` are `SafetyOptions`, as a record.
     """
+    gain, period = options.approach_gain, options.period
     for i in range(7):
-        speed = velocity_scale * VELOCITY_LIMITS[i]
-        acceleration = acceleration_scale * ACCELERATION_LIMITS[i]
+        speed = options.velocity_scale * VELOCITY_LIMITS[i]
+        acceleration = options.acceleration_scale * ACCELERATION_LIMITS[i]
         deceleration = acceleration / (2.0 + gain * period)
-        limit = POSITION_LIMITS[i] - margin
+        limit = POSITION_LIMITS[i] - options.position_margin
         up = _approach(limit - q[i], gain, speed, deceleration, period)
         down = -_approach(limit + q[i], gain, speed, deceleration, period)
         if len(qd_last) > 0:

@@ -12,7 +12,6 @@ from feasigrasp.models.control.joint.law import (
 from feasigrasp.models.control.joint.outlook import Outlook
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.safety.safe_velocity import velocity_bounds
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -227,7 +226,7 @@ def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
         last, qd = qd, control.velocity(q, solutions, t, X, V, qd)
         assert np.isfinite(qd).all()
         assert (np.abs(qd - last) <= ACCELERATION_LIMITS * DT + 1e-9).all()
-        lower, upper = velocity_bounds(q, OPTIONS.safety, last)
+        lower, upper = control.safety.problem(q, qd, qd_last=last)[1][:2, :7]
         assert ((lower - 1e-9 <= qd) & (qd <= upper + 1e-9)).all()
         q = q + DT * qd
         assert (np.abs(q) < POSITION_LIMITS).all()
@@ -238,4 +237,5 @@ def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
 def test_paper_mode_has_the_papers_field():
     options = JointSpaceControl(REACHABILITY, OPTIONS, PERIOD, "paper").options
     assert options.funnel.max_standoff == 0.0 and options.solutions.glide == 0.0
-    assert all(price == 0.0 for price in np.array(options.outlook.prices)[[0, 2, 4, 5, 6]])
+    prices = options.outlook.prices._asdict()
+    assert not any(prices[key] for key in ("limit", "manipulability", "offset", "end", "way"))

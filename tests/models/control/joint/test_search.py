@@ -19,7 +19,7 @@ from feasigrasp.models.control.joint.solutions import (
     flange_pose_kernel,
     solve_kernel,
 )
-from feasigrasp.models.control.joint.sources import APART, SOURCES
+from feasigrasp.models.control.joint.sources import APART, Source
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.reach.reachability import Reachability
@@ -58,7 +58,7 @@ def configurations(solutions, X_WO, elapsed=0.0):
     return q
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", Source)
 def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, source):
     X_OG = reachable(ring_of_grasps)
     found = search(source=source).update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)

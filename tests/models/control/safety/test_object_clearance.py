@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from feasigrasp.models.arrays import record
 from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, object_grid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.sphere import sphere_points
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
@@ -83,8 +85,11 @@ def all_rows(q, grid, X_WO, V_WO):
     hand = hand_points()
     rows, bounds = np.empty((len(hand) + 1, 7)), np.empty(len(hand) + 1)
     wide = np.full(7, 1e6)
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    link_poses_kernel(q, R, p)
+    options = record(SafetyOptions(object_clearance=0.0, approach_gain=1.0))[0]
     m = object_rows_kernel(
-        q, -wide, wide, 0.0, 1.0, hand, grid.values, grid.frame, X_WO, V_WO, rows, bounds
+        *(R, p, -wide, wide, options, hand, grid.values, grid.frame, X_WO, V_WO, rows, bounds)
     )
     return rows[:m].copy(), bounds[:m].copy()
 

@@ -7,12 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.control.safety.safe_velocity import (
-    Safety,
-    SafetyOptions,
-    safe_velocity,
-    velocity_bounds,
-)
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
@@ -52,9 +47,9 @@ def random_twist_request(q, rng):
 def test_the_answer_is_always_an_admissible_velocity(q, request, twist, follow):
     J = pose_and_jacobian(q)[1]
     with np.errstate(all="ignore"):
-        qd = safe_velocity(q, request, *((J, twist) if follow else ()))
+        qd = SAFETY.velocity(q, request, *((J, twist) if follow else ()))
     assert np.isfinite(qd).all()
-    lower, upper = velocity_bounds(q, OPTIONS)
+    lower, upper = SAFETY.problem(q, np.zeros(7))[1][:2, :7]
     assert ((lower <= qd) & (qd <= upper)).all() or (qd == 0.0).all()
     assert (np.abs(qd) <= CAPACITY).all()
 
@@ -64,7 +59,7 @@ def test_the_answer_is_always_an_admissible_velocity(q, request, twist, follow):
 def test_positions_that_are_not_finite_stop_the_arm(q):
     if not np.isfinite(q).all():
         with np.errstate(all="ignore"):
-            np.testing.assert_array_equal(safe_velocity(q, np.ones(7)), 0.0)
+            np.testing.assert_array_equal(SAFETY.velocity(q, np.ones(7)), 0.0)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -72,16 +67,16 @@ def test_requests_that_are_not_finite_stop_the_arm(bad):
     request, twist = np.full(7, 0.1), np.full(6, 0.1)
     J = pose_and_jacobian(HOME)[1]
     with np.errstate(all="ignore"):
-        np.testing.assert_array_equal(safe_velocity(HOME, request * bad), 0.0)
-        np.testing.assert_array_equal(safe_velocity(HOME, request * bad, J, twist), 0.0)
-        np.testing.assert_array_equal(safe_velocity(HOME, request, J, twist * bad), 0.0)
-        np.testing.assert_array_equal(safe_velocity(HOME, request, J * bad, twist), 0.0)
+        np.testing.assert_array_equal(SAFETY.velocity(HOME, request * bad), 0.0)
+        np.testing.assert_array_equal(SAFETY.velocity(HOME, request * bad, J, twist), 0.0)
+        np.testing.assert_array_equal(SAFETY.velocity(HOME, request, J, twist * bad), 0.0)
+        np.testing.assert_array_equal(SAFETY.velocity(HOME, request, J * bad, twist), 0.0)
 
 
 def test_a_joint_velocity_is_granted_where_nothing_is_in_the_way():
     for seed in range(20):
         request = np.random.default_rng(seed).uniform(-0.5, 0.5, 7)
-        np.testing.assert_allclose(safe_velocity(HOME, request), request, atol=1e-6)
+        np.testing.assert_allclose(SAFETY.velocity(HOME, request), request, atol=1e-6)
 
 
 def test_a_twist_is_followed_where_nothing_is_in_the_way():
@@ -90,7 +85,7 @@ def test_a_twist_is_followed_where_nothing_is_in_the_way():
         rng = np.random.default_rng(seed)
         V = rng.normal(size=6) * [0.3, 0.3, 0.3, 0.1, 0.1, 0.1]
         request = rng.uniform(-0.2, 0.2, 7)
-        qd = safe_velocity(HOME, request, J, V)
+        qd = SAFETY.velocity(HOME, request, J, V)
         np.testing.assert_allclose(J @ qd, V, atol=0.02 * np.linalg.norm(V) + 0.002)
         # Without bounds it is the minimiser of the objective.
         W = np.diag([OPTIONS.rotation_weight] * 3 + [1.0] * 3)
@@ -104,20 +99,20 @@ def test_redundant_motion_follows_the_preferred_velocity():
     """The elbow turns as asked while the hand stays."""
     J = pose_and_jacobian(HOME)[1]
     null = np.linalg.svd(J)[2][-1]
-    qd = safe_velocity(HOME, 0.3 * null, J, np.zeros(6))
+    qd = SAFETY.velocity(HOME, 0.3 * null, J, np.zeros(6))
     np.testing.assert_allclose(qd, 0.3 * null, atol=1e-6)
 
 
 def test_a_request_that_is_too_fast_is_cut_per_joint():
-    qd = safe_velocity(HOME, np.array([10.0, 0, 0, 0, 0, 0, -10.0]))
+    qd = SAFETY.velocity(HOME, np.array([10.0, 0, 0, 0, 0, 0, -10.0]))
     np.testing.assert_allclose(qd[[0, 6]], [CAPACITY[0], -CAPACITY[6]], atol=1e-9)
 
 
 def test_outside_a_limit_it_leads_back():
     q = HOME.copy()
     q[4] = POSITION_LIMITS[4] + 0.1
-    assert safe_velocity(q, np.zeros(7))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
-    assert safe_velocity(q, np.full(7, 0.3))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
+    assert SAFETY.velocity(q, np.zeros(7))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
+    assert SAFETY.velocity(q, np.full(7, 0.3))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
 
 
 def near_collision(n, closer_than, seed):
@@ -135,7 +130,7 @@ def test_close_bodies_approach_no_faster_than_their_room_allows():
     for q in near_collision(20, 0.04, seed=1):
         for distance, gradient in (distances_and_gradients(q), table_distances_and_gradients(q)):
             for row in np.flatnonzero(distance < 0.08):
-                qd = safe_velocity(q, -5.0 * gradient[row])
+                qd = SAFETY.velocity(q, -5.0 * gradient[row])
                 allowed = -OPTIONS.approach_gain * (distance[row] - OPTIONS.clearance)
                 assert gradient[row] @ qd >= allowed - 1e-6
 
@@ -149,7 +144,7 @@ def test_bodies_that_are_too_close_are_pushed_apart():
             continue
         before = clearance(q)
         for _ in range(200):
-            q = q + 0.005 * safe_velocity(q, np.zeros(7))
+            q = q + 0.005 * SAFETY.velocity(q, np.zeros(7))
         assert clearance(q) > (before + OPTIONS.clearance) / 2
         checked += 1
 
@@ -259,7 +254,7 @@ def test_rows_that_are_left_out_change_nothing():
     bound = 0
     for q in near_collision(12, 0.03, seed=6):
         request = rng.normal(size=7) + towards_contact(q, rng)[0] / 10
-        lower, upper = velocity_bounds(q, OPTIONS)
+        lower, upper = SAFETY.problem(q, np.zeros(7))[1][:2, :7]
         parts = [distances_and_gradients(q), table_distances_and_gradients(q)]
         distance, gradient = (np.concatenate(x) for x in zip(*parts, strict=True))
         allowed = -OPTIONS.approach_gain * (distance - OPTIONS.clearance)

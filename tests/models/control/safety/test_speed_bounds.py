@@ -5,12 +5,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feasigrasp.models.control.safety.safe_velocity import SafetyOptions, velocity_bounds
-from feasigrasp.models.control.safety.speed_bounds import braking_speed
+from feasigrasp.models.arrays import record
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.safety.speed_bounds import bounds_kernel, braking_speed
 from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
 
 OPTIONS = SafetyOptions()
 CAPACITY = OPTIONS.velocity_scale * VELOCITY_LIMITS
+
+
+def velocity_bounds(q, options, qd_last=None):
+    """Lower and upper bounds, shape (7,) each."""
+    lower, upper = np.empty(7), np.empty(7)
+    bounds_kernel(q, np.empty(0) if qd_last is None else qd_last, record(options)[0], lower, upper)
+    return lower, upper
+
+
 positions = st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7).map(
     lambda x: np.array(x) * POSITION_LIMITS
 )

@@ -7,17 +7,15 @@ from hypothesis import strategies as st
 
 from feasigrasp.models.control.safety.safe_velocity import Safety
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
-from feasigrasp.models.control.task.grasp_mixture import fit_grasp_mixture
+from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.control.task.memory import TaskMemory
-from feasigrasp.models.control.task.safe_law import (
-    TaskControlOptions,
-    paper_task_space_velocity,
-    task_space_velocity,
-)
+from feasigrasp.models.control.task.paper_law import paper_task_space_velocity
+from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.lookahead import reachable_grasps
 from feasigrasp.models.reach.reachability import Reachability
@@ -230,8 +228,12 @@ def test_the_choice_of_the_object_frame_changes_nothing(ring_of_grasps):
     np.testing.assert_allclose(
         task_space_velocity(q, moved, X_WP, V_WP, REACHABILITY, SAFETY, OPTIONS), qd, atol=1e-3
     )
+    in_P = RiemannianMixture(
+        mixture.mixture.weights, X_PO @ mixture.mixture.means, mixture.mixture.covariances
+    )
+    in_P = GraspMixture(in_P, X_PO @ mixture.X_OG, mixture.component, mixture.medoid)
     np.testing.assert_allclose(
-        paper_task_space_velocity(HOME, mixture.transformed(X_PO), X_WP, V_WP, X_FG, OPTIONS),
+        paper_task_space_velocity(HOME, in_P, X_WP, V_WP, X_FG, OPTIONS),
         paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, OPTIONS),
         atol=1e-7,
     )
