@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -42,8 +43,8 @@ class FirstGrasp(GraspController):
 
 
 file = diagram_path("dynamic.scenarios.yaml")
-scenario = load_scenario(file, "ReachLinear", "{object: {model: soup_can}, grasp: {close: false}}")
-own = {"sampler": narrowest, "controller": FirstGrasp(Reachability())}
+scenario = load_scenario(file, "ReachLinear", "{object: {model: mustard_bottle}}")
+own: dict[str, Any] = {"sampler": narrowest, "controller": FirstGrasp(Reachability())}
 figure, ax = plt.subplots(figsize=(7, 3.6))
 for name, parts in {"ours": {}, "own sampler and controller": own}.items():
     diagram = make_dynamic_grasp(scenario, **parts)

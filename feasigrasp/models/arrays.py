@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any, Self
 
 import numpy as np
@@ -31,3 +32,13 @@ class Frozen:
         for name, array in arrays.items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+
+
+def record(options: Any) -> NDArray[np.void]:
+    """The numbers of a dataclass as a structured array, shape (1,), for kernels.
+
+    A kernel reads ``options[0].name``; unlike a NamedTuple, an array costs next to nothing to pass.
+    """
+    names = [f.name for f in fields(options) if isinstance(getattr(options, f.name), int | float)]
+    values = tuple(float(getattr(options, name)) for name in names)
+    return np.array([values], dtype=[(name, float) for name in names])

@@ -8,7 +8,7 @@ import numpy as np
 
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.control.joint.sources import SOURCES
+from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach.judge import JudgeMethod
@@ -16,10 +16,10 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
 from feasigrasp.scenario.schema import Scenario
 
-_CHOICES = {
+_CHOICES: dict[str, tuple[str, ...]] = {
     "control.controller": tuple(ControlSpace),
     "control.mode": tuple(ControlMode),
-    "control.source": SOURCES,
+    "control.source": tuple(Source),
     "perception.preset": tuple(Preset),
     "perception.sampler": tuple(SamplerName),
     "reachability.method": tuple(JudgeMethod),

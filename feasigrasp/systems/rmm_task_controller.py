@@ -7,11 +7,8 @@ import numpy as np
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.task.memory import TaskMemory
-from feasigrasp.models.control.task.safe_law import (
-    TaskControlOptions,
-    paper_task_space_velocity,
-    task_space_velocity,
-)
+from feasigrasp.models.control.task.paper_law import paper_task_space_velocity
+from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
 from feasigrasp.models.objects.prediction import future_poses
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7

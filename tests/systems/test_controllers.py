@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, LogVectorOutput
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.control.safety.safe_velocity import SafetyOptions, velocity_bounds
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
@@ -166,11 +166,17 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
         )
         velocity = SpatialVelocity(rng.normal(scale=0.5, size=6))
         qd = Bench(make, grasps=grasps, q=q, pose=pose, velocity=velocity).command()
-        lower, upper = velocity_bounds(q, options)
+        lower, upper = Safety(options).problem(q, np.zeros(7))[1][:2, :7]
         assert np.isfinite(qd).all()
         assert np.all((lower - 1e-9 <= qd) & (qd <= upper + 1e-9))
         moved += bool(np.any(qd))
     assert moved > 0
+
+
+@both
+def test_an_unknown_mode_is_refused(make):
+    with pytest.raises(ControlError, match="'Paper'; choose one of safe, paper"):
+        make(REACH, mode="Paper")
 
 
 @both
@@ -182,7 +188,7 @@ def test_paper_mode_enforces_nothing(make):
     commands = {
         mode: Bench(make, q=q, velocity=spin, mode=mode).command() for mode in ("safe", "paper")
     }
-    lower, upper = velocity_bounds(q, SafetyOptions())
+    lower, upper = Safety().problem(q, np.zeros(7))[1][:2, :7]
     assert np.all((lower - 1e-9 <= commands["safe"]) & (commands["safe"] <= upper + 1e-9))
     assert np.isfinite(commands["paper"]).all()
     assert np.any((commands["paper"] > upper) | (commands["paper"] < lower))

@@ -116,14 +116,14 @@ def judge(
         those of the accelerations (``acceleration``, rad/s) and the rows (``clearance``, m/s);
         and how far they are from the twist, ``|W (J qd - V)|`` (``error``, m/s).
     """
-    options = safety.options
     outcome = {key: np.full(len(states), np.nan) for key in (*KINDS, "error")}
+    options = safety.options
     weights = np.array([options.rotation_weight] * 3 + [1.0] * 3)
     change = options.acceleration_scale * options.period * IIWA_7.acceleration_limits
     for k, (s, qd) in enumerate(zip(states, commands, strict=True)):
         if qd is None or not np.isfinite(qd).all():
             continue
-        lower, upper = safety.problem(s.q, s.qd_preferred)[1][:2, :7]
+        lower, upper = safety.problem(s.q, np.zeros(7))[1][:2, :7]
         outcome["limits"][k] = max(0.0, (lower - qd).max(), (qd - upper).max())
         outcome["acceleration"][k] = max(0.0, (np.abs(qd - s.qd_last) - change).max())
         outcome["clearance"][k] = (s.lower[IIWA_7.joints :] - s.rows @ qd).max(initial=0.0)

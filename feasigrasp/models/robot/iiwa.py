@@ -135,9 +135,3 @@ IIWA_7 = Arm(
         external_torque=_constant(60.0 * np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.2, 0.1])),
     ),
 )
-
-# For control, until it names IIWA_7 itself.
-NUM_JOINTS = IIWA_7.joints
-JOINT_HEIGHTS, JOINT_AXES = IIWA_7.joint_heights, IIWA_7.joint_axes
-POSITION_LIMITS, VELOCITY_LIMITS = IIWA_7.position_limits, IIWA_7.velocity_limits
-ACCELERATION_LIMITS, D_BASE_SHOULDER = IIWA_7.acceleration_limits, IIWA_7.lengths[0]

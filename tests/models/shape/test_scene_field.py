@@ -7,9 +7,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.control.safety.arm_balls import arm_balls, obstacle_distances_and_gradients
+from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.grasps.scene_clear import scene_clear
-from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
 from feasigrasp.models.shape.scene_field import fit_scene
@@ -218,49 +217,23 @@ def in_the_world():
 
 
 def configurations_above_the_table(in_the_world, count):
-    """Random configurations whose capsules are above the table's middle, with the balls' places."""
+    """The balls' places in random configurations whose capsules are above the table's middle."""
     rng, balls, found = np.random.default_rng(4), arm_balls(), []
     home = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
     while len(found) < count:
         q = home + rng.uniform(-1.0, 1.0, 7) * [0.5, 0.6, 1, 0.6, 1, 1, 1]
         x = in_the_world(q, balls.link, balls.center)
         if x[:, 2].min() > 0.02 and np.abs(x[:, 1]).max() < 0.45 and x[:, 0].min() > -0.2:
-            found.append((q, x))
+            found.append(x)
     return found
 
 
 def test_arm_distances_above_a_table_are_the_heights_of_its_balls(table, in_the_world):
     radius = arm_balls().radius
-    for q, x in configurations_above_the_table(in_the_world, 20):
+    for x in configurations_above_the_table(in_the_world, 20):
         if x[:, 0].max() < 0.9:
-            distance, _ = obstacle_distances_and_gradients(q, table)
+            distance = np.minimum(table.distance(x) - radius, 0.25)
             np.testing.assert_allclose(distance, np.minimum(x[:, 2] - radius, 0.25), atol=4e-3)
-
-
-def test_gradients_are_those_of_finite_differences(table, in_the_world):
-    """Of the balls' heights above the table, moved by Drake's kinematics."""
-    balls, h, steepest = arm_balls(), 1e-6, []
-    for q, x in configurations_above_the_table(in_the_world, 5):
-        _, gradient = obstacle_distances_and_gradients(q, table, balls)
-        z = [
-            [in_the_world(q + s * h * e, balls.link, balls.center)[:, 2] for s in (1, -1)]
-            for e in np.eye(7)
-        ]
-        expected = np.array([(up - down) / (2 * h) for up, down in z]).T
-        height = x[:, 2] - balls.radius
-        above = (x[:, 0] < 0.9) & (height < 0.24)
-        # At a height of 0.3 m noise of 1 mm shifts the foot by 2 cm: 0.07 rad, on a lever of 0.8 m.
-        np.testing.assert_allclose(gradient[above], expected[above], atol=0.06)
-        assert (gradient[height > 0.26] == 0.0).all()
-        steepest.extend(np.abs(expected[above]).max(axis=1))
-    assert np.max(steepest) > 0.3
-
-
-def test_without_a_hand_the_arm_alone_is_checked(table):
-    alone = capsule_model(with_hand=False)
-    distance, gradient = obstacle_distances_and_gradients(np.zeros(7), table, alone)
-    assert len(distance) == len(arm_balls(alone).link) < len(arm_balls().link)
-    assert gradient.shape == (len(distance), 7)
 
 
 @pytest.mark.parametrize(
@@ -280,5 +253,3 @@ def test_clouds_that_cannot_be_fitted_are_refused(cloud, view, message):
 def test_queries_that_are_no_points_are_refused(table):
     with pytest.raises(PointCloudError, match="NaN or infinity"):
         table.distance([[0.0, np.nan, 0.0]])
-    with pytest.raises(ValueError, match=r"shape \(7,\)"):
-        obstacle_distances_and_gradients(np.zeros(6), table)

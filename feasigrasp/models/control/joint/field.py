@@ -11,16 +11,11 @@ it is the paper's field. A solution with ``c_i > c_j + |q_i - q_j|`` is never wo
 cost is taken as the right-hand side, so that the field passes through it as if it were not there.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
 
-from feasigrasp.models.arrays import Array
 from feasigrasp.models.numerics.fast_math import fast_exp
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Bounds of the length scale [rad], and its ratio to the median nearest-neighbour spacing.
 MIN_LENGTH_SCALE, MAX_LENGTH_SCALE, SPACING_RATIO = 0.03, 0.2, 0.4
@@ -38,14 +33,14 @@ def distances_kernel(q, r):
     """Writes the distances |q_i - q_j|, i > j, into the lower triangle of ``r`` (n, n)."""
     n = len(q)
     columns = np.empty((7, n))
-    for k in range(7):
+    for k in range(IIWA_7.joints):
         for i in range(n):
             columns[k, i] = q[i, k]
     for i in range(n):
         row = r[i]
         for j in range(i):
             row[j] = 0.0
-        for k in range(7):
+        for k in range(IIWA_7.joints):
             column, here = columns[k], columns[k, i]
             for j in range(i):
                 offset = here - column[j]
@@ -153,7 +148,7 @@ def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
     nearest = np.inf
     for i in range(n):
         square = 0.0
-        for k in range(7):
+        for k in range(IIWA_7.joints):
             square += (q[k] - nodes[i, k]) ** 2
         weights[i] = np.sqrt(square)
         nearest = min(nearest, weights[i] + lowest[i])
@@ -165,7 +160,7 @@ def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
         term = beta[i] * decay
         o += term
         soft += decay
-        for k in range(7):
+        for k in range(IIWA_7.joints):
             gradient[k] += term / max(r, 1e-12) * (q[k] - nodes[i, k])
         decay = decay * decay
         weights[i] = decay * decay
@@ -180,93 +175,7 @@ def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
             gradient += weights[i] * offset / max(np.linalg.norm(offset), 1e-12)
     for i in range(n):
         weights[i] /= total
-    for k in range(7):
+    for k in range(IIWA_7.joints):
         gradient[k] /= o
     d = nearest - length_scale * np.log(o)
     return d, d - mean_cost / total
-
-
-def spacing_length_scale(q: Array) -> float:
-    """Clip(0.4 x median nearest-neighbour distance, 0.03, 0.2) [rad] for q, shape (n, 7)."""
-    q = np.ascontiguousarray(q, dtype=float)
-    r = np.empty((len(q), len(q)))
-    distances_kernel(q, r)
-    return float(length_scale_kernel(r))
-
-
-@dataclass(frozen=True, eq=False)
-class JointField:
-    """Distance field over configurations.
-
-    Attributes:
-        q: Configurations, shape (n, 7) [rad].
-        cost: The field's value at each of them, shape (n,) [rad].
-        beta: Weights, see `fit_kernel`, shape (n,).
-        length_scale: l [rad].
-    """
-
-    q: Array
-    cost: Array
-    beta: Array
-    length_scale: float
-
-    def evaluate(self, q: ArrayLike) -> tuple[float, Array, Array]:
-        """Distance, its gradient, and how much each solution counts, at one configuration.
-
-        Args:
-            q: Joint positions [rad], shape (7,).
-
-        Returns:
-            d [rad]; grad d, shape (7,); non-negative weights of the solutions, summing to 1,
-            shape (n,).
-        """
-        d, _, gradient, weights = self._evaluate(q)
-        return d, gradient, weights
-
-    def way_left(self, q: ArrayLike) -> float:
-        """How far it is to the solutions that count [rad]: d without their costs."""
-        return self._evaluate(q)[1]
-
-    def _evaluate(self, q: ArrayLike) -> tuple[float, float, Array, Array]:
-        gradient, weights = np.empty(7), np.empty(len(self.q))
-        d, left = evaluate_kernel(
-            np.ascontiguousarray(q, dtype=float),
-            self.q,
-            self.cost,
-            self.beta,
-            self.length_scale,
-            gradient,
-            weights,
-        )
-        return float(d), float(left), gradient, weights
-
-
-def fit_joint_field(
-    q: ArrayLike,
-    length_scale: float | None = None,
-    cost: ArrayLike | None = None,
-    noise_variance: float = NOISE_VARIANCE,
-) -> JointField:
-    """Fits the field to configurations.
-
-    Args:
-        q: Configurations, shape (n, 7) [rad].
-        length_scale: l [rad]; from their spacing by default.
-        cost: What it costs to be at each, shape (n,) [rad]; nothing by default, as in the paper.
-        noise_variance: Added to the diagonal.
-
-    Raises:
-        ValueError: There is no configuration, or there are not as many costs.
-    """
-    nodes = np.array(q, dtype=float).reshape(-1, 7)
-    if len(nodes) == 0:
-        raise ValueError("a joint field needs at least one configuration; got none")
-    costs = np.zeros(len(nodes)) if cost is None else np.array(cost, dtype=float).reshape(-1)
-    if len(costs) != len(nodes):
-        raise ValueError(f"{len(costs)} costs for {len(nodes)} configurations; give one for each")
-    r, lowest, beta = np.empty((len(nodes),) * 2), np.empty(len(nodes)), np.empty(len(nodes))
-    distances_kernel(nodes, r)
-    if length_scale is None:
-        length_scale = float(length_scale_kernel(r))
-    fit_kernel(r, costs, length_scale, noise_variance, lowest, beta)
-    return JointField(nodes, lowest, beta, length_scale)

@@ -14,7 +14,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numba import njit
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.joint.field import (
     NOISE_VARIANCE,
     distances_kernel,
@@ -24,13 +26,14 @@ from feasigrasp.models.control.joint.field import (
 from feasigrasp.models.control.joint.outlook import Outlook
 from feasigrasp.models.control.joint.search import SolutionOptions, SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
+from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 
@@ -73,18 +76,18 @@ def _descent_kernel(left, gradient, gain, max_speed, qd):
     Half of the acceleration limits is taken to suffice for the way left along every joint.
     """
     slope = 0.0
-    for k in range(7):
+    for k in range(IIWA_7.joints):
         slope += gradient[k] ** 2
     slope = np.sqrt(slope)
     if not left > 0.0 or slope < 1e-12:
         qd[:] = 0.0
         return
     speed = gain * left
-    for k in range(7):
+    for k in range(IIWA_7.joints):
         part = max(abs(gradient[k]) / slope, 1e-9)
-        speed = min(speed, max_speed * VELOCITY_LIMITS[k] / part)
-        speed = min(speed, np.sqrt(ACCELERATION_LIMITS[k] * left / part))
-    for k in range(7):
+        speed = min(speed, max_speed * IIWA_7.velocity_limits[k] / part)
+        speed = min(speed, np.sqrt(IIWA_7.acceleration_limits[k] * left / part))
+    for k in range(IIWA_7.joints):
         qd[k] = -speed * min(1.0, slope) * gradient[k] / slope
 
 
@@ -95,7 +98,7 @@ def field_velocity_kernel(
     """Joint velocity (7,) of the field: inverse kinematics of all solutions, fit, and gradient."""
     gain, max_speed, feed_forward = gains
     n = len(branch)
-    X_WH, J = np.empty((4, 4)), np.empty((6, 7))
+    X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
     pose_jacobian_kernel(q, X_FG, X_WH, J)
     X_OH = inverse_kernel(X_WO) @ X_WH
     X_GF = inverse_kernel(X_FG)
@@ -104,9 +107,13 @@ def field_velocity_kernel(
         rate, acceleration = arm_angle[i, 1], arm_angle[i, 2]
         angles[i, 0] = arm_angle[i, 0] + elapsed * (rate + 0.5 * elapsed * acceleration)
         angles[i, 1] = rate + elapsed * acceleration
-    X_WF, q_i, index = np.empty((n, 4, 4)), np.empty((n, 7)), np.empty(n, dtype=np.int64)
+    X_WF, q_i, index = (
+        np.empty((n, 4, 4)),
+        np.empty((n, IIWA_7.joints)),
+        np.empty(n, dtype=np.int64),
+    )
     count = place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q_i, index)
-    qd = np.zeros(7)
+    qd = np.zeros(IIWA_7.joints)
     if count == 0:
         return qd
     q_i, index = q_i[:count], index[:count]
@@ -114,13 +121,13 @@ def field_velocity_kernel(
     for k in range(count):
         costs[k] = cost[index[k], 0] + elapsed * cost[index[k], 1]
     scale = length_scale[0] + elapsed * length_scale[1]
-    r, gradient, weights = np.empty((count, count)), np.empty(7), np.empty(count)
+    r, gradient, weights = np.empty((count, count)), np.empty(IIWA_7.joints), np.empty(count)
     distances_kernel(q_i, r)
     fit_kernel(r, costs, scale, NOISE_VARIANCE, lowest, beta)
     _, left = evaluate_kernel(q, q_i, lowest, beta, scale, gradient, weights)
     _descent_kernel(left, gradient, gain, max_speed, qd)
     if feed_forward:
-        forward = np.empty(7)
+        forward = np.empty(IIWA_7.joints)
         feed_forward_kernel(
             X_WF, V_WO, X_WO[:3, 3].copy(), branch, angles, index, weights, q_i, forward
         )
@@ -142,20 +149,22 @@ class JointSpaceControl:
     reachability: Reachability
     options: JointControlOptions = field(default_factory=JointControlOptions)
     period: float = 0.05
-    mode: str = "safe"
+    mode: str = ControlMode.SAFE
     search: SolutionSearch = field(init=False, repr=False)
     safety: Safety | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Derives what every step needs."""
-        if self.mode == "paper":
+        object.__setattr__(self, "mode", parse_choice(ControlMode, self.mode, "mode", ControlError))
+        paper = self.mode is ControlMode.PAPER
+        if paper:
             object.__setattr__(self, "options", self.options.as_in_the_paper())
         options, gripper = self.options, self.reachability.gripper
         search = SolutionSearch(
             self.reachability, options.funnel, options.outlook, options.solutions, self.period
         )
         object.__setattr__(self, "search", search)
-        safety = None if self.mode == "paper" else Safety(options.safety, gripper)
+        safety = None if paper else Safety(options.safety, gripper)
         object.__setattr__(self, "safety", safety)
 
     def update(
@@ -197,7 +206,7 @@ class JointSpaceControl:
         Zero without solutions, or if anything is not finite.
         """
         if len(solutions) == 0 or not np.isfinite(q.sum() + X_WO.sum() + V_WO.sum()):
-            return np.zeros(7)
+            return np.zeros(IIWA_7.joints)
         options = self.options
         qd = field_velocity_kernel(
             np.ascontiguousarray(q, dtype=float),

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,10 +22,23 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.solutions import flange_pose_kernel, solve_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import manipulability_kernel, pose_jacobian_kernel
 
 _PARTS = 4
+
+
+class Prices(NamedTuple):
+    """The prices of an `Outlook`."""
+
+    limit: float
+    limit_share: float
+    manipulability: float
+    good_manipulability: float
+    offset: float
+    end: float
+    way: float
+    blocked: float
 
 
 @dataclass(frozen=True)
@@ -59,18 +73,9 @@ class Outlook:
     instants: int = 9
 
     @cached_property
-    def prices(self) -> tuple[float, ...]:
-        """The numbers that the kernels take."""
-        return (
-            self.limit,
-            self.limit_share,
-            self.manipulability,
-            self.good_manipulability,
-            self.offset,
-            self.end,
-            self.way,
-            self.blocked,
-        )
+    def prices(self) -> Prices:
+        """What the kernels take."""
+        return Prices(*(getattr(self, name) for name in Prices._fields))
 
     def times(self, predicted: bool) -> Array:
         """The instants that are looked at, shape (instants,) [s], now included."""
@@ -87,14 +92,14 @@ class Outlook:
 def posture_cost_kernel(q, prices):
     """Cost of a configuration by itself: joints near limits, low manipulability."""
     cost = 0.0
-    share = prices[1]
-    for k in range(7):
-        beyond = (abs(q[k]) / POSITION_LIMITS[k] - share) / (1.0 - share)
+    share = prices.limit_share
+    for k in range(IIWA_7.joints):
+        beyond = (abs(q[k]) / IIWA_7.position_limits[k] - share) / (1.0 - share)
         if beyond > 0.0:
-            cost += prices[0] * beyond * beyond
-    lack = 1.0 - manipulability_kernel(q) / prices[3]
+            cost += prices.limit * beyond * beyond
+    lack = 1.0 - manipulability_kernel(q) / prices.good_manipulability
     if lack > 0.0:
-        cost += prices[2] * lack * lack
+        cost += prices.manipulability * lack * lack
     return cost
 
 
@@ -115,9 +120,9 @@ def outlook_kernel(X_WO, X_OG, standoff, X_GF, branch, psi, search, prices, X_WF
         past += 1
     cost = total / max(past, 1)
     left = 1.0 - past / n
-    cost += prices[5] * left * left
+    cost += prices.end * left * left
     offset = np.sqrt(X_OG[0, 3] ** 2 + X_OG[1, 3] ** 2 + X_OG[2, 3] ** 2)
-    return cost + prices[4] * offset
+    return cost + prices.offset * offset
 
 
 @njit(cache=True)
@@ -127,20 +132,20 @@ def way_cost_kernel(q, q_i, X_FG, p_WO, search, prices, scratch, X_WH):
     The distance of hand and object is taken in the middle of each of ``_PARTS`` parts of the way,
     beyond what it is at its end; there it is also seen whether the arm collides.
     """
-    if prices[6] == 0.0:
+    if prices.way == 0.0:
         return 0.0
     pose_jacobian_kernel(q_i, X_FG, X_WH, None)
     at_end = _apart(X_WH, p_WO)
     mean, blocked = 0.0, 0
     for k in range(_PARTS):
         share = (k + 0.5) / _PARTS
-        for j in range(7):
+        for j in range(IIWA_7.joints):
             scratch[j] = q[j] + share * (q_i[j] - q[j])
         pose_jacobian_kernel(scratch, X_FG, X_WH, None)
         mean += max(0.0, _apart(X_WH, p_WO) - at_end) / _PARTS
         if not is_clear_kernel(scratch, search.capsules, 0.0, search.table_height):
             blocked += 1
-    return prices[6] * mean * travel_time_kernel(q, q_i) + prices[7] * blocked / _PARTS
+    return prices.way * mean * travel_time_kernel(q, q_i) + prices.blocked * blocked / _PARTS
 
 
 @njit(cache=True)

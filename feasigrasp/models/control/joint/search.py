@@ -18,7 +18,8 @@ from numba import njit
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.control.joint.field import spacing_length_scale
+from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.control.joint.field import distances_kernel, length_scale_kernel
 from feasigrasp.models.control.joint.outlook import Outlook, outlook_kernel, way_cost_kernel
 from feasigrasp.models.control.joint.solutions import (
     Solutions,
@@ -26,12 +27,13 @@ from feasigrasp.models.control.joint.solutions import (
     flange_pose_kernel,
     solve_kernel,
 )
-from feasigrasp.models.control.joint.sources import SOURCES, new_configurations
+from feasigrasp.models.control.joint.sources import Source, new_configurations
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 #: A solution counts nothing if going there is so many length scales longer than the best.
@@ -62,7 +64,7 @@ class SolutionOptions:
         glide_gain: Rate per distance to the arm angle of least cost [1/s].
     """
 
-    source: str = "closed_form"
+    source: str = Source.CLOSED_FORM
     n_solutions: int = 64
     per_grasp: int = 4
     cost_rate: float = 4.0
@@ -72,10 +74,8 @@ class SolutionOptions:
 
     def __post_init__(self) -> None:
         """Checks the choice."""
-        if self.source not in SOURCES:
-            raise ControlError(
-                f"solutions come from {self.source!r}; choose one of {', '.join(SOURCES)}"
-            )
+        source = parse_choice(Source, self.source, "source", ControlError)
+        object.__setattr__(self, "source", source)
         if self.n_solutions < 1 or self.per_grasp < 1:
             raise ControlError(
                 f"n_solutions is {self.n_solutions} and per_grasp {self.per_grasp}; "
@@ -125,7 +125,7 @@ def _outlook(
 
     ``X_WO`` (k, 4, 4) are the object's poses ahead, the first one that of now.
     """
-    X_WF, scratch, values = np.empty((4, 4)), np.empty(7), np.empty(3)
+    X_WF, scratch, values = np.empty((4, 4)), np.empty(IIWA_7.joints), np.empty(3)
     p_WO = X_WO[0, :3, 3].copy()
     for i in range(len(branch)):
         flange_pose_kernel(X_WO[0], X_OG[i], standoffs[i], X_GF, X_WF)
@@ -206,7 +206,9 @@ class SolutionSearch:
         acceleration = np.clip(
             (glide - items.rate) / period, -most.glide_acceleration, most.glide_acceleration
         )
-        wanted = spacing_length_scale(items.q)
+        r = np.empty((len(items.q),) * 2)
+        distances_kernel(items.q, r)
+        wanted = length_scale_kernel(r)
         if len(old.q) == 0:
             scale = wanted
         scale_rate = np.clip((wanted - scale) / period, -_LENGTH_SCALE_RATE, _LENGTH_SCALE_RATE)
@@ -234,7 +236,7 @@ class SolutionSearch:
         """Solutions with their configurations and their outlook; cost: the outlook if None."""
         n, X_FG = len(branch), self.reachability.gripper.X_FG
         standoffs = self._standoffs(X_OG, X_WO[0], q)
-        configurations, reached = np.empty((n, 7)), np.zeros(n, dtype=bool)
+        configurations, reached = np.empty((n, IIWA_7.joints)), np.zeros(n, dtype=bool)
         target, better = np.zeros(n), np.zeros(n)
         _outlook(
             *(q, X_FG, X_WO, X_OG, standoffs, se3.inverse(X_FG), branch, psi),
@@ -263,7 +265,7 @@ class SolutionSearch:
             self.outlook.prices,
         )
         grasp = np.repeat(looked_at, [len(one) for one in found])
-        configurations = np.concatenate([*found, np.empty((0, 7))])
+        configurations = np.concatenate([*found, np.empty((0, IIWA_7.joints))])
         psi = np.array([arm_angle_kernel(one) for one in configurations])
         items = self._items(
             X_OG[grasp], grasp, branches_of(configurations), psi, np.zeros(len(psi)), None, X_WO, q

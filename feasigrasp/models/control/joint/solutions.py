@@ -19,7 +19,7 @@ from feasigrasp.models.grasps.funnel import standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.numerics.fast_math import fast_sincos
-from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Time over which a solution's velocity is taken [s]; its error is of the order of the squared
 #: angle that the object turns meanwhile.
@@ -166,9 +166,9 @@ def solution_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, 
         moved[i, 3] += _INSTANT * V_WO[3 + i]
     if not solve_kernel(moved, branch, psi + _INSTANT * psi_rate, qd):
         return False
-    for k in range(7):
+    for k in range(IIWA_7.joints):
         qd[k] = (qd[k] - q[k]) / _INSTANT
-        if not abs(qd[k]) < 100.0 * VELOCITY_LIMITS[k]:
+        if not abs(qd[k]) < 100.0 * IIWA_7.velocity_limits[k]:
             return False
     return True
 
@@ -176,7 +176,7 @@ def solution_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, 
 @njit(cache=True)
 def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, qd):
     """Writes the mean velocity (7,) of the solutions that count, no faster than the joints are."""
-    moved, one = np.empty((4, 4)), np.empty(7)
+    moved, one = np.empty((4, 4)), np.empty(IIWA_7.joints)
     moved[3] = 0.0
     moved[3, 3] = 1.0
     qd[:] = 0.0
@@ -186,10 +186,10 @@ def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, qd)
             if solution_velocity_kernel(
                 X_WF[k], V_WO, p_WO, branch[i], angles[i, 0], angles[i, 1], q[k], moved, one
             ):
-                for j in range(7):
+                for j in range(IIWA_7.joints):
                     qd[j] += weights[k] * one[j]
     excess = 1.0
-    for j in range(7):
-        excess = max(excess, abs(qd[j]) / VELOCITY_LIMITS[j])
-    for j in range(7):
+    for j in range(IIWA_7.joints):
+        excess = max(excess, abs(qd[j]) / IIWA_7.velocity_limits[j])
+    for j in range(IIWA_7.joints):
         qd[j] /= excess

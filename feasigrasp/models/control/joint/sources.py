@@ -7,13 +7,14 @@ whatever there is; the IK flow, as in the paper, and damped least squares draw f
 
 from __future__ import annotations
 
+from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.joint.outlook import posture_cost_kernel
+from feasigrasp.models.control.joint.outlook import Prices, posture_cost_kernel
 from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
     arm_circle_kernel,
@@ -25,10 +26,8 @@ from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: Where configurations of new solutions come from.
-SOURCES = ("closed_form", "flow", "dls")
 #: Two solutions of one grasp are at least so far apart [rad].
 APART = 1.0
 # Draws for each pose of the flow and of damped least squares; steps and damping of the latter.
@@ -37,11 +36,19 @@ _DRAWS, _STEPS, _DAMPING = 8, 20, 0.05
 _POSITION_TOLERANCE, _ANGLE_TOLERANCE = 1e-3, 0.02
 
 
+class Source(StrEnum):
+    """Where configurations of new solutions come from."""
+
+    CLOSED_FORM = "closed_form"
+    FLOW = "flow"
+    DLS = "dls"
+
+
 @njit(cache=True)
 def distance_kernel(a, b):
     """Euclidean distance of two configurations (7,) [rad]."""
     square = 0.0
-    for k in range(7):
+    for k in range(IIWA_7.joints):
         square += (a[k] - b[k]) ** 2
     return np.sqrt(square)
 
@@ -101,7 +108,9 @@ def _drawn(q, q_now, known, search, prices, found):
 
 @lru_cache(maxsize=1)
 def _random_configurations() -> Array:
-    return np.random.default_rng(0).uniform(-POSITION_LIMITS, POSITION_LIMITS, (_DRAWS, 7))
+    return np.random.default_rng(0).uniform(
+        -IIWA_7.position_limits, IIWA_7.position_limits, (_DRAWS, 7)
+    )
 
 
 def drawn_configurations(source: str, X_WF: Array) -> Array:
@@ -111,7 +120,7 @@ def drawn_configurations(source: str, X_WF: Array) -> Array:
     poses.
     """
     poses = np.repeat(X_WF, _DRAWS, axis=0)
-    if source == "flow":
+    if source == Source.FLOW:
         q, position, angle = refine(poses, IkFlow.load_default().solve(poses, seed=0), steps=0)
     else:
         starts = np.tile(_random_configurations(), (len(X_WF), 1))
@@ -127,12 +136,12 @@ def new_configurations(
     known: list[Array],
     per_pose: int,
     search: Search,
-    prices: tuple[float, ...],
+    prices: Prices,
 ) -> list[Array]:
     """Configurations of flange poses that are not known yet.
 
     Args:
-        source: One of `SOURCES`.
+        source: How they are found, a `Source`.
         X_WF: Flange poses, shape (m, 4, 4).
         q_now: Joint positions [rad], shape (7,); near ones come first.
         known: Configurations of each pose that are known, shape (k, 7) each.
@@ -143,7 +152,9 @@ def new_configurations(
     Returns:
         For each pose, shape (j, 7), best first.
     """
-    drawn = drawn_configurations(source, X_WF) if source != "closed_form" and len(X_WF) else None
+    drawn = (
+        drawn_configurations(source, X_WF) if source != Source.CLOSED_FORM and len(X_WF) else None
+    )
     result = []
     for i, (X, taken) in enumerate(zip(X_WF, known, strict=True)):
         found = np.empty((max(per_pose - len(taken), 0), 7))

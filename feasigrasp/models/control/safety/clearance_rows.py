@@ -6,81 +6,93 @@ if no velocity between the bounds breaks it; what is left are a handful at most.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.control.safety.obstacle_grid import grid_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import (
     add_lever,
     closest_parameters,
     end_point,
-    link_poses_kernel,
     place,
 )
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: No point of the arm is farther from a joint's axis [m]; a bound on how a joint moves it.
 _LEVER = 1.5
 _UP = (0.0, 0.0, 1.0)
 
 
+class Body(NamedTuple):
+    """The arm with its hand.
+
+    Attributes:
+        link: As in `feasigrasp.models.robot.capsules.CapsuleModel`, like the next four.
+        ends: Ends of the capsules.
+        radius: Their radii.
+        pairs: Those that can come close.
+        movers: Those that can come close to the table.
+        ball_link: As in `feasigrasp.models.control.safety.arm_balls.ArmBalls`, like the next two.
+        ball_center: Centres of the balls.
+        ball_radius: Their radii.
+        hand: Points on the outside of the open hand, on link 7, shape (k, 3) [m].
+    """
+
+    link: Indices
+    ends: Array
+    radius: Array
+    pairs: Indices
+    movers: Indices
+    ball_link: Indices
+    ball_center: Array
+    ball_radius: Array
+    hand: Array
+
+
 @njit(cache=True, forceinline=True)
-def _keep(row, lower, upper, bound):
-    """Whether some velocity between the bounds breaks ``row . qd >= bound``."""
+def _keep(rows, bounds, m, bound, lower, upper):
+    """Takes row m if some velocity between the bounds breaks it; returns how many rows there are.
+
+    The next row is cleared.
+    """
+    row = rows[m]
     slowest, moves = 0.0, False
-    for j in range(7):
+    for j in range(IIWA_7.joints):
         slowest += min(row[j] * lower[j], row[j] * upper[j])
         moves = moves or abs(row[j]) > 1e-9
-    return moves and slowest < bound
+    bounds[m] = bound
+    m += moves and slowest < bound
+    rows[m] = 0.0
+    return m
 
 
 @njit(cache=True)
-def rows_kernel(
-    q,
-    lower,
-    upper,
-    clearance,
-    obstacle_clearance,
-    table_height,
-    gain,
-    link,
-    ends,
-    radius,
-    pairs,
-    movers,
-    ball_link,
-    ball_center,
-    ball_radius,
-    grid,
-    frame,
-    rows,
-    bounds,
-):
+def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
     """Writes rows (m, 7) and their lower bounds (m,); returns m.
 
-    Args as in `feasigrasp.models.robot.capsules.CapsuleModel`,
-    `feasigrasp.models.control.safety.arm_balls` and
-    `feasigrasp.models.control.safety.obstacle_grid`; ``lower`` and ``upper`` are the joints'
-    velocity bounds (7,).
+    ``R`` and ``p`` are the links' poses, ``lower`` and ``upper`` the joints' velocity bounds (7,),
+    ``options`` `SafetyOptions` as a record, ``grid`` and ``frame`` those of an `ObstacleGrid`.
     """
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    link_poses_kernel(q, R, p)
-    placed = np.empty(ends.shape)
+    link, radius, gain = body.link, body.radius, options.approach_gain
+    placed = np.empty(body.ends.shape)
     for c in range(len(link)):
         for e in range(2):
-            x, y, z = place(R, p, link[c], end_point(ends, c, e))
+            x, y, z = place(R, p, link[c], end_point(body.ends, c, e))
             placed[c, e, 0], placed[c, e, 1], placed[c, e, 2] = x, y, z
     # Nothing approaches faster than this, so what is farther than it allows needs no closer look.
     fastest = 0.0
-    for j in range(7):
+    for j in range(IIWA_7.joints):
         fastest += _LEVER * max(abs(lower[j]), abs(upper[j]))
-    far = max(clearance, obstacle_clearance) + fastest / gain
+    far = max(options.clearance, options.obstacle_clearance) + fastest / gain
 
     m = 0
     rows[0] = 0.0
-    for k in range(len(pairs)):
-        i, j = pairs[k, 0], pairs[k, 1]
+    for k in range(len(body.pairs)):
+        i, j = body.pairs[k, 0], body.pairs[k, 1]
         a0, a1 = end_point(placed, i, 0), end_point(placed, i, 1)
         b0, b1 = end_point(placed, j, 0), end_point(placed, j, 1)
         _, t, d = closest_parameters(a0, a1, b0, b1)
@@ -90,52 +102,39 @@ def rows_kernel(
             continue
         normal = -d[0] / length, -d[1] / length, -d[2] / length
         add_lever(step(b0, t, minus(b1, b0)), normal, link[i], link[j], R, p, rows[m])
-        bounds[m] = -gain * (distance - clearance)
-        if _keep(rows[m], lower, upper, bounds[m]):
-            m += 1
-        rows[m] = 0.0
-    for k in range(len(movers)):
-        c = movers[k]
+        m = _keep(rows, bounds, m, -gain * (distance - options.clearance), lower, upper)
+    for k in range(len(body.movers)):
+        c = body.movers[k]
         for e in range(2):
-            distance = placed[c, e, 2] - radius[c] - table_height
+            distance = placed[c, e, 2] - radius[c] - options.table_height
             if distance > far:
                 continue
             add_lever(end_point(placed, c, e), _UP, 0, link[c], R, p, rows[m])
-            bounds[m] = -gain * (distance - clearance)
-            if _keep(rows[m], lower, upper, bounds[m]):
-                m += 1
-            rows[m] = 0.0
+            m = _keep(rows, bounds, m, -gain * (distance - options.clearance), lower, upper)
     if grid.size == 0:
         return m
-    for k in range(len(ball_link)):
-        a = ball_center[k, 0], ball_center[k, 1], ball_center[k, 2]
-        center = place(R, p, ball_link[k], a)
+    for k in range(len(body.ball_link)):
+        a = body.ball_center[k, 0], body.ball_center[k, 1], body.ball_center[k, 2]
+        center = place(R, p, body.ball_link[k], a)
         height, slope = grid_kernel(center, grid, frame)
-        distance = height - ball_radius[k]
+        distance = height - body.ball_radius[k]
         if distance > far:
             continue
-        add_lever(center, slope, 0, ball_link[k], R, p, rows[m])
-        bounds[m] = -gain * (distance - obstacle_clearance)
-        if _keep(rows[m], lower, upper, bounds[m]):
-            m += 1
-        rows[m] = 0.0
+        add_lever(center, slope, 0, body.ball_link[k], R, p, rows[m])
+        m = _keep(rows, bounds, m, -gain * (distance - options.obstacle_clearance), lower, upper)
     return m
 
 
 @njit(cache=True)
-def object_rows_kernel(
-    q, lower, upper, clearance, gain, hand, grid, frame, X_WO, V_WO, rows, bounds
-):
+def object_rows_kernel(R, p, lower, upper, options, hand, grid, frame, X_WO, V_WO, rows, bounds):
     """Writes rows (m, 7) and bounds (m,) that keep the hand off a moving object; returns m.
 
-    ``hand`` are points of the open hand on link 7, shape (k, 3), ``grid`` and ``frame`` an
-    `ObstacleGrid` in the object's frame. A point may approach the surface at most at gain x what is
-    left beyond the clearance, relative to the surface as it moves: ``n . (v_point - v_surface)``.
+    ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame. A point of the hand may
+    approach the surface at most at gain x what is left beyond the clearance, relative to the
+    surface as it moves: ``n . (v_point - v_surface)``.
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
-    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
-    link_poses_kernel(q, R, p)
     m = 0
     rows[0] = 0.0
     for k in range(len(hand)):
@@ -157,8 +156,6 @@ def object_rows_kernel(
         turning = cross((V_WO[0], V_WO[1], V_WO[2]), lever)
         surface = V_WO[3] + turning[0], V_WO[4] + turning[1], V_WO[5] + turning[2]
         add_lever(x, normal, 0, 7, R, p, rows[m])
-        bounds[m] = dot(normal, surface) - gain * (distance - clearance)
-        if _keep(rows[m], lower, upper, bounds[m]):
-            m += 1
-        rows[m] = 0.0
+        allowed = options.approach_gain * (distance - options.object_clearance)
+        m = _keep(rows, bounds, m, dot(normal, surface) - allowed, lower, upper)
     return m

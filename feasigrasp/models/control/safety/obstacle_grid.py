@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.robot.iiwa import D_BASE_SHOULDER
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
 
@@ -159,7 +159,7 @@ def obstacle_grid(
         max_distance: Farther away is far enough [m].
     """
     low = np.array([-_REACH, -_REACH, -_BELOW])
-    size = np.array([2 * _REACH, 2 * _REACH, _BELOW + D_BASE_SHOULDER + _REACH])
+    size = np.array([2 * _REACH, 2 * _REACH, _BELOW + IIWA_7.joint_heights[1] + _REACH])
     shape = tuple((np.ceil(size / voxel_size).astype(int) + 1).tolist())
     values = np.full(shape, max_distance**2)
     _nearest_point_kernel(np.ascontiguousarray(scene.points), low, voxel_size, values)

@@ -26,7 +26,6 @@ with others in ``docs/safety.md``.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from functools import lru_cache
 from typing import Any
 
 import daqp
@@ -34,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.arrays import Array, Frozen, record
 from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.problem import (
@@ -43,13 +42,12 @@ from feasigrasp.models.control.safety.problem import (
     problem_kernel,
     stop_kernel,
 )
-from feasigrasp.models.control.safety.speed_bounds import bounds_kernel
 from feasigrasp.models.robot.capsules import capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 _SOFT = 8  # DAQP's flag of a constraint that may be violated at a price
-_NONE, _NO_ROWS = np.empty(0), np.empty((0, 7))
+_NONE, _NO_ROWS = np.empty(0), np.empty((0, IIWA_7.joints))
 _NO_GRID = ObstacleGrid(np.empty((0, 0, 0), dtype=np.float32), np.zeros(5))
 _NO_OBJECT = MovingObject(_NO_GRID, np.eye(4), np.zeros(6))
 
@@ -106,7 +104,9 @@ class SafetyOptions:
                     "at most 1"
                 )
         speed, acceleration = self.velocity_scale, self.acceleration_scale
-        most = float(np.min(acceleration * ACCELERATION_LIMITS / (speed * VELOCITY_LIMITS)))
+        most = float(
+            np.min(acceleration * IIWA_7.acceleration_limits / (speed * IIWA_7.velocity_limits))
+        )
         if self.approach_gain > most:
             raise ControlError(
                 f"SafetyOptions.approach_gain = {self.approach_gain}: a joint at full speed could "
@@ -133,15 +133,21 @@ class Safety(Frozen):
         """Lays out the geometry for the kernels, and compiles them."""
         model = capsule_model(self.gripper)
         balls = arm_balls(model)
-        options = np.array([getattr(self.options, entry.name) for entry in fields(self.options)])
         hand = hand_points(self.gripper)
         geometry = (model.link, model.ends, model.radius, model.pairs, model.movers, *balls, hand)
-        object.__setattr__(self, "_arrays", (options, *(np.ascontiguousarray(g) for g in geometry)))
+        object.__setattr__(
+            self, "_arrays", (record(self.options), *(np.ascontiguousarray(g) for g in geometry))
+        )
         most = 8 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(hand)
         hard, soft = np.zeros(most, dtype=np.intc), np.full(most, _SOFT, dtype=np.intc)
-        soft[:7] = 0
+        soft[: IIWA_7.joints] = 0
         object.__setattr__(self, "_senses", (hard, soft))
-        self.velocity(np.zeros(7), np.zeros(7), np.zeros((6, 7)), np.zeros(6))
+        self.velocity(
+            np.zeros(IIWA_7.joints),
+            np.zeros(IIWA_7.joints),
+            np.zeros((6, IIWA_7.joints)),
+            np.zeros(6),
+        )
 
     def velocity(
         self,
@@ -179,19 +185,19 @@ class Safety(Frozen):
             last = _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float)
             return brake_kernel(last, self.options.acceleration_scale, self.options.period)
         hard, soft = self._senses
-        H, rows, (lower, upper, f) = matrix[:7], matrix[7:], vector
+        H, rows, (lower, upper, f) = matrix[: IIWA_7.joints], matrix[IIWA_7.joints :], vector
         n = len(lower)
         senses = hard[:n]
         if n_hard < len(rows):
             senses = np.concatenate([hard[: 7 + n_hard], soft[7 + n_hard : n]])
-        qd, _, status, _ = daqp.solve(H, f[:7], rows, upper, lower, senses)
+        qd, _, status, _ = daqp.solve(H, f[: IIWA_7.joints], rows, upper, lower, senses)
         if status > 0 and clip_kernel(qd, vector):
             return qd
         stop_kernel(H, f)
-        qd, _, status, _ = daqp.solve(H, f[:7], rows, upper, lower, soft[:n])
+        qd, _, status, _ = daqp.solve(H, f[: IIWA_7.joints], rows, upper, lower, soft[:n])
         if status > 0 and clip_kernel(qd, vector):
             return qd
-        return np.clip(0.0, lower[:7], upper[:7])
+        return np.clip(0.0, lower[: IIWA_7.joints], upper[: IIWA_7.joints])
 
     def problem(
         self,
@@ -213,8 +219,7 @@ class Safety(Frozen):
             left out.
         """
         most = len(self._senses[0])
-        matrix, vector = np.empty((most, 7)), np.empty((3, most))
-        options, *geometry = self._arrays
+        matrix, vector = np.empty((most, IIWA_7.joints)), np.empty((3, most))
         grid = _NO_GRID if obstacles is None else obstacles
         target = _NO_OBJECT if moving is None else moving
         n_hard, m = problem_kernel(  # type: ignore[call-arg]  # mypy does not see through the star
@@ -223,8 +228,7 @@ class Safety(Frozen):
             _NO_ROWS if J is None or V is None else np.ascontiguousarray(J, dtype=float),
             _NONE if J is None or V is None else np.ascontiguousarray(V, dtype=float),
             _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float),
-            options,
-            *geometry,
+            *self._arrays,
             grid.values,
             grid.frame,
             target.grid.values,
@@ -235,44 +239,3 @@ class Safety(Frozen):
             vector,
         )
         return matrix[: 7 + m if m >= 0 else 0], vector[:, : 7 + max(m, 0)], n_hard
-
-
-@lru_cache(maxsize=8)
-def _safety(options: SafetyOptions) -> Safety:
-    return Safety(options)
-
-
-def safe_velocity(
-    q: Array,
-    qd_preferred: Array,
-    J: Array | None = None,
-    V: Array | None = None,
-    options: SafetyOptions | None = None,
-) -> Array:
-    """`Safety.velocity` with the default hand, neither acceleration limits nor obstacles."""
-    return _safety(options or SafetyOptions()).velocity(q, qd_preferred, J, V)
-
-
-def velocity_bounds(
-    q: Array, options: SafetyOptions, qd_last: Array | None = None
-) -> tuple[Array, Array]:
-    """Lower and upper joint velocity bounds at ``q``, shape (7,) each [rad/s].
-
-    Args:
-        q: Joint positions [rad], shape (7,).
-        options: Margins and gains.
-        qd_last: The command of one period ago [rad/s], shape (7,), if accelerations are limited.
-    """
-    lower, upper = np.empty(7), np.empty(7)
-    bounds_kernel(
-        np.ascontiguousarray(q, dtype=float),
-        _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float),
-        options.position_margin,
-        options.approach_gain,
-        options.velocity_scale,
-        options.acceleration_scale,
-        options.period,
-        lower,
-        upper,
-    )
-    return lower, upper

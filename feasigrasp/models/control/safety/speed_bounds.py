@@ -21,7 +21,7 @@ limits come first.
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 @njit(cache=True, forceinline=True)
@@ -42,18 +42,18 @@ def _approach(room, gain, speed, deceleration, period):
 
 
 @njit(cache=True)
-def bounds_kernel(
-    q, qd_last, margin, gain, velocity_scale, acceleration_scale, period, lower, upper
-):
+def bounds_kernel(q, qd_last, options, lower, upper):
     """Writes joint velocity bounds into the first seven entries of ``lower`` and ``upper``.
 
-    ``qd_last`` is the previous command (7,), or empty if accelerations are not limited.
+    ``qd_last`` is the previous command (7,), or empty if accelerations are not limited;
+    ``options`` are `SafetyOptions`, as a record.
     """
-    for i in range(7):
-        speed = velocity_scale * VELOCITY_LIMITS[i]
-        acceleration = acceleration_scale * ACCELERATION_LIMITS[i]
+    gain, period = options.approach_gain, options.period
+    for i in range(IIWA_7.joints):
+        speed = options.velocity_scale * IIWA_7.velocity_limits[i]
+        acceleration = options.acceleration_scale * IIWA_7.acceleration_limits[i]
         deceleration = acceleration / (2.0 + gain * period)
-        limit = POSITION_LIMITS[i] - margin
+        limit = IIWA_7.position_limits[i] - options.position_margin
         up = _approach(limit - q[i], gain, speed, deceleration, period)
         down = -_approach(limit + q[i], gain, speed, deceleration, period)
         if len(qd_last) > 0:

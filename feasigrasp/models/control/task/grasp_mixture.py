@@ -1,7 +1,7 @@
 """A Riemannian mixture over grasps that remembers which grasps it was fitted to.
 
-The mean of a component is often no grasp at all. Targets of the hand are therefore *members* of
-components: the medoid, a component's most plausible grasp, or the member closest to the hand.
+The mean of a component is often no grasp at all. Targets of the hand are therefore the medoids: of
+each component the most plausible grasp.
 
 The mixture is fitted anew whenever the set of reachable grasps changes. So that a hand which
 follows it does not notice, EM goes on from the mixture before, components keep their identity, and
@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.funnel import grasp_errors_kernel
@@ -33,20 +32,6 @@ SAME_COMPONENT = 0.05
 EXPLAINED = 30.0
 #: A medoid gives way to a member that is e to this more plausible.
 MEDOID_HYSTERESIS = 1.0
-
-
-@njit(cache=True)
-def closest_members_kernel(X_OG, component, X_OH, member):
-    """Writes the index of the grasp of each component that is closest to the hand; -1 for none."""
-    closest = np.full(len(member), np.inf)
-    member[:] = -1
-    errors = np.empty((len(X_OG), 2))
-    grasp_errors_kernel(X_OG, X_OH, errors)
-    for i in range(len(X_OG)):
-        distance = errors[i, 0] + LENGTH_PER_RADIAN * errors[i, 1]
-        if distance < closest[component[i]]:
-            closest[component[i]] = distance
-            member[component[i]] = i
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,27 +65,6 @@ class GraspMixture(Frozen):
             self.mixture.weights, self.X_OG[self.medoid], self.mixture.covariances
         )
         object.__setattr__(self, "targets", targets)
-
-    def transformed(self, X_PO: Array) -> GraspMixture:
-        """The same grasps and components in another frame P: means moved, covariances as before."""
-        X_PG = np.asarray(X_PO) @ self.X_OG
-        moved = self.mixture.transformed(X_PO)
-        return GraspMixture(moved, X_PG, self.component, self.medoid, self.identity)
-
-    def closest_members(self, X_OH: Array) -> tuple[Indices, Indices]:
-        """The grasp of each component that is closest to the hand.
-
-        Args:
-            X_OH: Hand pose in the object frame, shape (4, 4).
-
-        Returns:
-            Indices of the components that have members, shape (m,), and of those members' grasps,
-            shape (m,).
-        """
-        member = np.empty(len(self.mixture), dtype=np.int64)
-        closest_members_kernel(self.X_OG, self.component, np.ascontiguousarray(X_OH), member)
-        components = np.flatnonzero(member >= 0)
-        return components, member[components]
 
 
 def fit_grasp_mixture(

@@ -15,13 +15,15 @@ for at present. Along the sphere the hand is free, so that it goes round the obj
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, record
 from feasigrasp.models.control.task.reference import StrandReference
-from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 
@@ -48,6 +50,11 @@ class PursuitOptions:
     blend: float = 0.6
     speed: float = 0.5
 
+    @cached_property
+    def record(self) -> NDArray[np.void]:
+        """The same for kernels."""
+        return record(self)
+
 
 def pursuit_velocity(
     q: Array,
@@ -70,7 +77,7 @@ def pursuit_velocity(
     Returns:
         Joint velocity [rad/s], shape (7,), inside the speed limits.
     """
-    qd = np.empty(7)
+    qd = np.empty(IIWA_7.joints)
     _pursue_kernel(
         np.ascontiguousarray(q, dtype=float),
         reference.q,
@@ -79,45 +86,24 @@ def pursuit_velocity(
         np.ascontiguousarray(X_WO, dtype=float),
         np.ascontiguousarray(V_WO, dtype=float),
         X_FG,
-        options.gain,
-        options.speed_share,
-        options.closeness,
-        options.freedom,
-        options.urgency,
-        options.blend,
-        options.speed,
+        options.record,
         qd,
     )
     return qd
 
 
 @njit(cache=True)
-def _pursue_kernel(
-    q,
-    q_ref,
-    qd_ref,
-    X_OT,
-    X_WO,
-    V_WO,
-    X_FG,
-    gain,
-    share,
-    closeness,
-    freedom,
-    urgency,
-    blend,
-    speed,
-    qd,
-):
+def _pursue_kernel(q, q_ref, qd_ref, X_OT, X_WO, V_WO, X_FG, options, qd):
+    o = options[0]
     time = 0.0
-    for j in range(7):
-        time = max(time, abs(q_ref[j] - q[j]) / (share * VELOCITY_LIMITS[j]))
-    rate = min(gain, 1.0 / max(time, 1e-9))
-    for j in range(7):
+    for j in range(IIWA_7.joints):
+        time = max(time, abs(q_ref[j] - q[j]) / (o.speed_share * IIWA_7.velocity_limits[j]))
+    rate = min(o.gain, 1.0 / max(time, 1e-9))
+    for j in range(IIWA_7.joints):
         qd[j] = rate * (q_ref[j] - q[j]) + qd_ref[j]
-    part = closeness * min(1.0, max(0.0, time / blend - 0.5))
+    part = o.closeness * min(1.0, max(0.0, time / o.blend - 0.5))
     if part > 0.0:
-        X_WH, J = np.empty((4, 4)), np.empty((6, 7))
+        X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
         pose_jacobian_kernel(q, X_FG, X_WH, J)
         n, radius = np.empty(3), 0.0
         for i in range(3):
@@ -125,16 +111,16 @@ def _pursue_kernel(
             radius += X_OT[i, 3] ** 2
         distance = max(float(np.sqrt(n @ n)), 1e-9)
         n /= distance
-        inwards = min(max(gain * (distance - np.sqrt(radius)), -speed), speed) + n @ V_WO[3:]
+        inwards = min(max(o.gain * (distance - np.sqrt(radius)), -o.speed), o.speed) + n @ V_WO[3:]
         # Along the sphere the hand is free.
         row = n @ J[3:]
-        H = (part / speed**2) * np.outer(row, row)
-        f = (part / speed**2 * inwards) * row
-        for j in range(7):
-            needed = abs(q_ref[j] - q[j]) / (share * VELOCITY_LIMITS[j]) / time
-            w = (freedom + urgency * needed**4) / VELOCITY_LIMITS[j] ** 2
+        H = (part / o.speed**2) * np.outer(row, row)
+        f = (part / o.speed**2 * inwards) * row
+        for j in range(IIWA_7.joints):
+            needed = abs(q_ref[j] - q[j]) / (o.speed_share * IIWA_7.velocity_limits[j]) / time
+            w = (o.freedom + o.urgency * needed**4) / IIWA_7.velocity_limits[j] ** 2
             H[j, j] += w
             f[j] += w * qd[j]
         qd[:] = np.linalg.solve(H, f)
-    for j in range(7):
-        qd[j] = min(max(qd[j], -VELOCITY_LIMITS[j]), VELOCITY_LIMITS[j])
+    for j in range(IIWA_7.joints):
+        qd[j] = min(max(qd[j], -IIWA_7.velocity_limits[j]), IIWA_7.velocity_limits[j])

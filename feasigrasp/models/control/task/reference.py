@@ -22,7 +22,7 @@ from feasigrasp.models.ik.arm_circle import (
 )
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: The arm angle changes no faster than this [rad/s], and in no less time than this [s].
@@ -79,7 +79,7 @@ def strand_reference(
     """
     if not choice:
         return None
-    q_ref, qd_ref, X_OT = np.empty(7), np.empty(7), np.empty((4, 4))
+    q_ref, qd_ref, X_OT = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints), np.empty((4, 4))
     status = _reference_kernel(
         np.ascontiguousarray(q, dtype=float),
         np.ascontiguousarray(X_WO, dtype=float),
@@ -114,7 +114,7 @@ def _reference_kernel(
     """Writes what `strand_reference` returns: 1 on the strand, 0 on the way, -1 if nowhere."""
     if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
         return -1
-    X_WH, J = np.empty((4, 4)), np.empty((6, 7))
+    X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
     pose_jacobian_kernel(q, X_FG, X_WH, J)
     X_OH = inverse_kernel(X_WO) @ X_WH
     X_GF = inverse_kernel(X_FG)
@@ -144,10 +144,10 @@ def _reference_kernel(
     qd_ref[:] = 0.0
     if _continue(X_next @ X_OT @ X_GF, branch, angle + rate * _MOMENT, qd_ref):
         fastest = 0.0
-        for i in range(7):
+        for i in range(IIWA_7.joints):
             qd_ref[i] = (qd_ref[i] - q_ref[i]) / _MOMENT
-            fastest = max(fastest, abs(qd_ref[i]) / VELOCITY_LIMITS[i])
-        for i in range(7):
+            fastest = max(fastest, abs(qd_ref[i]) / IIWA_7.velocity_limits[i])
+        for i in range(IIWA_7.joints):
             # Next to a singularity, or where an angle wraps, there is no velocity to follow.
             qd_ref[i] = 0.0 if fastest > _TOO_FAST else qd_ref[i] / max(1.0, fastest)
     else:

@@ -1,8 +1,6 @@
 """Task-space control over a Riemannian mixture of grasps (paper section IV-D.1).
 
-The hand follows the gradient of the mixture's log density, preconditioned so that every component
-is approached along its geodesic, while it is carried along with the object's twist: without that
-feed-forward it lags behind by speed over gain. `paper_task_space_velocity` does just this.
+`feasigrasp.models.control.task.paper_law` follows the gradient of the mixture's log density.
 `task_space_velocity` adds what keeps the arm away from its limits:
 
 - one grasp is followed at a time, together with the configuration that holds it; they are chosen
@@ -27,14 +25,11 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
-from feasigrasp.models.control.task.grasp_mixture import GraspMixture
-from feasigrasp.models.control.task.least_norm import least_norm_kernel
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
-from feasigrasp.models.mixtures.ascent import ascent_kernel
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 
@@ -46,7 +41,7 @@ class TaskControlOptions:
         gain: Rate at which the hand closes its distance to a grasp [1/s].
         max_linear: Largest speed relative to the object [m/s].
         max_angular: Largest angular speed relative to the object [rad/s].
-        damping: Of the pseudo-inverse in `paper_task_space_velocity`; it matters where singular
+        damping: Of the pseudo-inverse of the paper's law; it matters where singular
             values of the Jacobian are not far above it.
         near: Travel time to the chosen configuration up to which the hand follows the geodesic [s];
             from twice as much on the joints go to it.
@@ -142,16 +137,18 @@ def task_space_velocity(
     moving = None if surface is None else MovingObject(surface, X_WO, V_WO)
     reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
     if reference is None:
-        return safety.velocity(q, np.zeros(7), qd_last=qd_last, obstacles=obstacles, moving=moving)
+        return safety.velocity(
+            q, np.zeros(IIWA_7.joints), qd_last=qd_last, obstacles=obstacles, moving=moving
+        )
     X_FG = reachability.gripper.X_FG
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
     far = 1.0
     if reference.on_strand:
-        travel_time = np.max(np.abs(reference.q - q) / VELOCITY_LIMITS)
+        travel_time = np.max(np.abs(reference.q - q) / IIWA_7.velocity_limits)
         far = max(0.0, travel_time / options.near - 1.0)
     if far >= 1.0:
         return safety.velocity(q, request, qd_last=qd_last, obstacles=obstacles, moving=moving)
-    J_WH = np.empty((6, 7))
+    J_WH = np.empty((6, IIWA_7.joints))
     V_WH = _steer_kernel(
         np.ascontiguousarray(q, dtype=float),
         X_FG,
@@ -165,44 +162,3 @@ def task_space_velocity(
     return safety.velocity(
         q, request, J_WH, V_WH, qd_last=qd_last, obstacles=obstacles, moving=moving
     )
-
-
-@njit(cache=True)
-def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains, damping):
-    gain, max_angular, max_linear = gains
-    X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, 7)), np.empty(6)
-    pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
-    ascent_kernel(compose_kernel(inverse_kernel(X_WO), X_WH), parameters, u_H)
-    V_WH = hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, max_angular, max_linear)
-    qd = least_norm_kernel(J_WH, V_WH, damping)
-    return qd if np.isfinite(np.sum(qd)) else np.zeros(7)
-
-
-def paper_task_space_velocity(
-    q: Array,
-    grasps: GraspMixture,
-    X_WO: Array,
-    V_WO: Array,
-    X_FG: Array,
-    options: TaskControlOptions,
-) -> Array:
-    """The paper's law with its corrections: ``qd = J^+ V`` (damped), nothing enforced.
-
-    The twist V is the preconditioned direction of the log density, whose maxima are the medoids of
-    the components, plus the object's own twist. Where the pulls of components cancel, surrounding
-    points decide (`feasigrasp.models.mixtures.ascent`).
-
-    Args:
-        q: Joint positions [rad], shape (7,).
-        grasps: Mixture over the grasps, in the object frame.
-        X_WO: Object pose, shape (4, 4).
-        V_WO: Object twist [angular; linear], shape (6,).
-        X_FG: The grasp frame on the flange, shape (4, 4).
-        options: Gains.
-
-    Returns:
-        Joint velocity [rad/s], shape (7,); zero if anything is not finite.
-    """
-    parameters = grasps.targets.parameters
-    qd: Array = _paper_kernel(q, X_FG, X_WO, V_WO, parameters, options.gains, options.damping)
-    return qd

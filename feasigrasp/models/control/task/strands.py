@@ -17,7 +17,7 @@ from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_ker
 from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import manipulability_kernel
 
 #: Distance of hand and object once a strand has ended [m].
@@ -65,8 +65,8 @@ def _rate(q, offset, costs):
     """What it costs per second to hold a grasp in a configuration."""
     lack = max(0.0, 1.0 - manipulability_kernel(q) / costs.manipulability)
     rate = offset + costs.manipulability_weight * lack
-    for i in range(7):
-        inside = (POSITION_LIMITS[i] - abs(q[i])) / costs.limit_zone
+    for i in range(IIWA_7.joints):
+        inside = (IIWA_7.position_limits[i] - abs(q[i])) / costs.limit_zone
         if inside < 1.0:
             rate += costs.limit_weight * (1.0 - inside) ** 2
     return rate
@@ -101,9 +101,9 @@ def _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate):
 def _end_cost(q_before, q, dt, horizon, costs):
     """Cost of being at ``q`` when the plan ends, with the limits that the joints are going to."""
     time = np.inf
-    for i in range(7):
+    for i in range(IIWA_7.joints):
         speed = (q[i] - q_before[i]) / dt
-        room = POSITION_LIMITS[i] - q[i] if speed > 0.0 else POSITION_LIMITS[i] + q[i]
+        room = IIWA_7.position_limits[i] - q[i] if speed > 0.0 else IIWA_7.position_limits[i] + q[i]
         time = min(time, room / max(abs(speed), 1e-9))
     return costs.end * max(0.0, 1.0 - (horizon + time) / costs.outlook)
 

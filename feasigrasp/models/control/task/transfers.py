@@ -12,6 +12,7 @@ from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import standoff_kernel
 from feasigrasp.models.ik.closed_form import travel_time_kernel
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: Points at which a transfer is looked at on its way.
@@ -47,7 +48,7 @@ _NO_TRANSFER = Transfer(np.inf, -1, -1, -1, -1)
 def _way_cost(q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG, costs):
     """Mean distance of hand and object on the straight way in joint space, times its duration."""
     total, hits = 0.5 * (start + standoff), 0
-    on_way, X, J = np.empty(7), np.empty((4, 4)), np.empty((6, 7))
+    on_way, X, J = np.empty(IIWA_7.joints), np.empty((4, 4)), np.empty((6, IIWA_7.joints))
     duration = times[k] - times[k0]
     for step in range(1, _ON_THE_WAY + 1):
         s = step / (_ON_THE_WAY + 1.0)
@@ -78,7 +79,7 @@ def transfer_kernel(q, k0, only, skipped, strands, X_WO, times, X_OG, X_FG, funn
     """
     best = _NO_TRANSFER
     K, n, P = len(times) - 1, len(X_OG), strands.rate.shape[3]
-    X_WH, J = np.empty((4, 4)), np.empty((6, 7))
+    X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
     pose_jacobian_kernel(q, X_FG, X_WH, J)
     X_OH = inverse_kernel(X_WO[k0]) @ X_WH
     start = np.sqrt(X_OH[0, 3] ** 2 + X_OH[1, 3] ** 2 + X_OH[2, 3] ** 2)

@@ -1,16 +1,55 @@
 """The joint-space distance field against dense linear algebra and finite differences."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 
 from feasigrasp.models.control.joint.field import (
+    NOISE_VARIANCE,
     SHARPNESS,
-    JointField,
-    fit_joint_field,
-    spacing_length_scale,
+    distances_kernel,
+    evaluate_kernel,
+    fit_kernel,
+    length_scale_kernel,
 )
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+
+class JointField(NamedTuple):
+    """What the kernels fit and evaluate."""
+
+    q: np.ndarray
+    cost: np.ndarray
+    beta: np.ndarray
+    length_scale: float
+
+    def evaluate(self, q):
+        """Distance, its gradient (7,), and how much each solution counts (n,)."""
+        gradient, weights = np.empty(7), np.empty(len(self.q))
+        d, _ = evaluate_kernel(q, *self, gradient, weights)
+        return d, gradient, weights
+
+    def way_left(self, q):
+        return evaluate_kernel(q, *self, np.empty(7), np.empty(len(self.q)))[1]
+
+
+def distances(q):
+    r = np.empty((len(q), len(q)))
+    distances_kernel(q, r)
+    return r
+
+
+def spacing_length_scale(q):
+    return length_scale_kernel(distances(np.ascontiguousarray(q)))
+
+
+def fit_joint_field(q, length_scale=None, cost=None):
+    r, lowest, beta = distances(q), np.empty(len(q)), np.empty(len(q))
+    scale = spacing_length_scale(q) if length_scale is None else length_scale
+    fit_kernel(r, np.zeros(len(q)) if cost is None else cost, scale, NOISE_VARIANCE, lowest, beta)
+    return JointField(q, lowest, beta, scale)
 
 
 def random_solutions(n, seed=0, spread=1.0):
@@ -197,7 +236,7 @@ def test_costs_decide_where_to_go_and_leave_no_false_end(ik_like_solutions):
     field = fit_joint_field(ik_like_solutions, None, cost)
     worth_it = field.cost == cost
     assert 3 < worth_it.sum() < len(cost)
-    for q in rng.uniform(-1, 1, (12, 7)) * POSITION_LIMITS:
+    for q in rng.uniform(-1, 1, (12, 7)) * IIWA_7.position_limits:
         end = descended_without_costs(field, q)
         r = np.linalg.norm(ik_like_solutions - end, axis=1)
         assert r.min() < 2e-3 and worth_it[r.argmin()]
@@ -211,7 +250,7 @@ def descended_without_costs(field, q, steps=1000, dt=0.02, gain=5.0, speed=2.0):
 
 
 def distance_left(field, n_starts=12, seed=5):
-    starts = np.random.default_rng(seed).uniform(-1, 1, (n_starts, 7)) * POSITION_LIMITS
+    starts = np.random.default_rng(seed).uniform(-1, 1, (n_starts, 7)) * IIWA_7.position_limits
     ends = np.array([descended(field, q) for q in starts])
     return np.linalg.norm(ends[:, None] - field.q[None], axis=2).min(axis=1)
 
@@ -220,7 +259,7 @@ def distance_left(field, n_starts=12, seed=5):
 def ik_like_solutions():
     """Clusters like those of neighbouring grasps, one per branch of the inverse kinematics."""
     rng = np.random.default_rng(6)
-    centers = rng.uniform(-0.8, 0.8, (6, 7)) * POSITION_LIMITS
+    centers = rng.uniform(-0.8, 0.8, (6, 7)) * IIWA_7.position_limits
     return np.repeat(centers, 5, axis=0) + rng.normal(scale=0.1, size=(30, 7))
 
 
@@ -232,13 +271,3 @@ def test_all_starts_converge_with_a_short_length_scale(ik_like_solutions, scale)
 def test_a_length_scale_beyond_the_spacing_blends_solutions(ik_like_solutions):
     """Which is why it follows the spacing: with l = 1 the arm stalls between solutions."""
     assert np.median(distance_left(fit_joint_field(ik_like_solutions, 1.0), n_starts=10)) > 0.05
-
-
-def test_one_cost_for_each_solution():
-    with pytest.raises(ValueError, match="one for each"):
-        fit_joint_field(random_solutions(3), 0.1, np.zeros(2))
-
-
-def test_no_solutions():
-    with pytest.raises(ValueError, match="at least one configuration"):
-        fit_joint_field(np.zeros((0, 7)))

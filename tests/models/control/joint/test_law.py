@@ -12,14 +12,13 @@ from feasigrasp.models.control.joint.law import (
 from feasigrasp.models.control.joint.outlook import Outlook
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.safety.safe_velocity import velocity_bounds
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.self_collision import min_distance
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
@@ -88,8 +87,8 @@ def test_it_reaches_a_grasp_of_a_still_object(ring_of_grasps, roll_out, position
     position_mm, angle_deg = rollout.worst_after(3.5)
     assert position_mm < 1.0 and angle_deg < 0.5
     assert rollout.worst_after(0.0)[0] > 100.0
-    assert (np.abs(rollout.q) < POSITION_LIMITS).all()
-    assert (np.abs(rollout.qd) <= VELOCITY_LIMITS).all()
+    assert (np.abs(rollout.q) < IIWA_7.position_limits).all()
+    assert (np.abs(rollout.qd) <= IIWA_7.velocity_limits).all()
     assert min(min_distance(q) for q in rollout.q[::20]) > 0.0
 
 
@@ -143,7 +142,7 @@ def test_an_object_that_is_nowhere_stops_the_arm_and_is_taken_up_again(ring_of_g
     # A moving arm brakes within its accelerations.
     moving = np.full(7, 0.4)
     qd = control.velocity(HOME, solutions, 0.01, X, V, moving)
-    assert (np.abs(qd - moving) <= ACCELERATION_LIMITS * DT + 1e-9).all()
+    assert (np.abs(qd - moving) <= IIWA_7.acceleration_limits * DT + 1e-9).all()
     assert (np.abs(qd) < 0.4).all()
 
 
@@ -165,7 +164,7 @@ def test_one_solution_is_approached_in_a_straight_line(ring_of_grasps):
     np.testing.assert_allclose(velocity(close), OPTIONS.gain * (q_1 - close), atol=1e-3)
     qd, offset = velocity(HOME), q_1 - HOME
     assert qd @ offset == pytest.approx(np.linalg.norm(qd) * np.linalg.norm(offset), rel=1e-6)
-    assert np.max(np.abs(qd) / VELOCITY_LIMITS) <= OPTIONS.max_speed + 1e-9
+    assert np.max(np.abs(qd) / IIWA_7.velocity_limits) <= OPTIONS.max_speed + 1e-9
 
 
 @pytest.mark.parametrize("turn", [-0.8, 0.3, 1.1])
@@ -226,11 +225,11 @@ def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
             solutions = control.update(solutions, t, some, X, V, q)
         last, qd = qd, control.velocity(q, solutions, t, X, V, qd)
         assert np.isfinite(qd).all()
-        assert (np.abs(qd - last) <= ACCELERATION_LIMITS * DT + 1e-9).all()
-        lower, upper = velocity_bounds(q, OPTIONS.safety, last)
+        assert (np.abs(qd - last) <= IIWA_7.acceleration_limits * DT + 1e-9).all()
+        lower, upper = control.safety.problem(q, qd, qd_last=last)[1][:2, :7]
         assert ((lower - 1e-9 <= qd) & (qd <= upper + 1e-9)).all()
         q = q + DT * qd
-        assert (np.abs(q) < POSITION_LIMITS).all()
+        assert (np.abs(q) < IIWA_7.position_limits).all()
         moved += bool(np.linalg.norm(qd) > 0.1)
     assert moved > 100
 
@@ -238,4 +237,5 @@ def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
 def test_paper_mode_has_the_papers_field():
     options = JointSpaceControl(REACHABILITY, OPTIONS, PERIOD, "paper").options
     assert options.funnel.max_standoff == 0.0 and options.solutions.glide == 0.0
-    assert all(price == 0.0 for price in np.array(options.outlook.prices)[[0, 2, 4, 5, 6]])
+    prices = options.outlook.prices._asdict()
+    assert not any(prices[key] for key in ("limit", "manipulability", "offset", "end", "way"))

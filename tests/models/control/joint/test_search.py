@@ -19,11 +19,11 @@ from feasigrasp.models.control.joint.solutions import (
     flange_pose_kernel,
     solve_kernel,
 )
-from feasigrasp.models.control.joint.sources import APART, SOURCES
+from feasigrasp.models.control.joint.sources import APART, Source
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACHABILITY = Reachability()
@@ -58,7 +58,7 @@ def configurations(solutions, X_WO, elapsed=0.0):
     return q
 
 
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("source", Source)
 def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, source):
     X_OG = reachable(ring_of_grasps)
     found = search(source=source).update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
@@ -211,7 +211,7 @@ def test_random_configurations_and_objects_give_finite_solutions(ring_of_grasps)
     for k in range(30):
         X = se3.random_pose(rng, 1)[0]
         X[:3, 3] = rng.uniform(-0.8, 0.8, 3)
-        q = rng.uniform(-1, 1, 7) * POSITION_LIMITS
+        q = rng.uniform(-1, 1, 7) * IIWA_7.position_limits
         offered = ring_of_grasps.X_OG[rng.random(len(ring_of_grasps)) < rng.random()]
         solutions = keep.update(solutions, k * PERIOD, offered, ahead(X, rng.normal(size=6)), q)
         for array in (solutions.arm_angle, solutions.cost, solutions.length_scale):

@@ -18,7 +18,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 
 X_FG = ParallelGripper().X_FG
@@ -57,7 +57,7 @@ def placed(solutions, X_WO, X_OH, funnel=STRAIGHT, elapsed=0.0):
 @settings(max_examples=50, deadline=None)
 def test_where_the_object_is_still_the_configurations_are_what_they_were(seed):
     rng = np.random.default_rng(seed)
-    q, X_WO = rng.uniform(-1, 1, (5, 7)) * POSITION_LIMITS, se3.random_pose(rng, 1)[0]
+    q, X_WO = rng.uniform(-1, 1, (5, 7)) * IIWA_7.position_limits, se3.random_pose(rng, 1)[0]
     _, found, index = placed(solutions_at(q, X_WO), X_WO, np.eye(4))
     np.testing.assert_array_equal(index, np.arange(5))
     np.testing.assert_allclose(found, q, atol=1e-6)
@@ -67,13 +67,13 @@ def test_where_the_object_is_still_the_configurations_are_what_they_were(seed):
 @settings(max_examples=50, deadline=None)
 def test_they_reach_their_grasps_wherever_the_object_goes(seed):
     rng = np.random.default_rng(seed)
-    q, X_WO = rng.uniform(-1, 1, (8, 7)) * POSITION_LIMITS, se3.random_pose(rng, 1)[0]
+    q, X_WO = rng.uniform(-1, 1, (8, 7)) * IIWA_7.position_limits, se3.random_pose(rng, 1)[0]
     solutions = solutions_at(q, X_WO)
     X_WO = se3.extrapolate(X_WO, rng.normal(scale=0.2, size=6), 1.0)
     X_OH = se3.inverse(X_WO) @ forward_kinematics(rng.uniform(-1, 1, 7), X_FG)
     funnel = Funnel()
     X_WF, found, index = placed(solutions, X_WO, X_OH, funnel)
-    assert (np.abs(found) <= POSITION_LIMITS).all()
+    assert (np.abs(found) <= IIWA_7.position_limits).all()
     np.testing.assert_array_equal(branches_of(found), solutions.branch[index])
     targets = X_WO @ solutions.X_OG[index]
     standoff = [standoff_kernel(X, X_OH, funnel.parameters) for X in solutions.X_OG[index]]
@@ -83,7 +83,7 @@ def test_they_reach_their_grasps_wherever_the_object_goes(seed):
 
 
 def test_what_is_out_of_reach_or_no_pose_is_left_out():
-    q = np.random.default_rng(0).uniform(-0.5, 0.5, (4, 7)) * POSITION_LIMITS
+    q = np.random.default_rng(0).uniform(-0.5, 0.5, (4, 7)) * IIWA_7.position_limits
     solutions = solutions_at(q, np.eye(4))
     for X_WO in (se3.make_pose(np.eye(3), [3.0, 0.0, 0.0]), np.full((4, 4), np.nan)):
         assert len(placed(solutions, X_WO, np.eye(4))[2]) == 0
@@ -94,7 +94,7 @@ def test_what_is_out_of_reach_or_no_pose_is_left_out():
 def test_their_velocity_is_that_of_the_jacobian_and_of_the_arm_angle(seed, psi_rate):
     """``J qd`` is the twist of the flange, and the arm angle moves as it should."""
     rng = np.random.default_rng(seed)
-    q = rng.uniform(-0.7, 0.7, 7) * POSITION_LIMITS
+    q = rng.uniform(-0.7, 0.7, 7) * IIWA_7.position_limits
     q[[1, 3, 5]] = rng.choice([-1.0, 1.0], 3) * rng.uniform(0.4, 1.6, 3)  # not singular
     X_WF, J = pose_and_jacobian(q)
     V_WO, p_WO = rng.normal(size=6), rng.normal(size=3)
@@ -110,7 +110,7 @@ def test_their_velocity_is_that_of_the_jacobian_and_of_the_arm_angle(seed, psi_r
 
 def test_what_is_fed_forward_is_the_mean_and_no_faster_than_the_joints():
     rng = np.random.default_rng(1)
-    q = rng.uniform(-0.6, 0.6, (3, 7)) * POSITION_LIMITS
+    q = rng.uniform(-0.6, 0.6, (3, 7)) * IIWA_7.position_limits
     solutions, X_WO = solutions_at(q, np.eye(4)), np.eye(4)
     X_WF, found, index = placed(solutions, X_WO, np.eye(4))
     angles = solutions.at(0.0)[0]
@@ -127,7 +127,7 @@ def test_what_is_fed_forward_is_the_mean_and_no_faster_than_the_joints():
     weights = np.array([0.5, 0.3, 0.2])
     np.testing.assert_allclose(forward(V_WO, weights), weights @ each, atol=1e-7)
     fast = forward(100.0 * V_WO, weights)
-    assert np.max(np.abs(fast) / VELOCITY_LIMITS) == pytest.approx(1.0)
+    assert np.max(np.abs(fast) / IIWA_7.velocity_limits) == pytest.approx(1.0)
     np.testing.assert_allclose(
         fast / np.linalg.norm(fast), weights @ each / np.linalg.norm(weights @ each), atol=1e-3
     )

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
+from feasigrasp.models.arrays import record
 from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, object_grid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import min_distance, table_distances
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
@@ -83,8 +85,11 @@ def all_rows(q, grid, X_WO, V_WO):
     hand = hand_points()
     rows, bounds = np.empty((len(hand) + 1, 7)), np.empty(len(hand) + 1)
     wide = np.full(7, 1e6)
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    link_poses_kernel(q, R, p)
+    options = record(SafetyOptions(object_clearance=0.0, approach_gain=1.0))[0]
     m = object_rows_kernel(
-        q, -wide, wide, 0.0, 1.0, hand, grid.values, grid.frame, X_WO, V_WO, rows, bounds
+        *(R, p, -wide, wide, options, hand, grid.values, grid.frame, X_WO, V_WO, rows, bounds)
     )
     return rows[:m].copy(), bounds[:m].copy()
 
@@ -121,7 +126,7 @@ def test_a_hand_that_is_led_through_the_object_does_not_touch_it(safety, grid, d
     """The ball lies below the palm or beside a finger; without the rows the hand goes through."""
     X_WG = forward_kinematics(Q, GRIPPER.X_FG)
     X_WO = at(X_WG[:3, 3] + 0.35 * np.array(direction))
-    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    change = OPTIONS.period * OPTIONS.acceleration_scale * IIWA_7.acceleration_limits
     nearest = {}
     for moving in (None, MovingObject(grid, X_WO, np.zeros(6))):
         q, last, gaps = Q, np.zeros(7), []
@@ -156,7 +161,7 @@ def test_a_hand_at_rest_gives_way_to_the_object(safety, grid):
 def test_an_object_that_presses_the_hand_onto_the_table_does_not_win(safety, grid):
     q, last, velocity = Q, np.zeros(7), np.array([0.0, 0.0, -0.15])
     start = forward_kinematics(Q, GRIPPER.X_FG)[:3, 3] + [0.0, 0.0, 0.12]
-    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    change = OPTIONS.period * OPTIONS.acceleration_scale * IIWA_7.acceleration_limits
     for k in range(600):
         X_WO = at(start + k * OPTIONS.period * velocity)
         moving = MovingObject(grid, X_WO, np.concatenate([np.zeros(3), velocity]))

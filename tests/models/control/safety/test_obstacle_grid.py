@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.safety.arm_balls import arm_balls, obstacle_distances_and_gradients
-from feasigrasp.models.control.safety.clearance_rows import rows_kernel
+from feasigrasp.models.arrays import record
+from feasigrasp.models.control.safety.arm_balls import arm_balls
+from feasigrasp.models.control.safety.clearance_rows import Body, rows_kernel
 from feasigrasp.models.control.safety.obstacle_grid import obstacle_grid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel
+from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel, link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.scene_field import fit_scene
 
@@ -96,9 +97,14 @@ def all_rows(q, grid, bound=1e6):
     most = len(model.pairs) + 2 * len(model.movers) + len(balls.link)
     rows, bounds = np.empty((most + 1, 7)), np.empty(most + 1)
     geometry = (model.link, model.ends, model.radius, model.pairs, model.movers, *balls)
+    body = Body(*geometry, np.empty((0, 3)))
     wide = np.full(7, bound)
-    options = (0.0, 0.0, 0.0, 1.0)  # clearances, height of the table, gain
-    m = rows_kernel(q, -wide, wide, *options, *geometry, grid.values, grid.frame, rows, bounds)
+    options = SafetyOptions(clearance=0.0, obstacle_clearance=0.0, approach_gain=1.0)
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    link_poses_kernel(q, R, p)
+    m = rows_kernel(
+        *(R, p, -wide, wide, record(options)[0], body, grid.values, grid.frame, rows, bounds)
+    )
     return rows[:m], -bounds[:m]
 
 
@@ -130,7 +136,10 @@ def test_rows_agree_with_the_scene_field(box, grid):
     rng = np.random.default_rng(4)
     for _ in range(10):
         q = HOME + rng.uniform(-0.6, 0.6, 7)
-        expected, _ = obstacle_distances_and_gradients(q, box, balls, 0.2)
+        R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+        link_poses_kernel(q, R, p)
+        center = np.einsum("kij,kj->ki", R[balls.link], balls.center) + p[balls.link]
+        expected = box.distance(center) - balls.radius
         near = (expected > 0.0) & (expected < 0.19)
         _, distance = all_rows(q, grid)
         found = distance[-len(balls.link) :]
@@ -160,7 +169,7 @@ REQUESTS = {
 def test_no_capsule_touches_the_box(grid, name):
     """Five seconds of twists that lead the hand into the box, at up to 1 m/s."""
     model, safety = capsule_model(), Safety(OPTIONS)
-    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    change = OPTIONS.period * OPTIONS.acceleration_scale * IIWA_7.acceleration_limits
     q, last, nearest = np.array([0.3, -0.5, 0.0, -1.5, 0.0, 1.2, 0.0]), np.zeros(7), np.inf
     for k in range(1000):
         J = pose_and_jacobian(q)[1]

@@ -7,15 +7,10 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.control.safety.safe_velocity import (
-    Safety,
-    SafetyOptions,
-    safe_velocity,
-    velocity_bounds,
-)
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.robot.self_collision import (
     min_distance,
@@ -26,7 +21,7 @@ from feasigrasp.models.robot.self_collision import (
 OPTIONS = SafetyOptions()
 SAFETY = Safety(OPTIONS)
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
-CAPACITY = OPTIONS.velocity_scale * VELOCITY_LIMITS
+CAPACITY = OPTIONS.velocity_scale * IIWA_7.velocity_limits
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 
@@ -36,7 +31,7 @@ def vectors(element, n):
 
 
 #: Configurations up to 50 % outside the limits.
-positions = vectors(st.floats(-1.5, 1.5), 7).map(lambda x: x * POSITION_LIMITS)
+positions = vectors(st.floats(-1.5, 1.5), 7).map(lambda x: x * IIWA_7.position_limits)
 
 
 def clearance(q):
@@ -58,9 +53,9 @@ def random_twist_request(q, rng):
 def test_the_answer_is_always_an_admissible_velocity(q, request, twist, follow):
     J = pose_and_jacobian(q)[1]
     with np.errstate(all="ignore"):
-        qd = safe_velocity(q, request, *((J, twist) if follow else ()))
+        qd = SAFETY.velocity(q, request, *((J, twist) if follow else ()))
     assert np.isfinite(qd).all()
-    lower, upper = velocity_bounds(q, OPTIONS)
+    lower, upper = SAFETY.problem(q, np.zeros(7))[1][:2, :7]
     assert ((lower <= qd) & (qd <= upper)).all() or (qd == 0.0).all()
     assert (np.abs(qd) <= CAPACITY).all()
 
@@ -70,7 +65,7 @@ def test_the_answer_is_always_an_admissible_velocity(q, request, twist, follow):
 def test_positions_that_are_not_finite_stop_the_arm(q):
     if not np.isfinite(q).all():
         with np.errstate(all="ignore"):
-            np.testing.assert_array_equal(safe_velocity(q, np.ones(7)), 0.0)
+            np.testing.assert_array_equal(SAFETY.velocity(q, np.ones(7)), 0.0)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -78,16 +73,16 @@ def test_requests_that_are_not_finite_stop_the_arm(bad):
     request, twist = np.full(7, 0.1), np.full(6, 0.1)
     J = pose_and_jacobian(HOME)[1]
     with np.errstate(all="ignore"):
-        np.testing.assert_array_equal(safe_velocity(HOME, request * bad), 0.0)
-        np.testing.assert_array_equal(safe_velocity(HOME, request * bad, J, twist), 0.0)
-        np.testing.assert_array_equal(safe_velocity(HOME, request, J, twist * bad), 0.0)
-        np.testing.assert_array_equal(safe_velocity(HOME, request, J * bad, twist), 0.0)
+        np.testing.assert_array_equal(SAFETY.velocity(HOME, request * bad), 0.0)
+        np.testing.assert_array_equal(SAFETY.velocity(HOME, request * bad, J, twist), 0.0)
+        np.testing.assert_array_equal(SAFETY.velocity(HOME, request, J, twist * bad), 0.0)
+        np.testing.assert_array_equal(SAFETY.velocity(HOME, request, J * bad, twist), 0.0)
 
 
 def test_a_joint_velocity_is_granted_where_nothing_is_in_the_way():
     for seed in range(20):
         request = np.random.default_rng(seed).uniform(-0.5, 0.5, 7)
-        np.testing.assert_allclose(safe_velocity(HOME, request), request, atol=1e-6)
+        np.testing.assert_allclose(SAFETY.velocity(HOME, request), request, atol=1e-6)
 
 
 def test_a_twist_is_followed_where_nothing_is_in_the_way():
@@ -96,7 +91,7 @@ def test_a_twist_is_followed_where_nothing_is_in_the_way():
         rng = np.random.default_rng(seed)
         V = rng.normal(size=6) * [0.3, 0.3, 0.3, 0.1, 0.1, 0.1]
         request = rng.uniform(-0.2, 0.2, 7)
-        qd = safe_velocity(HOME, request, J, V)
+        qd = SAFETY.velocity(HOME, request, J, V)
         np.testing.assert_allclose(J @ qd, V, atol=0.02 * np.linalg.norm(V) + 0.002)
         # Without bounds it is the minimiser of the objective.
         W = np.diag([OPTIONS.rotation_weight] * 3 + [1.0] * 3)
@@ -110,20 +105,20 @@ def test_redundant_motion_follows_the_preferred_velocity():
     """The elbow turns as asked while the hand stays."""
     J = pose_and_jacobian(HOME)[1]
     null = np.linalg.svd(J)[2][-1]
-    qd = safe_velocity(HOME, 0.3 * null, J, np.zeros(6))
+    qd = SAFETY.velocity(HOME, 0.3 * null, J, np.zeros(6))
     np.testing.assert_allclose(qd, 0.3 * null, atol=1e-6)
 
 
 def test_a_request_that_is_too_fast_is_cut_per_joint():
-    qd = safe_velocity(HOME, np.array([10.0, 0, 0, 0, 0, 0, -10.0]))
+    qd = SAFETY.velocity(HOME, np.array([10.0, 0, 0, 0, 0, 0, -10.0]))
     np.testing.assert_allclose(qd[[0, 6]], [CAPACITY[0], -CAPACITY[6]], atol=1e-9)
 
 
 def test_outside_a_limit_it_leads_back():
     q = HOME.copy()
-    q[4] = POSITION_LIMITS[4] + 0.1
-    assert safe_velocity(q, np.zeros(7))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
-    assert safe_velocity(q, np.full(7, 0.3))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
+    q[4] = IIWA_7.position_limits[4] + 0.1
+    assert SAFETY.velocity(q, np.zeros(7))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
+    assert SAFETY.velocity(q, np.full(7, 0.3))[4] <= -0.99 * OPTIONS.approach_gain * 0.1
 
 
 def near_collision(n, closer_than, seed):
@@ -131,7 +126,7 @@ def near_collision(n, closer_than, seed):
     rng = np.random.default_rng(seed)
     found = []
     while len(found) < n:
-        q = rng.uniform(-0.95, 0.95, 7) * POSITION_LIMITS
+        q = rng.uniform(-0.95, 0.95, 7) * IIWA_7.position_limits
         if OPTIONS.clearance < clearance(q) < closer_than:
             found.append(q)
     return found
@@ -142,7 +137,7 @@ def test_close_bodies_approach_no_faster_than_their_room_allows():
         for distances in (signed_distances, table_distances):
             distance, gradient = with_gradient(distances, q)
             for row in np.flatnonzero(distance < 0.08):
-                qd = safe_velocity(q, -5.0 * gradient[row])
+                qd = SAFETY.velocity(q, -5.0 * gradient[row])
                 allowed = -OPTIONS.approach_gain * (distance[row] - OPTIONS.clearance)
                 assert gradient[row] @ qd >= allowed - 1e-6
 
@@ -151,12 +146,12 @@ def test_bodies_that_are_too_close_are_pushed_apart():
     rng = np.random.default_rng(2)
     checked = 0
     while checked < 10:
-        q = rng.uniform(-0.9, 0.9, 7) * POSITION_LIMITS
+        q = rng.uniform(-0.9, 0.9, 7) * IIWA_7.position_limits
         if not 0.0 < clearance(q) < 0.8 * OPTIONS.clearance:
             continue
         before = clearance(q)
         for _ in range(200):
-            q = q + 0.005 * safe_velocity(q, np.zeros(7))
+            q = q + 0.005 * SAFETY.velocity(q, np.zeros(7))
         assert clearance(q) > (before + OPTIONS.clearance) / 2
         checked += 1
 
@@ -184,8 +179,8 @@ def starts(n, rng, margin=0.02):
     """Configurations at rest inside the limits and clear of everything."""
     found = []
     while len(found) < n:
-        q = rng.uniform(-1, 1, 7) * POSITION_LIMITS
-        if np.abs(q / POSITION_LIMITS).max() < 0.98 and clearance(q) > margin:
+        q = rng.uniform(-1, 1, 7) * IIWA_7.position_limits
+        if np.abs(q / IIWA_7.position_limits).max() < 0.98 and clearance(q) > margin:
             found.append(q)
     return found
 
@@ -195,7 +190,7 @@ def starts(n, rng, margin=0.02):
 def test_no_request_leads_out_of_the_limits_or_into_contact(name, accelerations):
     """Three seconds at 200 Hz from random admissible configurations; new requests every 0.1 s."""
     rng = np.random.default_rng(3)
-    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    change = OPTIONS.period * OPTIONS.acceleration_scale * IIWA_7.acceleration_limits
     for start in starts(4, rng):
         q, last = start, np.zeros(7)
         for k in range(600):
@@ -206,14 +201,14 @@ def test_no_request_leads_out_of_the_limits_or_into_contact(name, accelerations)
             if accelerations:
                 assert (np.abs(qd - last) <= change * (1 + 1e-9)).all()
             last, q = qd, q + OPTIONS.period * qd
-            assert (np.abs(q) <= POSITION_LIMITS - OPTIONS.position_margin + 1e-9).all()
+            assert (np.abs(q) <= IIWA_7.position_limits - OPTIONS.position_margin + 1e-9).all()
             assert clearance(q) > 0.97 * OPTIONS.clearance
         assert np.abs(q - start).max() > 0.01
 
 
 def test_when_the_request_ends_the_arm_stops_as_soon_as_its_accelerations_allow():
     rng = np.random.default_rng(4)
-    slowest = (CAPACITY / (OPTIONS.acceleration_scale * ACCELERATION_LIMITS)).max()
+    slowest = (CAPACITY / (OPTIONS.acceleration_scale * IIWA_7.acceleration_limits)).max()
     for q in starts(5, rng):
         last = np.zeros(7)
         for _ in range(100):
@@ -231,7 +226,7 @@ def test_when_the_request_ends_the_arm_stops_as_soon_as_its_accelerations_allow(
 def test_accelerations_are_kept_in_any_state_and_for_any_request(q, share, request, twist):
     """Outside position limits, inside contact, with NaN or infinite requests."""
     last = share * CAPACITY
-    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    change = OPTIONS.period * OPTIONS.acceleration_scale * IIWA_7.acceleration_limits
     for follow in (False, True):
         with np.errstate(all="ignore"):
             J = pose_and_jacobian(q)[1]
@@ -256,7 +251,7 @@ def test_without_a_finite_state_every_joint_brakes(q, last):
 def test_a_joint_that_is_too_fast_slows_down_within_its_acceleration():
     last = 1.3 * CAPACITY
     qd = SAFETY.velocity(HOME, 10.0 * CAPACITY, qd_last=last)
-    change = OPTIONS.period * OPTIONS.acceleration_scale * ACCELERATION_LIMITS
+    change = OPTIONS.period * OPTIONS.acceleration_scale * IIWA_7.acceleration_limits
     np.testing.assert_allclose(qd, last - change, rtol=1e-9)
 
 
@@ -266,7 +261,7 @@ def test_rows_that_are_left_out_change_nothing():
     bound = 0
     for q in near_collision(12, 0.03, seed=6):
         request = rng.normal(size=7) + towards_contact(q, rng)[0] / 10
-        lower, upper = velocity_bounds(q, OPTIONS)
+        lower, upper = SAFETY.problem(q, np.zeros(7))[1][:2, :7]
         parts = [with_gradient(f, q) for f in (signed_distances, table_distances)]
         distance, gradient = (np.concatenate(x) for x in zip(*parts, strict=True))
         allowed = -OPTIONS.approach_gain * (distance - OPTIONS.clearance)

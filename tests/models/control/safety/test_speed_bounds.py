@@ -5,14 +5,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feasigrasp.models.control.safety.safe_velocity import SafetyOptions, velocity_bounds
-from feasigrasp.models.control.safety.speed_bounds import braking_speed
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.arrays import record
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.safety.speed_bounds import bounds_kernel, braking_speed
+from feasigrasp.models.robot.iiwa import IIWA_7
 
 OPTIONS = SafetyOptions()
-CAPACITY = OPTIONS.velocity_scale * VELOCITY_LIMITS
+CAPACITY = OPTIONS.velocity_scale * IIWA_7.velocity_limits
+
+
+def velocity_bounds(q, options, qd_last=None):
+    """Lower and upper bounds, shape (7,) each."""
+    lower, upper = np.empty(7), np.empty(7)
+    bounds_kernel(q, np.empty(0) if qd_last is None else qd_last, record(options)[0], lower, upper)
+    return lower, upper
+
+
 positions = st.lists(st.floats(-1.5, 1.5), min_size=7, max_size=7).map(
-    lambda x: np.array(x) * POSITION_LIMITS
+    lambda x: np.array(x) * IIWA_7.position_limits
 )
 
 
@@ -22,12 +32,12 @@ def test_bounds_lead_away_from_the_limits_and_fade_towards_them(q):
     lower, upper = velocity_bounds(q, OPTIONS)
     assert (lower <= upper).all()
     assert (np.abs(lower) <= CAPACITY).all() and (np.abs(upper) <= CAPACITY).all()
-    room = POSITION_LIMITS - OPTIONS.position_margin - np.abs(q)
+    room = IIWA_7.position_limits - OPTIONS.position_margin - np.abs(q)
     towards = np.where(q > 0, upper, -lower)
     inside = room > 0
     assert (towards[inside] >= 0).all() and (towards[~inside] <= 0).all()
     # Half of the joint's acceleration stops it within the room that is left.
-    braking = towards[inside] ** 2 / ACCELERATION_LIMITS[inside]
+    braking = towards[inside] ** 2 / IIWA_7.acceleration_limits[inside]
     assert (braking <= room[inside] + 1e-12).all()
     middle = np.abs(q) < 0.2
     np.testing.assert_allclose(upper[middle], CAPACITY[middle])
@@ -59,8 +69,8 @@ def test_the_interval_is_never_empty_and_no_limit_is_ever_passed(kind, period):
     """What the proof in `feasigrasp.models.control.safety.speed_bounds` says, over 3000 steps."""
     options = SafetyOptions(period=period)
     rng = np.random.default_rng(1)
-    limit = POSITION_LIMITS - options.position_margin
-    change = options.acceleration_scale * ACCELERATION_LIMITS * period
+    limit = IIWA_7.position_limits - options.position_margin
+    change = options.acceleration_scale * IIWA_7.acceleration_limits * period
     q, last = rng.uniform(-0.99, 0.99, 7) * limit, np.zeros(7)
     nearest = np.full(7, np.inf)
     for request in requests(kind, rng, 3000):
@@ -83,7 +93,7 @@ def test_the_interval_is_never_empty_and_no_limit_is_ever_passed(kind, period):
 @given(positions, st.lists(st.floats(-2.0, 2.0), min_size=7, max_size=7).map(np.array))
 def test_acceleration_comes_first_where_not_all_can_be_kept(q, share):
     last = share * CAPACITY
-    change = OPTIONS.acceleration_scale * ACCELERATION_LIMITS * OPTIONS.period
+    change = OPTIONS.acceleration_scale * IIWA_7.acceleration_limits * OPTIONS.period
     lower, upper = velocity_bounds(q, OPTIONS, last)
     assert (lower <= upper).all()
     assert (lower >= last - change - 1e-12).all() and (upper <= last + change + 1e-12).all()

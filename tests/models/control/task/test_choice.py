@@ -12,7 +12,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACHABILITY = Reachability()
@@ -64,7 +64,7 @@ def run(duration, motion=CIRCLE, period=0.2, dt=0.02):
         X_WO, V_WO, _ = motion.state(t)
         reference = strand_reference(choice, t, q, X_WO, V_WO, REACHABILITY, OPTIONS)
         qd = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, PursuitOptions())
-        limit = POSITION_LIMITS - 0.01
+        limit = IIWA_7.position_limits - 0.01
         q = np.clip(q + dt * qd, -limit, limit)
         p_WH = forward_kinematics(q, X_FG)[:3, 3]
         rows.append((t, q.copy(), choice, np.linalg.norm(p_WH - X_WO[:3, 3])))
@@ -94,7 +94,7 @@ def test_the_nodes_of_all_strands_are_admissible_and_reach_their_grasps():
     go_on = following >= 0
     later = strands.q[k[go_on] + 1, i[go_on], branch[go_on], following[go_on]]
     steps = np.diff(OPTIONS.instants)[k[go_on]]
-    travel = np.max(np.abs(later - q[go_on]) / VELOCITY_LIMITS, axis=1)
+    travel = np.max(np.abs(later - q[go_on]) / IIWA_7.velocity_limits, axis=1)
     assert np.all(travel <= OPTIONS.speed_share * steps + 1e-12)
 
 
@@ -120,7 +120,7 @@ def test_the_plan_arrives_in_time_at_an_admissible_configuration():
     X_WF = X_WO @ choice.X_OG @ np.linalg.inv(X_FG)
     q = closed_form(X_WF, choice.psi)[choice.branch]
     assert REACHABILITY.admissible(q)[0]
-    assert np.max(np.abs(q - START) / VELOCITY_LIMITS) <= choice.due
+    assert np.max(np.abs(q - START) / IIWA_7.velocity_limits) <= choice.due
 
 
 def from_the_side(yaw_deg):
@@ -186,7 +186,7 @@ def test_the_circle_is_followed_with_few_changes_and_unwound_before_the_limit(la
     assert 2 <= changes <= 20
     # Stopped at the limit of joint 1 the hand would stay behind by up to twice the radius, for
     # half a lap; it never stands there with the object leaving.
-    stuck = (np.abs(q[:, 0]) > POSITION_LIMITS[0] - 0.02) & (distance > 0.1)
+    stuck = (np.abs(q[:, 0]) > IIWA_7.position_limits[0] - 0.02) & (distance > 0.1)
     assert np.mean(stuck) < 0.02
 
 
@@ -226,13 +226,13 @@ def test_pursuit_is_inside_the_speed_limits_and_leaves_the_slow_joint_its_speed(
     X_WO, V_WO, _ = CIRCLE.state(1.0)
     choice = choose(GraspChoice(), 1.0, START)
     for _ in range(50):
-        q = rng.uniform(-0.9, 0.9, 7) * POSITION_LIMITS
+        q = rng.uniform(-0.9, 0.9, 7) * IIWA_7.position_limits
         reference = strand_reference(choice, 1.0, q, X_WO, V_WO, REACHABILITY, OPTIONS)
         options = PursuitOptions()
         qd = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options)
-        assert np.all(np.abs(qd) <= VELOCITY_LIMITS + 1e-12)
-        needed = np.abs(reference.q - q) / VELOCITY_LIMITS
+        assert np.all(np.abs(qd) <= IIWA_7.velocity_limits + 1e-12)
+        needed = np.abs(reference.q - q) / IIWA_7.velocity_limits
         slow = int(np.argmax(needed))
         if needed[slow] > 1.0:
-            towards = qd[slow] * np.sign(reference.q[slow] - q[slow]) / VELOCITY_LIMITS[slow]
+            towards = qd[slow] * np.sign(reference.q[slow] - q[slow]) / IIWA_7.velocity_limits[slow]
             assert towards > 0.5 * options.speed_share

@@ -49,53 +49,11 @@ def test_the_component_of_a_grasp_is_the_most_responsible(fitted):
     np.testing.assert_array_equal(mixture.component, np.argmax(weighted, axis=1))
 
 
-def test_the_closest_member_of_each_component(fitted):
-    mixture, grasps, _ = fitted
-    for X_OH in se3.random_pose(np.random.default_rng(2), 20):
-        components, members = mixture.closest_members(X_OH)
-        np.testing.assert_array_equal(components, [0, 1, 2])
-        for component, member in zip(components, members, strict=True):
-            own = np.flatnonzero(mixture.component == component)
-            distances = [distance(grasps.X_OG[i], X_OH) for i in own]
-            assert member == own[np.argmin(distances)]
-
-
-def test_at_a_grasp_that_grasp_is_the_member(fitted):
-    mixture, grasps, _ = fitted
-    for k in range(0, len(grasps), 7):
-        components, members = mixture.closest_members(grasps.X_OG[k])
-        assert members[components == mixture.component[k]] == k
-
-
-def test_the_member_stays_when_others_go(fitted):
-    """The target of the hand does not jump when the mixture is fitted to a few grasps less."""
-    mixture, grasps, label = fitted
-    X_OH = grasps.X_OG[6] @ se3.exp([0.02, 0, 0, 0, 0.003, 0])
-    k = mixture.component[6]
-    target = grasps.X_OG[mixture.closest_members(X_OH)[1][k]]
-    keep = np.ones(len(grasps), dtype=bool)
-    keep[np.flatnonzero(label != label[6])[::2]] = False
-    fewer = grasps.select(keep)
-    refitted = fit_grasp_mixture(fewer, 3, np.random.default_rng(9))
-    targets = fewer.X_OG[refitted.closest_members(X_OH)[1]]
-    assert np.abs(targets - target).max(axis=(1, 2)).min() == 0.0
-
-
-def test_components_without_members_are_left_out(fitted):
-    mixture, grasps, _ = fitted
-    emptied = copy.copy(mixture)
-    object.__setattr__(emptied, "component", np.where(mixture.component == 1, 0, mixture.component))
-    components, members = emptied.closest_members(grasps.X_OG[0])
-    np.testing.assert_array_equal(components, [0, 2])
-    assert len(members) == 2
-
-
 def test_fewer_grasps_than_components():
     grasps, _ = clustered_grasps(n=2)
     mixture = fit_grasp_mixture(grasps, 6, np.random.default_rng(0))
     assert 1 <= len(mixture.mixture) <= 2
-    components, members = mixture.closest_members(np.eye(4))
-    assert set(members) <= {0, 1} and len(components) == len(members)
+    assert set(mixture.medoid) <= {0, 1}
 
 
 def test_a_deep_copy_is_the_mixture_itself(fitted):
@@ -216,14 +174,7 @@ def test_the_medoid_stays_while_it_is_about_as_plausible():
 def test_it_moves_with_the_object(fitted):
     mixture, grasps, _ = fitted
     X_PO = se3.random_pose(np.random.default_rng(8), 1)[0]
-    moved = mixture.transformed(X_PO)
-    np.testing.assert_allclose(moved.targets.means, X_PO @ mixture.targets.means, atol=1e-12)
-    np.testing.assert_array_equal(moved.targets.covariances, mixture.targets.covariances)
-    X = se3.random_pose(np.random.default_rng(9), 5)
-    np.testing.assert_allclose(
-        moved.mixture.log_density(X_PO @ X), mixture.mixture.log_density(X), rtol=1e-9
-    )
     refitted = fit_grasp_mixture(
         GraspSet(X_PO @ grasps.X_OG, grasps.width, grasps.score), 3, np.random.default_rng(1)
     )
-    np.testing.assert_allclose(refitted.mixture.means, moved.mixture.means, atol=1e-6)
+    np.testing.assert_allclose(refitted.mixture.means, X_PO @ mixture.mixture.means, atol=1e-6)

@@ -7,7 +7,7 @@ from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_veloc
 from feasigrasp.models.control.task.reference import StrandReference
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.iiwa import VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 X_FG = ParallelGripper().X_FG
@@ -62,7 +62,7 @@ def test_a_hand_with_time_goes_to_the_sphere_of_its_reference_from_either_side(r
         speed = approach_speed(q, qd, X_WO, V_WO)
         # Not quite, since joint motion has a price, and the object's own has to be followed.
         assert speed == pytest.approx(expected, abs=0.1)
-        assert qd[6] > 0.5 * OPTIONS.speed_share * VELOCITY_LIMITS[6]
+        assert qd[6] > 0.5 * OPTIONS.speed_share * IIWA_7.velocity_limits[6]
 
 
 def test_only_the_distance_counts_not_where_on_the_sphere_the_reference_is():
@@ -78,7 +78,7 @@ def test_only_the_distance_counts_not_where_on_the_sphere_the_reference_is():
 @pytest.mark.parametrize("time", [0.29, 0.2, 0.1, 1e-3])
 def test_short_ways_are_the_synchronised_motion_exactly(time):
     """All joints arrive together, wherever the object is."""
-    limit = OPTIONS.speed_share * VELOCITY_LIMITS
+    limit = OPTIONS.speed_share * IIWA_7.velocity_limits
     rng = np.random.default_rng(2)
     for q, X_WO, V_WO, direction in scenes(10, seed=2):
         way = limit * rng.uniform(-1.0, 1.0, 7)
@@ -99,7 +99,7 @@ def test_the_hand_goes_round_the_object_and_arrives_in_time():
         return np.linalg.norm(hand(q) - X_WO[:3, 3])
 
     to = reference(end, distance(end), np.array([1.0, 0.0, 0.0]))
-    least = np.max(np.abs(end - start) / (OPTIONS.speed_share * VELOCITY_LIMITS))
+    least = np.max(np.abs(end - start) / (OPTIONS.speed_share * IIWA_7.velocity_limits))
     q, step, way = start.copy(), 0.005, []
     for _ in range(round((least + 0.5) / step)):
         q = q + step * pursuit_velocity(q, to, X_WO, np.zeros(6), X_FG, OPTIONS)

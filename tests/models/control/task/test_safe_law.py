@@ -7,21 +7,19 @@ from hypothesis import strategies as st
 
 from feasigrasp.models.control.safety.safe_velocity import Safety
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
-from feasigrasp.models.control.task.grasp_mixture import fit_grasp_mixture
+from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.control.task.memory import TaskMemory
-from feasigrasp.models.control.task.safe_law import (
-    TaskControlOptions,
-    paper_task_space_velocity,
-    task_space_velocity,
-)
+from feasigrasp.models.control.task.paper_law import paper_task_space_velocity
+from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
+from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import ACCELERATION_LIMITS, POSITION_LIMITS, VELOCITY_LIMITS
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.self_collision import min_distance
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
@@ -123,8 +121,8 @@ def test_it_reaches_a_grasp_of_a_still_object(ring_of_grasps, roll_out, position
     position_mm, angle_deg = rollout.worst_after(4.5)
     assert position_mm < 1.0 and angle_deg < 0.5
     assert rollout.worst_after(0.0)[0] > 100.0
-    assert (np.abs(rollout.q) < POSITION_LIMITS).all()
-    assert (np.abs(rollout.qd) <= VELOCITY_LIMITS).all()
+    assert (np.abs(rollout.q) < IIWA_7.position_limits).all()
+    assert (np.abs(rollout.qd) <= IIWA_7.velocity_limits).all()
     assert min(min_distance(q) for q in rollout.q[::20]) > 0.0
 
 
@@ -178,7 +176,7 @@ def test_an_object_that_is_nowhere_stops_the_arm(ring_of_grasps, part, bad):
     np.testing.assert_allclose(qd, 0.0, atol=1e-12)
     np.testing.assert_array_equal(paper, 0.0)
     assert (braking >= 0.0).all() and (braking < moving).all()
-    assert (moving - braking <= ACCELERATION_LIMITS * PERIOD + 1e-12).all()
+    assert (moving - braking <= IIWA_7.acceleration_limits * PERIOD + 1e-12).all()
 
 
 @pytest.mark.parametrize("turn", [-0.8, 0.3, 1.1])
@@ -230,8 +228,12 @@ def test_the_choice_of_the_object_frame_changes_nothing(ring_of_grasps):
     np.testing.assert_allclose(
         task_space_velocity(q, moved, X_WP, V_WP, REACHABILITY, SAFETY, OPTIONS), qd, atol=1e-3
     )
+    in_P = RiemannianMixture(
+        mixture.mixture.weights, X_PO @ mixture.mixture.means, mixture.mixture.covariances
+    )
+    in_P = GraspMixture(in_P, X_PO @ mixture.X_OG, mixture.component, mixture.medoid)
     np.testing.assert_allclose(
-        paper_task_space_velocity(HOME, mixture.transformed(X_PO), X_WP, V_WP, X_FG, OPTIONS),
+        paper_task_space_velocity(HOME, in_P, X_WP, V_WP, X_FG, OPTIONS),
         paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, OPTIONS),
         atol=1e-7,
     )
@@ -257,7 +259,7 @@ def test_random_states_and_grasps_give_finite_commands(mode, seed):
         X_OG = se3.random_pose(rng, n)
         X_OG[:, :3, 3] *= 0.1
         grasps = GraspSet(X_OG, np.full(n, 0.05), rng.uniform(0, 1, n))
-        q = rng.uniform(-1, 1, 7) * POSITION_LIMITS
+        q = rng.uniform(-1, 1, 7) * IIWA_7.position_limits
         X_WO = se3.make_pose(se3.random_pose(rng, 1)[0, :3, :3], rng.uniform(-0.7, 0.7, 3))
         V_WO = rng.normal(size=6)
         if mode == "paper":
@@ -265,7 +267,7 @@ def test_random_states_and_grasps_give_finite_commands(mode, seed):
             qd = paper_task_space_velocity(q, mixture, X_WO, V_WO, X_FG, OPTIONS)
         else:
             qd = command(q, grasps, X_WO, V_WO)[0]
-            assert (np.abs(qd) <= VELOCITY_LIMITS).all()
+            assert (np.abs(qd) <= IIWA_7.velocity_limits).all()
         assert np.isfinite(qd).all()
 
 
@@ -298,7 +300,7 @@ def test_whatever_comes_in_the_command_never_jumps(events, seed):
                 X_WO = np.full((4, 4), np.nan)
             qd = controller(t, q, X_WO, V_WO)
             assert np.isfinite(qd).all()
-            assert (np.abs(qd - last) <= ACCELERATION_LIMITS * PERIOD + 1e-9).all(), event
-            assert (np.abs(qd) <= VELOCITY_LIMITS).all()
+            assert (np.abs(qd - last) <= IIWA_7.acceleration_limits * PERIOD + 1e-9).all(), event
+            assert (np.abs(qd) <= IIWA_7.velocity_limits).all()
             q, last, t = q + PERIOD * qd, qd, t + PERIOD
-            assert (np.abs(q) <= POSITION_LIMITS).all()
+            assert (np.abs(q) <= IIWA_7.position_limits).all()

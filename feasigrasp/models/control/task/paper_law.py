@@ -1,0 +1,98 @@
+"""The paper's law in task space (section IV-D.1): up the log density of a mixture of grasps.
+
+The hand follows the gradient of the mixture's log density, preconditioned so that every component
+is approached along its geodesic, while it is carried along with the object's twist: without that
+feed-forward it lags behind by speed over gain.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.task.grasp_mixture import GraspMixture
+from feasigrasp.models.control.task.safe_law import TaskControlOptions, hand_twist_kernel
+from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel
+from feasigrasp.models.mixtures.ascent import ascent_kernel
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
+
+#: Least damping: no singular value is taken for smaller.
+_LEAST_DAMPING = 1e-6
+#: Least pivot of the factorisation, in case rounding eats up even that.
+_LEAST_PIVOT = 1e-14
+
+
+@njit(cache=True, error_model="numpy")
+def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
+    """The velocity (7,) that minimises ``|J qd - V|^2 + d^2 |qd|^2``, at most ``|V| / (2 d)`` long.
+
+    It is ``J^T (J J^T + d^2 I)^-1 V``, by Cholesky factorisation; without damping the shortest one,
+    large where J loses rank, but finite.
+    """
+    square = max(damping, _LEAST_DAMPING) ** 2
+    L, y, qd = np.empty((6, 6)), np.empty(6), np.zeros(IIWA_7.joints)
+    for i in range(6):
+        for j in range(i + 1):
+            s = square if i == j else 0.0
+            for k in range(IIWA_7.joints):
+                s += J[i, k] * J[j, k]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(max(s, _LEAST_PIVOT)) if i == j else s / L[j, j]
+    for i in range(6):
+        s = V[i]
+        for k in range(i):
+            s -= L[i, k] * y[k]
+        y[i] = s / L[i, i]
+    for i in range(5, -1, -1):
+        s = y[i]
+        for k in range(i + 1, 6):
+            s -= L[k, i] * y[k]
+        y[i] = s / L[i, i]
+    for i in range(6):
+        for k in range(IIWA_7.joints):
+            qd[k] += J[i, k] * y[i]
+    return qd
+
+
+@njit(cache=True)
+def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains, damping):
+    gain, max_angular, max_linear = gains
+    X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, IIWA_7.joints)), np.empty(6)
+    pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
+    ascent_kernel(compose_kernel(inverse_kernel(X_WO), X_WH), parameters, u_H)
+    V_WH = hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, max_angular, max_linear)
+    qd = least_norm_kernel(J_WH, V_WH, damping)
+    return qd if np.isfinite(np.sum(qd)) else np.zeros(IIWA_7.joints)
+
+
+def paper_task_space_velocity(
+    q: Array,
+    grasps: GraspMixture,
+    X_WO: Array,
+    V_WO: Array,
+    X_FG: Array,
+    options: TaskControlOptions,
+) -> Array:
+    """The paper's law with its corrections: ``qd = J^+ V`` (damped), nothing enforced.
+
+    The twist V is the preconditioned direction of the log density, whose maxima are the medoids of
+    the components, plus the object's own twist. Where the pulls of components cancel, surrounding
+    points decide (`feasigrasp.models.mixtures.ascent`).
+
+    Args:
+        q: Joint positions [rad], shape (7,).
+        grasps: Mixture over the grasps, in the object frame.
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        X_FG: The grasp frame on the flange, shape (4, 4).
+        options: Gains.
+
+    Returns:
+        Joint velocity [rad/s], shape (7,); zero if anything is not finite.
+    """
+    parameters = grasps.targets.parameters
+    qd: Array = _paper_kernel(q, X_FG, X_WO, V_WO, parameters, options.gains, options.damping)
+    return qd
