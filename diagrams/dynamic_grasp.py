@@ -14,8 +14,9 @@ import pydot
 import yaml
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.runs.run import run, write_result
+from feasigrasp.evaluation.runs.run import run
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
+from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -100,7 +101,7 @@ def main() -> int:
         return 2
     print_table(result.record)
     if args.results is not None:
-        write_result(result, args.results)
+        write_json(result.record, args.results)
     return 0 if result.record["error"] is None else 1
 
 

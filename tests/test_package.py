@@ -32,6 +32,7 @@ ORDER = (
     ("models.control.safety",),
     ("models.control.task", "models.control.joint"),
     ("scenario",),
+    ("systems.ports",),
     ("systems.station",),
     ("systems",),
     ("results",),

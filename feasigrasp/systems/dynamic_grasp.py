@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
@@ -30,41 +29,35 @@ from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
-_System = TypeVar("_System", bound=System)
-
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """What all stages share: the robot cell and the tracker of its object, and their builder."""
+    """What all stages share: the robot cell and the builder that holds it."""
 
     builder: DiagramBuilder
     scenario: Scenario
     gripper: ParallelGripper
     station: Station
-    tracker: ObjectTracker
 
-    def add(self, name: str, system: _System, *sources: System, **inputs: OutputPort) -> _System:
-        """Adds a system, its inputs connected as `_connect` does."""
+    def __getitem__(self, name: str) -> System:
+        """The system of that name."""
+        return self.builder.GetSubsystemByName(name)
+
+    def add(self, name: str, system: System, *sources: System, **inputs: OutputPort) -> System:
+        """Adds a system, its inputs connected as `connect` does."""
         self.builder.AddNamedSystem(name, system)
-        _connect(self.builder, system, *sources, **inputs)
+        self.connect(system, *sources, **inputs)
         return system
 
-
-@dataclass(frozen=True, eq=False)
-class _Perception:
-    """The object's field, its grasps as they arrive, and the scene where it is looked at."""
-
-    object: PointCloudToGPDF
-    latency: ZeroOrderHold
-    scene: PointCloudToScene | None
-
-
-@dataclass(frozen=True, eq=False)
-class _Control:
-    """What decides on a grasp, and what the arm is told."""
-
-    sequencer: GripperSequencer
-    drive: VelocityDrive
+    def connect(self, system: System, *sources: System, **inputs: OutputPort) -> None:
+        """Connects inputs: those named as told, others to the first source with that output."""
+        for port in map(system.get_input_port, range(system.num_input_ports())):
+            name = port.get_name()
+            for source in sources:
+                if name not in inputs and source.HasOutputPort(name):
+                    inputs[name] = source.GetOutputPort(name)
+        for name, output in inputs.items():
+            self.builder.Connect(output, system.GetInputPort(name))
 
 
 def make_dynamic_grasp(
@@ -129,37 +122,17 @@ def add_dynamic_grasp(
     """
     gripper = ParallelGripper()
     reachability = Reachability(gripper)
-    cell = _add_station(builder, scenario, gripper)
-    perception = _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))
-    control = _add_control(
-        cell, perception, reachability, controller or make_controller(scenario, reachability)
-    )
-    _add_measurement(cell, control)
-    if meshcat is not None:
-        _add_visualization(cell, perception, control, meshcat)
-
-
-def _connect(
-    builder: DiagramBuilder, system: System, *sources: System, **inputs: OutputPort
-) -> None:
-    """Connects input ports: those named as told, others to the first source with that output."""
-    for port in map(system.get_input_port, range(system.num_input_ports())):
-        name = port.get_name()
-        for source in sources:
-            if name not in inputs and source.HasOutputPort(name):
-                inputs[name] = source.GetOutputPort(name)
-    for name, output in inputs.items():
-        builder.Connect(output, system.GetInputPort(name))
-
-
-def _add_station(builder: DiagramBuilder, scenario: Scenario, gripper: ParallelGripper) -> _Cell:
     station = builder.AddNamedSystem("station", make_station(scenario))
-    tracker = builder.AddNamedSystem("tracker", ObjectTracker(scenario.tracker))
-    _connect(builder, tracker, pose=station.GetOutputPort("object.pose"))
-    return _Cell(builder, scenario, gripper, station, tracker)
+    cell = _Cell(builder, scenario, gripper, station)
+    cell.add("tracker", ObjectTracker(scenario.tracker), pose=station.GetOutputPort("object.pose"))
+    _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))
+    _add_control(cell, reachability, controller or make_controller(scenario, reachability))
+    _add_measurement(cell)
+    if meshcat is not None:
+        _add_visualization(cell, meshcat)
 
 
-def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> _Perception:
+def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> None:
     """Camera -> object's points -> distance field -> grasps, all in the object frame."""
     station, config, scene_config = cell.station, cell.scenario.perception, cell.scenario.scene
     images = {
@@ -176,44 +149,40 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> _Perception:
         length_scale=config.length_scale,
         voxel_size=config.voxel_size,
     )
-    cell.add("perception", field, segmentation, cell.tracker, camera_pose=camera_pose)
+    cell.add("perception", field, segmentation, cell["tracker"], camera_pose=camera_pose)
     grasps = cell.add("sampler", GraspSampler(sampler, cell.gripper), field)
     latency = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()), config.latency)
     cell.add("latency", latency, u=grasps.get_output_port())
-    if not scene_config.enabled:
-        return _Perception(field, latency, None)
-    scene = PointCloudToScene(
-        station.robot_and_object_labels(),
-        period=scene_config.period,
-        resolution=scene_config.resolution,
-    )
-    cell.add("scene_perception", scene, camera_pose=camera_pose, **images)
-    return _Perception(field, latency, scene)
+    if scene_config.enabled:
+        scene = PointCloudToScene(
+            station.robot_and_object_labels(),
+            period=scene_config.period,
+            resolution=scene_config.resolution,
+        )
+        cell.add("scene_perception", scene, camera_pose=camera_pose, **images)
 
 
-def _clear_of_scene(
-    cell: _Cell, scene: PointCloudToScene | None, name: str, grasps: OutputPort, **options: bool
-) -> OutputPort:
+def _clear_of_scene(cell: _Cell, name: str, grasps: OutputPort, **options: bool) -> OutputPort:
     """The grasps at which the open hand is clear of the scene; all if nobody looks at it."""
-    if scene is None:
+    config = cell.scenario.scene
+    if not config.enabled:
         return grasps
-    clear = SceneFilter(cell.gripper, margin=cell.scenario.scene.margin, **options)
-    return cell.add(name, clear, cell.tracker, scene, grasps=grasps).get_output_port()
+    clear = SceneFilter(cell.gripper, margin=config.margin, **options)
+    sources = cell["tracker"], cell["scene_perception"]
+    return cell.add(name, clear, *sources, grasps=grasps).get_output_port()
 
 
-def _add_control(
-    cell: _Cell, perception: _Perception, reachability: Reachability, controller: LeafSystem
-) -> _Control:
+def _add_control(cell: _Cell, reachability: Reachability, controller: LeafSystem) -> None:
     """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper."""
-    station, tracker, scenario = cell.station, cell.tracker, cell.scenario
-    config, safe, scene = scenario.reachability, scenario.control.safe, perception.scene
+    station, tracker, scenario = cell.station, cell["tracker"], cell.scenario
+    config, safe = scenario.reachability, scenario.control.safe
     # What hits the scene either way round takes no place among those that are judged.
     grasps = _clear_of_scene(
-        cell, scene, "clear_grasps", perception.latency.get_output_port(), either_way_round=True
+        cell, "clear_grasps", cell["latency"].get_output_port(), either_way_round=True
     )
     in_reach = ReachabilityFilter(reachability, method=config.method, horizon=config.horizon)
     cell.add("reachability", in_reach, tracker, grasps=grasps)
-    hand_poses = _clear_of_scene(cell, scene, "clear_hand_poses", in_reach.GetOutputPort("grasps"))
+    hand_poses = _clear_of_scene(cell, "clear_hand_poses", in_reach.GetOutputPort("grasps"))
     reachable = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
     cell.add("reachable", reachable, u=hand_poses)
 
@@ -222,53 +191,50 @@ def _add_control(
         "sequencer",
         GripperSequencer(scenario.grasp, cell.gripper, period=config.period),
         tracker,
-        *([perception.object] if safe else []),
+        *([cell["perception"]] if safe else []),
         position=position,
         grasps=reachable.get_output_port(),
         gripper_state=station.GetOutputPort("gripper.state_measured"),
     )
     drive = VelocityDrive(scenario.control.period, enforce_position_limits=safe)
-    command = controller.GetOutputPort("commanded_velocity")
     cell.builder.AddNamedSystem("drive", drive)
-    sources = (sequencer, tracker, drive, *([scene] if scene else []))
-    cell.add("controller", controller, *sources, position=position)
-    _connect(cell.builder, drive, velocity=command, position=position)
+    scene = [cell["scene_perception"]] if scenario.scene.enabled else []
+    cell.add("controller", controller, sequencer, tracker, drive, *scene, position=position)
+    command = controller.GetOutputPort("commanded_velocity")
+    cell.connect(drive, velocity=command, position=position)
     for name, port in (
         ("iiwa.desired_state", drive.GetOutputPort("desired_state")),
         ("gripper.position", sequencer.GetOutputPort("gripper_position")),
         ("object.hold", sequencer.GetOutputPort("object_hold")),
     ):
         cell.builder.Connect(port, station.GetInputPort(name))
-    return _Control(sequencer, drive)
 
 
-def _add_measurement(cell: _Cell, control: _Control) -> None:
+def _add_measurement(cell: _Cell) -> None:
     station, control_period = cell.station, cell.scenario.control.period
     state = station.GetOutputPort("iiwa.state_estimated")
     pose = station.GetOutputPort("object.pose")
     distance = ObstacleDistance(station.plant, station.robot_instances())
     metrics = Metrics(cell.gripper)
-    cell.add("metrics", metrics, control.sequencer, state=state, object_pose=pose)
+    cell.add("metrics", metrics, cell["sequencer"], state=state, object_pose=pose)
     cell.add("obstacle_distance", distance, station)
     for name, port, period in (
         ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
         ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
-        ("drive", control.drive.GetOutputPort("desired_state"), control_period),
+        ("drive", cell["drive"].GetOutputPort("desired_state"), control_period),
         ("arm", state, control_period),
     ):
         LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
 
 
-def _add_visualization(
-    cell: _Cell, perception: _Perception, control: _Control, meshcat: Meshcat
-) -> None:
+def _add_visualization(cell: _Cell, meshcat: Meshcat) -> None:
     """Shows the cell, and on the object what perception and reachability make of it."""
     object_path = add_scene(cell.builder, cell.station, meshcat)
     cell.add(
         "visualizer",
         GraspVisualizer(meshcat, object_path, cell.gripper),
-        perception.object,
-        control.sequencer,
-        grasps=perception.latency.get_output_port(),
-        reachable=control.sequencer.GetOutputPort("grasps"),
+        cell["perception"],
+        cell["sequencer"],
+        grasps=cell["latency"].get_output_port(),
+        reachable=cell["sequencer"].GetOutputPort("grasps"),
     )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.matching import GraspHistory, recheck_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
 
 
 class GraspSampler(LeafSystem):
@@ -51,33 +51,23 @@ class GraspSampler(LeafSystem):
         super().__init__()
         self._sampler = sampler
         self._recheck = None if gripper is None else partial(recheck_grasps, gripper=gripper)
-        self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
-        before = AbstractValue.Make(GraspHistory())
-        self._before = self.DeclareAbstractState(before)
-        self._now = self.DeclareCacheEntry(
-            "grasps of the present field",
-            ValueProducer(before.Clone, self._calc_history),
-            {self._gpdf.ticket(), self.abstract_state_ticket(self._before)},
+        self._gpdf = declare_input(self, "gpdf")
+        self._before = PeriodicState(
+            self, GraspHistory(), period, lambda context: self._now.Eval(context)
         )
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._remember)
-        self.DeclareAbstractOutputPort(
-            "grasps",
-            lambda: AbstractValue.Make(GraspSet.empty()),
-            self._calc,
-            {self._now.ticket()},
-        )
+        inputs = {self._gpdf.ticket(), self._before.ticket()}
+        self._now = declare_cache(self, "grasps of the present field", self._calc_history, inputs)
+        declare_output(self, "grasps", self._calc, {self._now.ticket()})
 
-    def _calc_history(self, context: Context, output) -> None:
-        before: GraspHistory = context.get_abstract_state(int(self._before)).get_value()
+    def _calc_history(self, context: Context) -> GraspHistory:
+        before: GraspHistory = self._before.Eval(context)
         gpdf = self._gpdf.Eval(context)
-        if gpdf is not None and gpdf is not before.gpdf:
-            before = before.followed_by(gpdf, self._sampler(gpdf), self._recheck)
-        output.set_value(before)
+        if gpdf is None or gpdf is before.gpdf:
+            return before
+        return before.followed_by(gpdf, self._sampler(gpdf), self._recheck)
 
-    def _remember(self, context: Context, state) -> None:
-        state.get_mutable_abstract_state(int(self._before)).set_value(self._now.Eval(context))
-
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> GraspSet:
         history: GraspHistory = self._now.Eval(context)
-        seen = history.gpdf is not None
-        output.set_value(history.grasps if seen else GraspSet.empty({"object not seen": 1}))
+        if history.gpdf is None:
+            return GraspSet.empty({"object not seen": 1})
+        return history.grasps

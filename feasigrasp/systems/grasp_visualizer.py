@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
@@ -21,6 +20,7 @@ from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
+from feasigrasp.systems.ports import declare_input
 
 #: Colours of grasps that the controller is given, and of those that were dropped before.
 REACHABLE, DROPPED = Rgba(0.10, 0.80, 0.25), Rgba(0.35, 0.35, 0.40, 0.4)
@@ -106,10 +106,9 @@ class GraspVisualizer(LeafSystem):
         self._bad = _Flipbook(meshcat, f"{path}/grasps/dropped")
         self._forget()
         nothing = Perceived(FusedCloud.empty(1.0), None)
-        none = AbstractValue.Make(GraspSet.empty())
-        self._perceived = self.DeclareAbstractInputPort("perceived", AbstractValue.Make(nothing))
-        self._grasps = self.DeclareAbstractInputPort("grasps", none)
-        self._reachable = self.DeclareAbstractInputPort("reachable", none)
+        self._perceived = declare_input(self, "perceived", nothing)
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._reachable = declare_input(self, "reachable", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self.DeclareInitializationPublishEvent(self._clear)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
@@ -183,14 +182,17 @@ def reachable_mask(grasps: GraspSet, reachable: GraspSet) -> Mask:
     return found[: len(grasps)] | found[len(grasps) :]
 
 
-def surface_colors(gpdf: Gpdf) -> Array:
-    """Colours of the completed points by their variance, shape (n, 3), from seen to made up.
+def distance_from_seen(gpdf: Gpdf, variance: Array) -> Array:
+    """How far from the data a point is, told by its variance, shape (n,) [m].
 
-    At a distance r from the data the variance is about 1 - exp(-2 r / l), that of a single
-    observation; solved for r it says how far off the seen surface a point is.
+    At a distance r from a single observation the variance is ``1 - exp(-2 r / l)``, solved for r.
     """
-    variance = np.clip(gpdf.completion.variance, 0.0, 0.999)
-    distance = -gpdf.length_scale / 2.0 * np.log1p(-variance)
+    return -gpdf.length_scale / 2.0 * np.log1p(-np.clip(variance, 0.0, 0.999))
+
+
+def surface_colors(gpdf: Gpdf) -> Array:
+    """Colours of the completed points by their variance, shape (n, 3), from seen to made up."""
+    distance = distance_from_seen(gpdf, gpdf.completion.variance)
     share = (distance - SEEN_WITHIN) / (INVENTED_BEYOND - SEEN_WITHIN)
     share = np.clip(share, 0.0, 1.0)[:, None]
     return (1.0 - share) * SEEN + share * INVENTED

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
 
 class GripperSequencer(LeafSystem):
@@ -63,35 +65,32 @@ class GripperSequencer(LeafSystem):
         self._config = config
         self._gripper = gripper
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
-        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
-        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
-        self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
         self._gripper_state = self.DeclareVectorInputPort("gripper_state", 2)
-        self._gpdf = self.DeclareAbstractInputPort("gpdf", Value[object](None))
-        self._index = self.DeclareAbstractState(AbstractValue.Make(GraspState()))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._advance)
+        self._gpdf = declare_input(self, "gpdf")
+        self._state = PeriodicState(self, GraspState(), period, self._advance)
 
-        state, time = self.abstract_state_ticket(self._index), self.time_ticket()
-        grasps, gpdf = {state, self._grasps.ticket()}, {state, self._gpdf.ticket()}
+        state, time = self._state.ticket(), self.time_ticket()
         target = {state, time, self._pose.ticket(), self._velocity.ticket()}
-        for name, model, calc, inputs in (
-            ("grasps", AbstractValue.Make(GraspSet.empty()), self._calc_grasps, grasps),
-            ("gpdf", Value[object](None), self._calc_gpdf, gpdf),
-            ("object_pose", Value[RigidTransform](), self._calc_pose, target),
-            ("object_velocity", Value[SpatialVelocity](), self._calc_velocity, target),
-        ):
-            self.DeclareAbstractOutputPort(name, model.Clone, calc, inputs)
+        declare_output(self, "grasps", self._calc_grasps, {state, self._grasps.ticket()})
+        declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
+        declare_output(self, "object_pose", self._calc_pose, target, model=RigidTransform())
+        declare_output(
+            self, "object_velocity", self._calc_velocity, target, model=SpatialVelocity.Zero()
+        )
         self.DeclareVectorOutputPort("gripper_position", 1, self._calc_gripper, {state, time})
         self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
         self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
 
     def state(self, context: Context) -> GraspState:
         """Where the sequence is."""
-        state: GraspState = context.get_abstract_state(int(self._index)).get_value()
+        state: GraspState = self._state.Eval(context)
         return state
 
-    def _advance(self, context: Context, state) -> None:
-        advanced = self.state(context).advanced(
+    def _advance(self, context: Context) -> GraspState:
+        return self.state(context).advanced(
             context.get_time(),
             forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
             self._pose.Eval(context).GetAsMatrix4(),
@@ -100,9 +99,8 @@ class GripperSequencer(LeafSystem):
             self._gripper_state.Eval(context)[0],
             self._config,
         )
-        state.get_mutable_abstract_state(int(self._index)).set_value(advanced)
 
-    def _target(self, context: Context):
+    def _target(self, context: Context) -> tuple[Array, Array]:
         return self.state(context).target(
             context.get_time(),
             self._pose.Eval(context).GetAsMatrix4(),
@@ -110,19 +108,19 @@ class GripperSequencer(LeafSystem):
             self._config,
         )
 
-    def _calc_grasps(self, context: Context, output) -> None:
+    def _calc_grasps(self, context: Context) -> GraspSet:
         committed = self.state(context).grasp
-        output.set_value(self._grasps.Eval(context) if committed is None else committed)
+        return self._grasps.Eval(context) if committed is None else committed
 
-    def _calc_gpdf(self, context: Context, output) -> None:
+    def _calc_gpdf(self, context: Context) -> Gpdf | None:
         passed = self.state(context).grasp is None and self._gpdf.HasValue(context)
-        output.set_value(self._gpdf.Eval(context) if passed else None)
+        return self._gpdf.Eval(context) if passed else None
 
-    def _calc_pose(self, context: Context, output) -> None:
-        output.set_value(RigidTransform(self._target(context)[0]))
+    def _calc_pose(self, context: Context) -> RigidTransform:
+        return RigidTransform(self._target(context)[0])
 
-    def _calc_velocity(self, context: Context, output) -> None:
-        output.set_value(SpatialVelocity(self._target(context)[1]))
+    def _calc_velocity(self, context: Context) -> SpatialVelocity:
+        return SpatialVelocity(self._target(context)[1])
 
     def _calc_gripper(self, context: Context, output) -> None:
         state = self.state(context)

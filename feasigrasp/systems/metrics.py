@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
@@ -15,6 +14,7 @@ from feasigrasp.models.robot.condition import arm_condition_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.systems.ports import declare_input
 
 #: Time between samples [s].
 SAMPLE_PERIOD = 0.02
@@ -71,8 +71,8 @@ class Metrics(LeafSystem):
         self._capsules = capsule_model(gripper)
         self._all_capsules = capsule_model(gripper, body_pairs=NON_ADJACENT_PAIRS)
         self._state = self.DeclareVectorInputPort("state", 2 * IIWA_7.joints)
-        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
-        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), self._calc)
 

@@ -1,11 +1,11 @@
 """What a motion-capture system would tell: the object's pose, late and noisy, and its motion."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.pose_filter import (
     STATE_SIZE,
@@ -17,6 +17,7 @@ from feasigrasp.models.objects.pose_filter import (
 )
 from feasigrasp.models.objects.prediction import MotionEstimate, predict_kernel
 from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
 _ROW = 13  # time, then the upper three rows of a pose
 
@@ -49,7 +50,7 @@ class ObjectTracker(LeafSystem):
             config.position_noise, config.rotation_noise, config.jerk, config.angular_jerk
         )
         self._delay = round(config.latency / config.period)
-        self._pose = self.DeclareAbstractInputPort("pose", Value[RigidTransform]())
+        self._pose = declare_input(self, "pose", RigidTransform())
         # A discrete state (an abstract one would make every measurement an unrestricted update,
         # which invalidates the caches of the whole diagram): the tick, the filter, then the
         # measurements that are on their way, newest first, one row of time and pose each; NaN where
@@ -58,28 +59,16 @@ class ObjectTracker(LeafSystem):
         self._state = self.DeclareDiscreteState(np.concatenate([[0.0], empty_state(), rows]))
         _compile(self._noise)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._measure)
-        self._estimated = self.DeclareCacheEntry(
-            "estimate",
-            ValueProducer(allocate=lambda: Value[object](None), calc=self._estimate),
-            prerequisites_of_calc={
-                self.discrete_state_ticket(self._state),
-                self.time_ticket(),
-                self._pose.ticket(),
-            },
+        state, time = self.discrete_state_ticket(self._state), self.time_ticket()
+        self._estimated = declare_cache(
+            self, "estimate", self._estimate, {state, time, self._pose.ticket()}
         )
         estimated = {self._estimated.ticket()}
-        self.DeclareAbstractOutputPort(
-            "object_pose", Value[RigidTransform], self._calc_pose, estimated
+        declare_output(self, "object_pose", self._calc_pose, estimated, model=RigidTransform())
+        declare_output(
+            self, "object_velocity", self._calc_velocity, estimated, model=SpatialVelocity.Zero()
         )
-        self.DeclareAbstractOutputPort(
-            "object_velocity", Value[SpatialVelocity], self._calc_velocity, estimated
-        )
-        self.DeclareAbstractOutputPort(
-            "object_motion",
-            lambda: Value[object](MotionEstimate(empty_state(), 0.0)),
-            self._calc_motion,
-            {self.discrete_state_ticket(self._state), self.time_ticket()},
-        )
+        declare_output(self, "object_motion", self._calc_motion, {state, time})
 
     def _measure(self, context: Context, discrete_state) -> None:
         config = self._config
@@ -103,26 +92,29 @@ class ObjectTracker(LeafSystem):
         state[0] = tick + 1.0
         discrete_state.get_mutable_vector().SetFromVector(state)
 
-    def _estimate(self, context: Context, value: AbstractValue) -> None:
+    def _estimate(self, context: Context) -> tuple[Array, Array]:
         """Pose and twist now, from the measurements that have arrived."""
-        motion = context.get_discrete_state_vector().value()[1 : 1 + STATE_SIZE]
+        motion = self._filtered(context)
         X_WO, V_WO = np.empty((4, 4)), np.zeros(6)
         if np.isnan(motion[0]):
             X_WO = self._pose.Eval(context).GetAsMatrix4()
         else:
             pose_kernel(motion, context.get_time(), X_WO)
             twist_kernel(motion, context.get_time(), V_WO)
-        value.set_value((X_WO, V_WO))
+        return X_WO, V_WO
 
-    def _calc_pose(self, context: Context, output) -> None:
-        output.set_value(RigidTransform(self._estimated.Eval(context)[0]))
+    def _calc_pose(self, context: Context) -> RigidTransform:
+        return RigidTransform(self._estimated.Eval(context)[0])
 
-    def _calc_velocity(self, context: Context, output) -> None:
-        output.set_value(SpatialVelocity(self._estimated.Eval(context)[1]))
+    def _calc_velocity(self, context: Context) -> SpatialVelocity:
+        return SpatialVelocity(self._estimated.Eval(context)[1])
 
-    def _calc_motion(self, context: Context, output) -> None:
-        motion = context.get_discrete_state_vector().value()[1 : 1 + STATE_SIZE].copy()
-        output.set_value(MotionEstimate(motion, context.get_time()))
+    def _calc_motion(self, context: Context) -> MotionEstimate:
+        return MotionEstimate(self._filtered(context).copy(), context.get_time())
+
+    def _filtered(self, context: Context) -> Array:
+        """The state of the filter."""
+        return context.get_discrete_state_vector().value()[1 : 1 + STATE_SIZE]
 
 
 def _compile(noise: Noise) -> None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
@@ -19,6 +18,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import PerceptionConfig
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,35 +100,29 @@ class PointCloudToGPDF(LeafSystem):
         }
         self._views_per_side, self._revisit = views_per_side, revisit
         self._min_points = min_points
-        self._cloud = self.DeclareAbstractInputPort("point_cloud", AbstractValue.Make(PointCloud()))
-        self._object_pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
-        self._camera_pose = self.DeclareAbstractInputPort("camera_pose", Value[RigidTransform]())
-        self._state = self.DeclareAbstractState(AbstractValue.Make(Perceived(nothing, None)))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
-        seen = {self.abstract_state_ticket(self._state)}
-        self.DeclareAbstractOutputPort("gpdf", Value[object], self._calc_gpdf, seen)
-        self.DeclareStateOutputPort("perceived", self._state)
+        self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._object_pose = declare_input(self, "object_pose", RigidTransform())
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._seen = PeriodicState(self, Perceived(nothing, None), period, self._look)
+        state = {self._seen.ticket()}
+        declare_output(self, "gpdf", lambda context: self._seen.Eval(context).gpdf, state)
+        declare_output(self, "perceived", self._seen.Eval, state)
 
-    def _look(self, context: Context, state) -> None:
+    def _look(self, context: Context) -> Perceived:
+        seen: Perceived = self._seen.Eval(context)
         X_OW = self._object_pose.Eval(context).inverse()
         p_OC = X_OW @ self._camera_pose.Eval(context).translation()
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
-            return
-        seen: Perceived = context.get_abstract_state(int(self._state)).get_value()
+            return seen
         time = context.get_time()
         if not seen.views.tells_more(p_OC, time, self._views_per_side, self._revisit):
-            return
+            return seen
         points_W = self._cloud.Eval(context).xyzs().T
         points_W = points_W[np.isfinite(points_W).all(axis=1)]
         if len(points_W) < self._min_points:
-            return
+            return seen
         cloud = seen.cloud.merged((X_OW @ points_W.T).T, p_OC)
         if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
-            return
-        perceived = Perceived(
-            cloud, complete_shape(cloud, **self._options), seen.views.extended(p_OC, time)
-        )
-        state.get_mutable_abstract_state(int(self._state)).set_value(perceived)
-
-    def _calc_gpdf(self, context: Context, output) -> None:
-        output.set_value(context.get_abstract_state(int(self._state)).get_value().gpdf)
+            return seen
+        gpdf = complete_shape(cloud, **self._options)
+        return Perceived(cloud, gpdf, seen.views.extended(p_OC, time))

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
@@ -17,6 +16,7 @@ from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import SceneConfig
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,31 +61,24 @@ class PointCloudToScene(LeafSystem):
         """
         super().__init__()
         self._ignored, self._resolution = np.array(sorted(set(ignored_labels))), resolution
-        self._cloud = self.DeclareAbstractInputPort("point_cloud", AbstractValue.Make(PointCloud()))
-        self._labels = self.DeclareAbstractInputPort(
-            "label_image", AbstractValue.Make(ImageLabel16I(1, 1))
-        )
-        self._pose = self.DeclareAbstractInputPort("camera_pose", Value[RigidTransform]())
+        self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
+        self._pose = declare_input(self, "camera_pose", RigidTransform())
         nothing = _Surroundings(FusedCloud.empty(resolution), None)
-        self._state = self.DeclareAbstractState(AbstractValue.Make(nothing))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
-        self.DeclareAbstractOutputPort(
-            "scene", Value[object], self._calc, {self.abstract_state_ticket(self._state)}
-        )
+        self._seen = PeriodicState(self, nothing, period, self._look)
+        state = {self._seen.ticket()}
+        declare_output(self, "scene", lambda context: self._seen.Eval(context).scene, state)
 
-    def _look(self, context: Context, state) -> None:
+    def _look(self, context: Context) -> _Surroundings:
+        before: _Surroundings = self._seen.Eval(context)
         xyz = self._cloud.Eval(context).xyzs()
         labels = self._labels.Eval(context).data.reshape(-1)
         seen = np.isfinite(xyz).all(axis=0) & ~np.isin(labels, self._ignored)
         if np.count_nonzero(seen) < MIN_POINTS:
-            return
-        before: _Surroundings = context.get_abstract_state(int(self._state)).get_value()
+            return before
         p_WC = self._pose.Eval(context).translation()
         cloud = before.cloud.merged(xyz[:, seen].T, p_WC)
         scene = before.scene
         if len(cloud.points) >= MIN_POINTS:
             scene = fit_scene(cloud.points, cloud.directions, resolution=self._resolution)
-        state.get_mutable_abstract_state(int(self._state)).set_value(_Surroundings(cloud, scene))
-
-    def _calc(self, context: Context, output) -> None:
-        output.set_value(context.get_abstract_state(int(self._state)).get_value().scene)
+        return _Surroundings(cloud, scene)

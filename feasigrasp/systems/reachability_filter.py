@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.judge import PoseJudge
@@ -14,6 +13,7 @@ from feasigrasp.models.reach.lookahead import JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.scenario.schema import ReachabilityConfig
+from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
 
 class ReachabilityFilter(LeafSystem):
@@ -65,30 +65,20 @@ class ReachabilityFilter(LeafSystem):
         self._judge = PoseJudge(reachability, method, reachable_space)
         self._judge.verdicts(np.eye(4))  # compiles its kernels, before the first tick
         self._horizon = horizon
-        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
-        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
-        self._velocity = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
-        self._motion = self.DeclareAbstractInputPort("object_motion", Value[object](None))
-        self._judged = self.DeclareCacheEntry(
-            "judged",
-            ValueProducer(allocate=lambda: Value[object](None), calc=self._calc_judged),
-            prerequisites_of_calc={
-                self._grasps.ticket(),
-                self._pose.ticket(),
-                self._velocity.ticket(),
-                self._motion.ticket(),
-            },
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
+        self._motion = declare_input(self, "object_motion")
+        inputs = (self._grasps, self._pose, self._velocity, self._motion)
+        judged = declare_cache(
+            self, "judged", self._calc_judged, {port.ticket() for port in inputs}
         )
-        for name, empty, calc in (
-            ("grasps", GraspSet.empty(), self._calc_grasps),
-            ("verdicts", (), self._calc_verdicts),
-        ):
-            self.DeclareAbstractOutputPort(
-                name, lambda empty=empty: AbstractValue.Make(empty), calc, {self._judged.ticket()}
-            )
+        of_judged = {judged.ticket()}
+        declare_output(self, "grasps", lambda context: judged.Eval(context).grasps, of_judged)
+        declare_output(self, "verdicts", lambda context: judged.Eval(context).verdicts, of_judged)
 
-    def _calc_judged(self, context: Context, value: AbstractValue) -> None:
-        judged = judge_grasps(
+    def _calc_judged(self, context: Context) -> JudgedGrasps:
+        return judge_grasps(
             self._grasps.Eval(context),
             self._pose.Eval(context).GetAsMatrix4(),
             self._velocity.Eval(context).get_coeffs(),
@@ -96,12 +86,3 @@ class ReachabilityFilter(LeafSystem):
             self._horizon,
             motion=self._motion.Eval(context) if self._motion.HasValue(context) else None,
         )
-        value.set_value(judged)
-
-    def _calc_grasps(self, context: Context, output) -> None:
-        judged: JudgedGrasps = self._judged.Eval(context)
-        output.set_value(judged.grasps)
-
-    def _calc_verdicts(self, context: Context, output) -> None:
-        judged: JudgedGrasps = self._judged.Eval(context)
-        output.set_value(judged.verdicts)

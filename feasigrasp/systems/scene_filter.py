@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
@@ -11,6 +10,7 @@ from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.scene_clear import scene_clear
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import SceneField
+from feasigrasp.systems.ports import declare_input, declare_output
 
 
 class SceneFilter(LeafSystem):
@@ -44,24 +44,20 @@ class SceneFilter(LeafSystem):
         """
         super().__init__()
         self._gripper, self._margin, self._either = gripper, margin, either_way_round
-        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
-        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
-        self._scene = self.DeclareAbstractInputPort("scene", Value[object](None))
-        self.DeclareAbstractOutputPort(
-            "grasps",
-            lambda: AbstractValue.Make(GraspSet.empty()),
-            self._calc,
-            {self._grasps.ticket(), self._pose.ticket(), self._scene.ticket()},
-        )
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._scene = declare_input(self, "scene")
+        inputs = {self._grasps.ticket(), self._pose.ticket(), self._scene.ticket()}
+        declare_output(self, "grasps", self._calc, inputs)
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> GraspSet:
         grasps: GraspSet = self._grasps.Eval(context)
         scene: SceneField | None = self._scene.Eval(context)
-        if scene is not None and len(grasps) > 0:
-            X_WG = self._pose.Eval(context).GetAsMatrix4() @ grasps.X_OG
-            clear = scene_clear(scene, X_WG, self._gripper, self._margin)
-            if self._either:
-                other = np.flatnonzero(~clear)
-                clear[other] = scene_clear(scene, X_WG[other] @ FLIP, self._gripper, self._margin)
-            grasps = grasps.select(clear, Rejection.HITS_SCENE)
-        output.set_value(grasps)
+        if scene is None or len(grasps) == 0:
+            return grasps
+        X_WG = self._pose.Eval(context).GetAsMatrix4() @ grasps.X_OG
+        clear = scene_clear(scene, X_WG, self._gripper, self._margin)
+        if self._either:
+            other = np.flatnonzero(~clear)
+            clear[other] = scene_clear(scene, X_WG[other] @ FLIP, self._gripper, self._margin)
+        return grasps.select(clear, Rejection.HITS_SCENE)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.models.clouds.edges import edge_pixels
+from feasigrasp.systems.ports import declare_input, declare_output
 
 
 class SegmentPointCloud(LeafSystem):
@@ -42,17 +42,11 @@ class SegmentPointCloud(LeafSystem):
         """
         super().__init__()
         self._label, self._edge_jump = label, edge_jump
-        self._cloud_input = self.DeclareAbstractInputPort(
-            "point_cloud", AbstractValue.Make(PointCloud())
-        )
-        self._label_input = self.DeclareAbstractInputPort(
-            "label_image", AbstractValue.Make(ImageLabel16I(1, 1))
-        )
-        self.DeclareAbstractOutputPort(
-            "point_cloud", lambda: AbstractValue.Make(PointCloud()), self._calc
-        )
+        self._cloud_input = declare_input(self, "point_cloud", PointCloud())
+        self._label_input = declare_input(self, "label_image", ImageLabel16I(1, 1))
+        declare_output(self, "point_cloud", self._calc, model=PointCloud())
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> PointCloud:
         xyz = self._cloud_input.Eval(context).xyzs()
         labels = self._label_input.Eval(context).data[:, :, 0]
         if xyz.shape[1] != labels.size:
@@ -69,4 +63,4 @@ class SegmentPointCloud(LeafSystem):
         chosen = xyz[:, np.flatnonzero(keep)]
         cloud = PointCloud(chosen.shape[1])
         cloud.mutable_xyzs()[:] = chosen
-        output.set_value(cloud)
+        return cloud

@@ -93,65 +93,30 @@ def _unpack(data: bytes, i: int) -> tuple[Any, int]:
     """One MessagePack value at offset i, and the offset behind it."""
     tag = data[i]
     i += 1
-    if tag < 0x80:
-        return tag, i
-    if tag >= 0xE0:
-        return tag - 0x100, i
-    if tag < 0x90:
-        return _unpack_map(data, i, tag & 0x0F)
-    if tag < 0xA0:
-        return _unpack_list(data, i, tag & 0x0F)
-    if tag < 0xC0:
-        return data[i : i + (tag & 0x1F)].decode(), i + (tag & 0x1F)
+    if tag < 0x80 or tag >= 0xE0:  # a small integer
+        return (tag if tag < 0x80 else tag - 0x100), i
     if tag in _CONSTANTS:
         return _CONSTANTS[tag], i
-    if tag in _NUMBERS:
-        code = _NUMBERS[tag]
-        return struct.unpack_from(code, data, i)[0], i + struct.calcsize(code)
-    code, read = _SIZED[tag]
-    size, i = struct.unpack_from(code, data, i)[0], i + struct.calcsize(code)
-    return read(data, i, size)
-
-
-def _unpack_map(data: bytes, i: int, size: int) -> tuple[dict[Any, Any], int]:
-    result = {}
-    for _ in range(size):
-        key, i = _unpack(data, i)
-        result[key], i = _unpack(data, i)
-    return result, i
-
-
-def _unpack_list(data: bytes, i: int, size: int) -> tuple[list[Any], int]:
-    result = []
-    for _ in range(size):
-        value, i = _unpack(data, i)
-        result.append(value)
-    return result, i
-
-
-def _unpack_text(data: bytes, i: int, size: int) -> tuple[str, int]:
-    return data[i : i + size].decode(), i + size
+    if tag < 0xC0:
+        kind = dict if tag < 0x90 else list if tag < 0xA0 else str
+        size = tag & (0x1F if kind is str else 0x0F)
+    else:
+        kind, code = _CODES[tag]
+        (size,) = struct.unpack_from(code, data, i)
+        i += struct.calcsize(code)
+    if kind is float:
+        return size, i
+    if kind is str:
+        return data[i : i + size].decode(), i + size
+    items = []
+    for _ in range(2 * size if kind is dict else size):
+        item, i = _unpack(data, i)
+        items.append(item)
+    return (dict(zip(items[::2], items[1::2], strict=True)) if kind is dict else items), i
 
 
 _CONSTANTS = {0xC0: None, 0xC2: False, 0xC3: True}
-_NUMBERS = {
-    0xCA: ">f",
-    0xCB: ">d",
-    0xCC: ">B",
-    0xCD: ">H",
-    0xCE: ">I",
-    0xCF: ">Q",
-    0xD0: ">b",
-    0xD1: ">h",
-    0xD2: ">i",
-    0xD3: ">q",
-}
-_SIZED = {
-    0xD9: (">B", _unpack_text),
-    0xDA: (">H", _unpack_text),
-    0xDB: (">I", _unpack_text),
-    0xDC: (">H", _unpack_list),
-    0xDD: (">I", _unpack_list),
-    0xDE: (">H", _unpack_map),
-    0xDF: (">I", _unpack_map),
-}
+#: What a tag announces, and how the number that follows is coded: the value itself, or a size.
+_SIZED = ((str, "B"), (str, "H"), (str, "I"), (list, "H"), (list, "I"), (dict, "H"), (dict, "I"))
+_CODES = {0xCA + k: (float, f">{code}") for k, code in enumerate("fdBHIQbhiq")}
+_CODES |= {0xD9 + k: (kind, f">{code}") for k, (kind, code) in enumerate(_SIZED)}

@@ -12,22 +12,28 @@ PERIOD = 0.005
 Q0 = np.deg2rad([0.0, -48.5, 10.0, -90.6, 0.0, 82.9, 20.0])
 
 
-def drive(command, ticks, *, q=Q0, follow=True, **kwargs):
-    """Desired states after each tick, shape (ticks, 14); the arm follows exactly or not at all."""
+def fixed(q=Q0, velocity=0.0, **kwargs):
+    """A drive, the simulator that runs it, and its context with fixed inputs."""
     dut = VelocityDrive(PERIOD, **kwargs)
     simulator = Simulator(dut)
     context = simulator.get_mutable_context()
-    position, velocity = dut.GetInputPort("position"), dut.GetInputPort("velocity")
-    position.FixValue(context, q)
-    velocity.FixValue(context, np.zeros(7))
+    dut.GetInputPort("position").FixValue(context, q)
+    dut.GetInputPort("velocity").FixValue(context, np.full(7, velocity))
+    return dut, simulator, context
+
+
+def drive(command, ticks, *, q=Q0, follow=True, **kwargs):
+    """Desired states after each tick, shape (ticks, 14); the arm follows exactly or not at all."""
+    dut, simulator, context = fixed(q, **kwargs)
     simulator.Initialize()
     states = []
     for k in range(ticks):
-        velocity.FixValue(context, command(k) if callable(command) else command)
+        now = command(k) if callable(command) else command
+        dut.GetInputPort("velocity").FixValue(context, now)
         simulator.AdvanceTo((k + 0.5) * PERIOD)  # past the update at k * PERIOD
         states.append(dut.GetOutputPort("desired_state").Eval(context).copy())
         if follow:
-            position.FixValue(context, states[-1][:7])
+            dut.GetInputPort("position").FixValue(context, states[-1][:7])
     return np.array(states)
 
 
@@ -39,11 +45,7 @@ def test_ports_are_those_of_the_docstring(ports, documented_ports):
 
 
 def test_the_measured_position_is_latched_at_initialisation():
-    dut = VelocityDrive(PERIOD)
-    simulator = Simulator(dut)
-    context = simulator.get_mutable_context()
-    dut.GetInputPort("position").FixValue(context, Q0)
-    dut.GetInputPort("velocity").FixValue(context, np.zeros(7))
+    dut, simulator, context = fixed()
     simulator.Initialize()
     np.testing.assert_array_equal(
         dut.GetOutputPort("desired_state").Eval(context), np.concatenate([Q0, np.zeros(7)])
@@ -51,11 +53,7 @@ def test_the_measured_position_is_latched_at_initialisation():
 
 
 def test_the_desired_velocity_is_the_second_half_of_the_state_and_depends_on_no_input():
-    dut = VelocityDrive(PERIOD)
-    simulator = Simulator(dut)
-    context = simulator.get_mutable_context()
-    dut.GetInputPort("position").FixValue(context, Q0)
-    dut.GetInputPort("velocity").FixValue(context, np.full(7, 0.02))
+    dut, simulator, context = fixed(velocity=0.02)
     simulator.AdvanceTo(2.5 * PERIOD)
     state = dut.GetOutputPort("desired_state").Eval(context)
     np.testing.assert_array_equal(dut.GetOutputPort("desired_velocity").Eval(context), state[7:])
@@ -66,26 +64,21 @@ def test_the_desired_velocity_is_the_second_half_of_the_state_and_depends_on_no_
 def test_commands_of_the_safety_qp_pass_unchanged():
     """What the drive would clip has been kept before: random requests, new ones every 0.1 s."""
     safety, rng = Safety(SafetyOptions(period=PERIOD)), np.random.default_rng(5)
-    dut = VelocityDrive(PERIOD)
-    simulator = Simulator(dut)
-    context = simulator.get_mutable_context()
-    position, velocity = dut.GetInputPort("position"), dut.GetInputPort("velocity")
-    position.FixValue(context, Q0)
-    velocity.FixValue(context, np.zeros(7))
+    dut, simulator, context = fixed()
     simulator.Initialize()
     q, last, request = Q0, np.zeros(7), np.zeros(7)
     for k in range(1200):
         if k % 20 == 0:
             request = rng.normal(scale=3.0, size=7)
         command = safety.velocity(q, request, qd_last=last)
-        velocity.FixValue(context, command)
+        dut.GetInputPort("velocity").FixValue(context, command)
         simulator.AdvanceTo((k + 0.5) * PERIOD)
         last = dut.GetOutputPort("desired_velocity").Eval(context).copy()
         np.testing.assert_array_equal(last, command)
         expected = q + PERIOD * command
         q = dut.GetOutputPort("desired_state").Eval(context)[:7].copy()
         np.testing.assert_allclose(q, expected, rtol=0, atol=1e-12)
-        position.FixValue(context, q)
+        dut.GetInputPort("position").FixValue(context, q)
 
 
 def test_a_zero_command_holds_the_latched_position_though_the_arm_sags():

@@ -22,6 +22,9 @@ class DrakeArm:
     The links' capsules and the pairs to check come with the URDF. The hand's capsules are put on a
     body that is welded to link 7 and checked against links 0 to 2. (Its camera against link 2 is no
     pair of our model: inside the joint limits they stay 3 cm apart.)
+
+    Attributes:
+        checker: The collision checker, with plant and scene graph.
     """
 
     def __init__(self, *, table: bool = False) -> None:
@@ -47,19 +50,14 @@ class DrakeArm:
                 CoulombFriction(),
             )
         plant.Finalize()
-        self._checker = SceneGraphCollisionChecker(
+        self.checker = SceneGraphCollisionChecker(
             model=builder.Build(), robot_model_instances=[arm], edge_step_size=0.1
         )
         for link in IIWA_7.link_names[3:]:
-            self._checker.SetCollisionFilteredBetween(plant.GetBodyByName(link), hand, True)
-        self._plant = self._checker.plant()
+            self.checker.SetCollisionFilteredBetween(plant.GetBodyByName(link), hand, True)
+        self._plant = self.checker.plant()
         self._flange = self._plant.GetFrameByName("iiwa_flange")
         self._context = self._plant.CreateDefaultContext()
-
-    @property
-    def checker(self) -> SceneGraphCollisionChecker:
-        """The collision checker, with plant and scene graph."""
-        return self._checker
 
     def pose_and_jacobian(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Flange poses (n, 4, 4) and Jacobians (n, 6, 7) of configurations (n, 7), one by one."""
@@ -83,7 +81,7 @@ class DrakeArm:
         It looks for a signed distance that is not positive, and computes distances iteratively:
         about one in a thousand shallow penetrations gets a distance just above zero and is missed.
         """
-        free = self._checker.CheckConfigsCollisionFree(
+        free = self.checker.CheckConfigsCollisionFree(
             list(np.asarray(Q, dtype=float)), parallelize=False
         )
         return np.asarray(free) == 0
@@ -92,6 +90,6 @@ class DrakeArm:
         """The same from `QueryObject.HasCollisions`, a yes-or-no test of every pair."""
         hit = np.empty(len(np.asarray(Q)), dtype=bool)
         for k, q in enumerate(np.asarray(Q, dtype=float)):
-            self._checker.UpdatePositions(q)
-            hit[k] = self._checker.model_context().GetQueryObject().HasCollisions()
+            self.checker.UpdatePositions(q)
+            hit[k] = self.checker.model_context().GetQueryObject().HasCollisions()
         return hit

@@ -18,10 +18,7 @@ from pydrake.multibody.inverse_kinematics import (
     DoDifferentialInverseKinematics,
 )
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.planning import (
-    DofMask,
-    JointLimits,
-)
+from pydrake.planning import DofMask, JointLimits
 from pydrake.systems.framework import BusValue
 
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
@@ -151,27 +148,21 @@ def drake_system(options: SafetyOptions) -> Law:
     It knows no acceleration limits and no preferred velocity but towards a posture; clearances are
     to hold after the next step, so that an approach is not slowed down before.
     """
-    Recipe = DifferentialInverseKinematicsSystem.Recipe
-    Cost = DifferentialInverseKinematicsSystem.LeastSquaresCost
-    Centering = DifferentialInverseKinematicsSystem.JointCenteringCost
-    Velocity = DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint
-    Collision = DifferentialInverseKinematicsSystem.CollisionConstraint
+    IK = DifferentialInverseKinematicsSystem
+    Cost, Centering = IK.LeastSquaresCost, IK.JointCenteringCost
+    Velocity, Collision = IK.JointVelocityLimitConstraint, IK.CollisionConstraint
     position = IIWA_7.position_limits - options.position_margin
     velocity = options.velocity_scale * IIWA_7.velocity_limits
     free = np.full(_N, np.inf)
     limits = JointLimits(-position, position, -velocity, velocity, -free, free)
-    recipe = Recipe()
+    slowed = Velocity.Config(min_margin=0.0, influence_margin=0.2)
+    clear = Collision.Config(safety_distance=options.clearance, influence_distance=0.08)
+    recipe = IK.Recipe()
     recipe.AddIngredient(Cost(config=Cost.Config(cartesian_qp_weight=100.0)))
     recipe.AddIngredient(Centering(config=Centering.Config(posture_gain=1.0)))
-    recipe.AddIngredient(
-        Velocity(config=Velocity.Config(min_margin=0.0, influence_margin=0.2), joint_limits=limits)
-    )
-    recipe.AddIngredient(
-        Collision(
-            config=Collision.Config(safety_distance=options.clearance, influence_distance=0.08)
-        )
-    )
-    system = DifferentialInverseKinematicsSystem(
+    recipe.AddIngredient(Velocity(config=slowed, joint_limits=limits))
+    recipe.AddIngredient(Collision(config=clear))
+    system = IK(
         recipe=recipe,
         task_frame="world",
         collision_checker=DrakeArm(table=True).checker,

@@ -8,6 +8,7 @@ an active-set method (1e-6 rad/s), as far as they have any.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import daqp
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, OsqpSolver, SolverOptions
+from scipy import sparse
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -35,75 +37,47 @@ def _stacked(A: Array) -> Array:
     return np.vstack([np.eye(_N), A])
 
 
-def _quadprog() -> Solver:
-    quadprog = import_module("quadprog")
-
-    def solve(H, f, A, lower, upper):
-        C = np.vstack([np.eye(_N), -np.eye(_N), A])
-        b = np.concatenate([lower[:_N], -upper[:_N], lower[_N:]])
-        try:
-            return quadprog.solve_qp(H, -f, C.T, b)[0]
-        except ValueError:  # inconsistent constraints
-            return None
-
-    return solve
+def _quadprog(quadprog, H, f, A, lower, upper):
+    C = np.vstack([np.eye(_N), -np.eye(_N), A])
+    b = np.concatenate([lower[:_N], -upper[:_N], lower[_N:]])
+    try:
+        return quadprog.solve_qp(H, -f, C.T, b)[0]
+    except ValueError:  # inconsistent constraints
+        return None
 
 
-def _proxqp() -> Solver:
-    dense = import_module("proxsuite").proxqp.dense
-
-    def solve(H, f, A, lower, upper):
-        result = dense.solve(
-            H, f, None, None, _stacked(A), lower, upper, eps_abs=_TOLERANCE, eps_rel=0.0
-        )
-        solved = import_module("proxsuite").proxqp.PROXQP_SOLVED
-        return result.x if result.info.status == solved else None
-
-    return solve
+def _proxqp(proxsuite, H, f, A, lower, upper):
+    bounds, precision = (_stacked(A), lower, upper), {"eps_abs": _TOLERANCE, "eps_rel": 0.0}
+    result = proxsuite.proxqp.dense.solve(H, f, None, None, *bounds, **precision)
+    solved = result.info.status == proxsuite.proxqp.PROXQP_SOLVED
+    return result.x if solved else None
 
 
-def _piqp() -> Solver:
-    piqp = import_module("piqp")
-
-    def solve(H, f, A, lower, upper):
-        solver = piqp.DenseSolver()
-        solver.settings.eps_abs = _TOLERANCE
-        solver.setup(H, f, None, None, A, lower[_N:], upper[_N:], lower[:_N], upper[:_N])
-        return solver.result.x if solver.solve() == piqp.PIQP_SOLVED else None
-
-    return solve
+def _piqp(piqp, H, f, A, lower, upper):
+    solver = piqp.DenseSolver()
+    solver.settings.eps_abs = _TOLERANCE
+    solver.setup(H, f, None, None, A, lower[_N:], upper[_N:], lower[:_N], upper[:_N])
+    return solver.result.x if solver.solve() == piqp.PIQP_SOLVED else None
 
 
-def _osqp() -> Solver:
-    osqp, sparse = import_module("osqp"), import_module("scipy.sparse")
-
-    def solve(H, f, A, lower, upper):
-        solver = osqp.OSQP()
-        matrices = sparse.triu(H, format="csc"), sparse.csc_matrix(_stacked(A))
-        solver.setup(
-            matrices[0], f, matrices[1], lower, upper,
-            verbose=False, eps_abs=_TOLERANCE, eps_rel=0.0, max_iter=20000,
-        )  # fmt: skip
-        result = solver.solve(raise_error=False)
-        return result.x if result.info.status_val == 1 else None
-
-    return solve
+def _osqp(osqp, H, f, A, lower, upper):
+    solver = osqp.OSQP()
+    P, G = sparse.triu(H, format="csc"), sparse.csc_matrix(_stacked(A))
+    precision = {"eps_abs": _TOLERANCE, "eps_rel": 0.0, "max_iter": 20000}
+    solver.setup(P, f, G, lower, upper, verbose=False, **precision)
+    result = solver.solve(raise_error=False)
+    return result.x if result.info.status_val == 1 else None
 
 
-def _clarabel() -> Solver:
-    clarabel, sparse = import_module("clarabel"), import_module("scipy.sparse")
+def _clarabel(clarabel, H, f, A, lower, upper):
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-
-    def solve(H, f, A, lower, upper):
-        G = sparse.csc_matrix(np.vstack([np.eye(_N), -np.eye(_N), -A]))
-        h = np.concatenate([upper[:_N], -lower[:_N], -lower[_N:]])
-        cones = [clarabel.NonnegativeConeT(len(h))]
-        solver = clarabel.DefaultSolver(sparse.triu(H, format="csc"), f, G, h, cones, settings)
-        solution = solver.solve()
-        return np.array(solution.x) if str(solution.status) == "Solved" else None
-
-    return solve
+    G = sparse.csc_matrix(np.vstack([np.eye(_N), -np.eye(_N), -A]))
+    h = np.concatenate([upper[:_N], -lower[:_N], -lower[_N:]])
+    cones = [clarabel.NonnegativeConeT(len(h))]
+    solver = clarabel.DefaultSolver(sparse.triu(H, format="csc"), f, G, h, cones, settings)
+    solution = solver.solve()
+    return np.array(solution.x) if str(solution.status) == "Solved" else None
 
 
 def _drake(solver: Any, options: dict[str, float]) -> Solver:
@@ -125,8 +99,8 @@ def _drake(solver: Any, options: dict[str, float]) -> Solver:
     return solve
 
 
-#: PyPI name and maker of every peer that may be installed.
-_INSTALLABLE: dict[str, Callable[[], Solver]] = {
+#: Every peer that may be installed: its name on PyPI, and how it solves, given its module.
+_INSTALLABLE: dict[str, Callable[..., Array | None]] = {
     "quadprog": _quadprog,
     "proxsuite": _proxqp,
     "piqp": _piqp,
@@ -138,9 +112,9 @@ _INSTALLABLE: dict[str, Callable[[], Solver]] = {
 def solvers() -> dict[str, Solver]:
     """All that can run here by preset, DAQP as ``default``; prints which are left out."""
     found: dict[str, Solver] = {"default": solve_daqp}
-    for name, make in _INSTALLABLE.items():
+    for name, solve in _INSTALLABLE.items():
         if find_spec(name):
-            found[f"peer:{name}"] = make()
+            found[f"peer:{name}"] = partial(solve, import_module(name))
         else:
             print(f"{name} is not installed (PyPI: {name}): its rows are left out")
     found["peer:drake-osqp"] = _drake(

@@ -42,16 +42,10 @@ def partial_cloud(name: str, seed: int) -> Array:
     return seen + np.random.default_rng(seed).normal(scale=DEPTH_NOISE, size=seen.shape)
 
 
-def surface_points_for(preset: str, nodes: int) -> int:
-    """How many surface points make at most so many nodes, offset points included."""
-    return nodes if preset == "paper" else 3 * nodes // 5
-
-
 def whole_fit(cloud: Array, preset: str, nodes: int) -> Gpdf:
-    """Selection, normals and fit, from a cloud."""
-    return fit_gpdf(
-        cloud, max_points=surface_points_for(preset, nodes), viewpoint=CAMERA, **PRESETS[preset]
-    )
+    """Selection, normals and fit, from a cloud; at most so many nodes, offset points included."""
+    points = nodes if preset == "paper" else 3 * nodes // 5
+    return fit_gpdf(cloud, max_points=points, viewpoint=CAMERA, **PRESETS[preset])
 
 
 def fit_from_points(points: Array) -> Gpdf:

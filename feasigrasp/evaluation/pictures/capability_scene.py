@@ -20,6 +20,7 @@ from pydrake.multibody.parsing import LoadModelDirectives, Parser, ProcessModelD
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from feasigrasp.evaluation.runs.replay import quiet_meshcat, write_html
 from feasigrasp.models.arrays import Array
 from feasigrasp.resources import model_path
 from feasigrasp.systems.station.meshcat_scene import set_stage
@@ -31,25 +32,20 @@ CAMERA, TARGET, ZOOM = (1.3, -2.4, 1.3), (0.0, 0.0, 0.5), 2.2
 
 
 def write_scene(
-    meshcat: Meshcat,
-    points: Array,
-    share: Array,
-    posture: Array,
-    spacing: float,
-    filename: Path,
+    points: Array, share: Array, posture: Array, spacing: float, filename: Path
 ) -> None:
     """Writes the arm amid spheres whose colour and size say how much is reached there.
 
     Only the half y > 0 has spheres, so that one looks into it.
 
     Args:
-        meshcat: Where to draw.
         points: Places, shape (n, 3) [m].
         share: Share of orientations reached there, shape (n,).
         posture: Joint positions of the arm, shape (7,) [rad].
         spacing: Distance of neighbouring points [m].
         filename: Where to write the HTML.
     """
+    meshcat = quiet_meshcat()
     _publish_arm(meshcat, posture)
     colours = colormaps["viridis"]
     for i, (point, value) in enumerate(zip(points, share, strict=True)):
@@ -64,8 +60,7 @@ def write_scene(
     meshcat.SetObject("/ground", Box(2.2, 2.2, 0.002), Rgba(0.86, 0.88, 0.9, 1.0))
     meshcat.SetTransform("/ground", RigidTransform([0.0, 0.0, -0.002]))
     set_stage(meshcat, CAMERA, TARGET, ZOOM)
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    filename.write_text(meshcat.StaticHtml())
+    write_html(meshcat, filename)
 
 
 def _publish_arm(meshcat: Meshcat, posture: Array) -> None:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
+from feasigrasp.evaluation.pictures.sheets import add_scale
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.glyphs import spread_order
@@ -18,6 +18,7 @@ from feasigrasp.models.grasps.perceive import Perception
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_points import SurfacePoints
+from feasigrasp.systems.grasp_visualizer import distance_from_seen
 
 #: From surface that was seen to surface that was made up.
 UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(
@@ -43,14 +44,6 @@ def towards_viewer(perception: Perception) -> Array:
     if perception.viewpoint is None:
         return np.array([1.0, -1.0, 0.7])
     return perception.viewpoint - perception.cloud.points.mean(axis=0)
-
-
-def distance_from_seen(gpdf: Gpdf, variance: Array) -> Array:
-    """How far from the data a point is, told by its variance, shape (n,) [m].
-
-    At a distance r from a single observation the variance is ``1 - exp(-2 r / l)``, solved for r.
-    """
-    return -gpdf.length_scale / 2.0 * np.log1p(-np.clip(variance, 0.0, 0.999))
 
 
 def uncertainty_colors(gpdf: Gpdf, surface: SurfacePoints) -> Array:
@@ -106,13 +99,8 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     frame(axes[3], front, np.concatenate([everything, lines.reshape(-1, 3)]))
     scale_bar(axes[3])
 
-    place = figure.add_axes((0.375, 0.075, 0.25, 0.022))
-    norm = Normalize(0.0, 1e3 * MOST_UNCERTAIN)
-    bar = figure.colorbar(
-        ScalarMappable(norm, UNCERTAINTY_COLORS), cax=place, orientation="horizontal"
-    )
-    bar.set_label("uncertainty: distance from what was seen [mm]", fontsize=8, labelpad=1)
-    bar.ax.tick_params(labelsize=7, pad=1)
+    label, place = "uncertainty: distance from what was seen [mm]", (0.375, 0.075, 0.25, 0.022)
+    add_scale(figure, UNCERTAINTY_COLORS, 1e3 * MOST_UNCERTAIN, label, place)
     figure.suptitle(title, y=0.985, fontsize=12)
     filename.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(filename, dpi=100)

@@ -16,9 +16,10 @@ from feasigrasp.evaluation.pictures.perception import (
     uncertainty_colors,
     upward,
 )
-from feasigrasp.evaluation.runs.replay import quiet_meshcat
+from feasigrasp.evaluation.runs.replay import quiet_meshcat, write_html
 from feasigrasp.models.grasps.glyphs import disc, frames_along, gripper_glyph, place_copies
 from feasigrasp.models.grasps.perceive import Perception
+from feasigrasp.systems.station.meshcat_scene import set_background
 
 #: Everything is drawn below this Meshcat path; its children can be switched off by hand.
 _ROOT = "/perception"
@@ -57,13 +58,9 @@ def write_perception_html(perception: Perception, filename: Path) -> None:
         vertices, faces = place_copies(X_OG, *gripper_glyph(perception.gripper))
         meshcat.SetTriangleMesh(f"{_ROOT}/grasps", vertices.T, faces.T, _GRASP_COLOR)
 
-    for clutter in ("/Grid", "/Axes"):
-        meshcat.SetProperty(clutter, "visible", False)
-    meshcat.SetProperty("/Background", "top_color", [0.80, 0.85, 0.90])
-    meshcat.SetProperty("/Background", "bottom_color", [0.97, 0.98, 0.99])
+    set_background(meshcat)
     towards = R @ towards_viewer(perception)
     size = float(np.ptp(surface.points, axis=0).max())
     place = 2.2 * size * (towards / np.linalg.norm(towards) + np.array([0.0, 0.0, 0.15]))
     meshcat.SetCameraPose(place, np.zeros(3))
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    filename.write_text(meshcat.StaticHtml())
+    write_html(meshcat, filename)

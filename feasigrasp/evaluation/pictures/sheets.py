@@ -27,10 +27,15 @@ def two_rows(titles: Sequence[str], sides: tuple[str, str]) -> tuple[Figure, Any
     return figure, axes
 
 
-def add_scale(figure: Figure, colors: Colormap, most: float, label: str) -> None:
-    """A colour scale from 0 to ``most`` below the panels."""
-    place = figure.add_axes((0.3, 0.055, 0.4, 0.016))
+def add_scale(
+    figure: Figure,
+    colors: Colormap,
+    most: float,
+    label: str,
+    place: tuple[float, float, float, float] = (0.3, 0.055, 0.4, 0.016),
+) -> None:
+    """A colour scale from 0 to ``most`` below the panels, at left, bottom, width and height."""
     scale = ScalarMappable(Normalize(0.0, most), colors)
-    bar = figure.colorbar(scale, cax=place, orientation="horizontal")
+    bar = figure.colorbar(scale, cax=figure.add_axes(place), orientation="horizontal")
     bar.set_label(label, fontsize=8, labelpad=1)
     bar.ax.tick_params(labelsize=7, pad=1)

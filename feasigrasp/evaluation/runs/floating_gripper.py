@@ -29,12 +29,12 @@ from pydrake.multibody.plant import (
     MultibodyPlant,
     MultibodyPlantConfig,
 )
-from pydrake.multibody.tree import PdControllerGains
+from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.errors import GraspError
-from feasigrasp.evaluation.runs.hand_load import HandLoad, closing_time, end_time
+from feasigrasp.evaluation.runs.hand_load import HandLoad
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import model_path
@@ -133,7 +133,7 @@ class FloatingGripper:
             joint.set_translation(plant_context, 0.5 * self._opening)
         self._load.set_pose(self._load.GetMyMutableContextFromRoot(context), X_GO.GetAsMatrix4())
         self._simulator.reset_context(context)
-        let_go, end = closing_time(self._opening), end_time(self._opening)
+        let_go, end = self._load.let_go, self._load.end
         try:
             self._simulator.Initialize()
             for time in (let_go, *np.arange(let_go, end, _CHECK_EVERY)[1:], end):
@@ -177,10 +177,7 @@ def hold_trials(
 
 
 def _make_hydroelastic(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    hand,
-    friction: float,
+    plant: MultibodyPlant, scene_graph: SceneGraph, hand: ModelInstanceIndex, friction: float
 ) -> None:
     """Gives every part of the hand a compliant surface with one friction.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.common.value import AbstractValue
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from feasigrasp.models.objects.carrying import Load, carrying_wrench_kernel
+from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.station.object_servo import force_on
 
 #: Rate at which the distance between the pads shrinks, as in grasping [m/s].
 CLOSING_SPEED = 0.15
@@ -23,16 +23,6 @@ RAMP_TIME, LIFT_TIME, SHAKE_PERIOD = 0.1, 0.2, 0.25
 LIFT, SHAKE = 2.0, 4.0
 GRAVITY = 9.81
 _SERVO_FREQUENCY = 60.0
-
-
-def closing_time(opening: float) -> float:
-    """Time at which fingers that were this far open [m] have squeezed and the object is let go."""
-    return opening / CLOSING_SPEED + SQUEEZE_TIME
-
-
-def end_time(opening: float) -> float:
-    """Time at which the last shake ends [s]."""
-    return closing_time(opening) + RAMP_TIME + LIFT_TIME + 3.0 * SHAKE_PERIOD
 
 
 def load(time: float) -> np.ndarray:
@@ -71,6 +61,10 @@ class HandLoad(LeafSystem):
     (half the opening); ``spatial_force`` carries the object at its first pose until the fingers
     hold it, and is `load` times its mass from then on. That pose is a numeric parameter, see
     `set_pose`. The world is the grasp frame.
+
+    Attributes:
+        let_go: When the fingers have squeezed and the object is let go [s].
+        end: When the last shake ends [s].
     """
 
     def __init__(self, plant: MultibodyPlant, body_index: BodyIndex, opening: float) -> None:
@@ -84,17 +78,16 @@ class HandLoad(LeafSystem):
         super().__init__()
         inertia = plant.get_body(body_index).default_spatial_inertia()
         self._body_index = body_index
-        self._mass = inertia.get_mass()
-        self._I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
+        I_BBcm = inertia.CalcRotationalInertia().CopyToFullMatrix3()
+        self._object = Load(inertia.get_mass(), I_BBcm, np.zeros(3), _SERVO_FREQUENCY)
         self._opening = opening
+        self.let_go = opening / CLOSING_SPEED + SQUEEZE_TIME
+        self.end = self.let_go + RAMP_TIME + LIFT_TIME + 3.0 * SHAKE_PERIOD
         self._state = self.DeclareVectorInputPort("state", 13)
         self._pose = self.DeclareNumericParameter(BasicVector(np.eye(4).ravel()))
         self.DeclareVectorOutputPort("finger_state", 2, self._calc_finger, {self.time_ticket()})
-        self.DeclareAbstractOutputPort(
-            "spatial_force",
-            lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
-            self._calc_force,
-        )
+        force = [ExternallyAppliedSpatialForce()]
+        declare_output(self, "spatial_force", self._calc_force, model=force)
 
     def set_pose(self, context: Context, X_GO: np.ndarray) -> None:
         """Sets where the object is carried, shape (4, 4)."""
@@ -106,17 +99,13 @@ class HandLoad(LeafSystem):
         speed = -CLOSING_SPEED if closing else 0.0
         output.SetFromVector([0.5 * max(opening, CLOSED), 0.5 * speed])
 
-    def _calc_force(self, context: Context, output) -> None:
+    def _calc_force(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         wrench = np.zeros(6)
-        since = context.get_time() - closing_time(self._opening)
+        since = context.get_time() - self.let_go
         if since < 0.0:
             X_GO = context.get_numeric_parameter(self._pose).value().reshape(4, 4)
             state, still = self._state.Eval(context), (np.zeros(6), np.zeros(3))
-            carried = Load(self._mass, self._I_BBcm, np.zeros(3), _SERVO_FREQUENCY)
-            carrying_wrench_kernel(state, np.ascontiguousarray(X_GO), *still, carried, wrench)
+            carrying_wrench_kernel(state, np.ascontiguousarray(X_GO), *still, self._object, wrench)
         else:
-            wrench[3:] = self._mass * load(since)
-        applied = ExternallyAppliedSpatialForce()
-        applied.body_index = self._body_index
-        applied.F_Bq_W = SpatialForce(F=wrench)
-        output.set_value([applied])
+            wrench[3:] = self._object.mass * load(since)
+        return force_on(self._body_index, wrench)

@@ -45,21 +45,15 @@ def limit_metrics(ticks: JointTicks) -> dict[str, float | None]:
         ``velocity_peak_percent`` (of the true motion), ``acceleration_peak_percent``; the
         accelerations None for a single tick.
     """
-    speed = np.maximum(np.abs(ticks.commanded), np.abs(ticks.measured)) / IIWA_7.velocity_limits
-    result: dict[str, float | None] = {
-        "velocity_limit_violation_percent": _share_beyond(speed),
-        "acceleration_limit_violation_percent": None,
-        "velocity_peak_percent": 100.0
-        * float(np.max(np.abs(ticks.measured) / IIWA_7.velocity_limits)),
-        "acceleration_peak_percent": None,
+    speed = np.abs(ticks.measured) / IIWA_7.velocity_limits
+    largest = np.maximum(speed, np.abs(ticks.commanded) / IIWA_7.velocity_limits)
+    change = np.abs(np.diff(ticks.commanded, axis=0)) / ticks.period / IIWA_7.acceleration_limits
+    return {
+        "velocity_limit_violation_percent": _share_beyond(largest),
+        "acceleration_limit_violation_percent": _share_beyond(change) if len(change) else None,
+        "velocity_peak_percent": 100.0 * float(speed.max()),
+        "acceleration_peak_percent": 100.0 * float(change.max()) if len(change) else None,
     }
-    if len(ticks.commanded) > 1:
-        change = (
-            np.abs(np.diff(ticks.commanded, axis=0)) / ticks.period / IIWA_7.acceleration_limits
-        )
-        result["acceleration_limit_violation_percent"] = _share_beyond(change)
-        result["acceleration_peak_percent"] = 100.0 * float(np.max(change))
-    return result
 
 
 def _share_beyond(ratio: Array) -> float:

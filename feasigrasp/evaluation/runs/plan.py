@@ -20,7 +20,6 @@ from feasigrasp.scenario.schema import Scenario
 PAPER_OBJECT = "duck"
 #: With ``--quick``, a run that does not end by itself is broken off [s].
 _QUICK_DURATION = 6.0
-MODES = ("safe", "paper")
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,8 @@ def plan(args: argparse.Namespace) -> list[PlannedRun]:
         MeshError: Unknown object, or one that cannot be simulated.
     """
     runs = []
-    for name in args.scenarios or _scenarios_of(args.study):
+    studies = STUDIES.values() if args.study == "all" else [STUDIES[args.study]]
+    for name in args.scenarios or [each for part in studies for each in part.scenarios]:
         study = study_of(name)
         objects = list(select_objects(args.objects or study.objects).items())
         seeds = list(range(args.seed, args.seed + (args.seeds or study.seeds)))
@@ -182,9 +182,3 @@ def plan_run(
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
     texts = json.dumps(change), args.scenario_text, json.dumps(choice)
     return PlannedRun(name, chosen[0], load_scenario(filename, name, *texts))
-
-
-def _scenarios_of(study: str) -> Sequence[str]:
-    if study == "all":
-        return [name for part in STUDIES.values() for name in part.scenarios]
-    return STUDIES[study].scenarios

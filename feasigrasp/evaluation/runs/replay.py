@@ -23,10 +23,9 @@ def quiet_meshcat() -> Meshcat:
     level = drake_log.level
     drake_log.setLevel(logging.WARNING)  # do not announce an address that nobody needs
     try:
-        meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+        return Meshcat(MeshcatParams(host="localhost", port=0))
     finally:
         drake_log.setLevel(level)
-    return meshcat
 
 
 def start_recording() -> Meshcat:
@@ -40,6 +39,11 @@ def write_replay(meshcat: Meshcat, filename: Path) -> None:
     """Writes what was recorded as a self-contained HTML file."""
     meshcat.StopRecording()
     meshcat.PublishRecording()
+    write_html(meshcat, filename)
+
+
+def write_html(meshcat: Meshcat, filename: Path) -> None:
+    """Writes what is shown as a self-contained HTML file."""
     filename.parent.mkdir(parents=True, exist_ok=True)
     filename.write_text(meshcat.StaticHtml())
 

@@ -19,7 +19,6 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.provenance import git_revision, machine, versions
-from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -52,7 +51,8 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         name: Its name, for the record.
         replay: Where to write a self-contained HTML replay.
     """
-    origin = _origin(scenario, name)  # now: the revision may change while the simulation runs
+    # Made now: the revision may change while the simulation runs.
+    record = crash_record(scenario, name, "")
     # The pipeline's matrices are small: a second BLAS thread costs more than it brings.
     with threadpool_limits(1):
         # What is alive by now, compiled code above all, stays: not worth traversing again.
@@ -63,8 +63,13 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         simulator = Simulator(diagram)
         ApplySimulatorConfig(scenario.simulator_config, simulator)
         simulator.set_monitor(_StopWhenDone(diagram))
+        error = None
         started = time.perf_counter()
-        error = _simulate(simulator, scenario.simulation_duration)
+        try:
+            simulator.Initialize()
+            simulator.AdvanceTo(scenario.simulation_duration)
+        except RuntimeError as failure:
+            error = str(failure)
         ended = time.perf_counter()
         if meshcat is not None and replay is not None:
             write_replay(meshcat, replay)
@@ -74,17 +79,13 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
     if error is not None and metrics["grasp_held"] is not None:
         metrics["grasp_held"] = False
     simulated = context.get_time()
-    record = origin | {
-        "timings": {
-            "build_s": started - built,
-            "wall_s": ended - started,
-            "simulated_s": simulated,
-            "real_time_factor": simulated / (ended - started),
-        },
-        "metrics": metrics,
-        "error": error,
-        "scenario_yaml": dump_scenario(scenario),
+    timings = {
+        "build_s": started - built,
+        "wall_s": ended - started,
+        "simulated_s": simulated,
+        "real_time_factor": simulated / (ended - started),
     }
+    record |= {"timings": timings, "metrics": metrics, "error": error}
     return RunResult(record, times, samples)
 
 
@@ -92,17 +93,20 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
     """The record of a run that came to no end: no metrics, no timings, and nothing held."""
     metrics: dict[str, Any] = dict.fromkeys(METRICS)
     metrics["grasp_held"] = False if scenario.grasp.close else None
-    return _origin(scenario, name) | {
+    return {
+        "scenario": name,
+        "controller": scenario.control.controller,
+        "mode": scenario.control.mode,
+        "object": scenario.object.model,
+        "seed": scenario.random_seed,
+        "git": git_revision(),
+        "versions": versions(),
+        "machine": machine(),
         "timings": dict.fromkeys(("build_s", "wall_s", "simulated_s", "real_time_factor")),
         "metrics": metrics,
         "error": error,
         "scenario_yaml": dump_scenario(scenario),
     }
-
-
-def write_result(result: RunResult, filename: Path) -> None:
-    """Writes the record as JSON."""
-    write_json(result.record, filename)
 
 
 def _measured(
@@ -123,28 +127,6 @@ def _measured(
         obstacle_distance=log("obstacle_distance")[1],
     )
     return times, samples, metrics
-
-
-def _origin(scenario: Scenario, name: str) -> dict[str, Any]:
-    return {
-        "scenario": name,
-        "controller": scenario.control.controller,
-        "mode": scenario.control.mode,
-        "object": scenario.object.model,
-        "seed": scenario.random_seed,
-        "git": git_revision(),
-        "versions": versions(),
-        "machine": machine(),
-    }
-
-
-def _simulate(simulator: Simulator, duration: float) -> str | None:
-    try:
-        simulator.Initialize()
-        simulator.AdvanceTo(duration)
-    except RuntimeError as failure:
-        return str(failure)
-    return None
 
 
 class _StopWhenDone:

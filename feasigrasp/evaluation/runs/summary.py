@@ -49,33 +49,23 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     Args:
         records: Records of runs.
     """
+    presets = ("{scenario}/{controller}/{mode}", "all/{controller}/{mode}", "all/all/{mode}")
+    rows = [row for group in _groups(records, *presets).items() for row in _group_rows(*group)]
+    if len({Path(record["object"]).stem for record in records}) > 1:
+        for preset, group in _groups(records, "{scenario}/{controller}/{mode}/{stem}").items():
+            for name in _PER_OBJECT:
+                rows += _mean_row(name, preset, group)
+    return rows
+
+
+def _groups(records: Sequence[Record], *presets: str) -> dict[str, list[Record]]:
+    """The records by preset; ``{stem}`` is the name of the object, without folder and suffix."""
     groups: dict[str, list[Record]] = {}
-    for scenario, controller in (
-        ("{scenario}", "{controller}"),
-        ("all", "{controller}"),
-        ("all", "all"),
-    ):
+    for preset in presets:
         for record in records:
-            preset = f"{scenario}/{controller}/{{mode}}".format_map(record)
-            groups.setdefault(preset, []).append(record)
-    rows = [row for preset, group in groups.items() for row in _group_rows(preset, group)]
-    return rows + _object_rows(records)
-
-
-def _object_rows(records: Sequence[Record]) -> list[Row]:
-    groups: dict[str, list[Record]] = {}
-    for record in records:
-        name = Path(record["object"]).stem
-        preset = "{scenario}/{controller}/{mode}".format_map(record)
-        groups.setdefault(f"{preset}/{name}", []).append(record)
-    if len({preset.rsplit("/")[-1] for preset in groups}) < 2:
-        return []
-    return [
-        row
-        for preset, group in groups.items()
-        for name in _PER_OBJECT
-        for row in _mean_row(name, preset, [r["metrics"][name] for r in group], METRICS[name])
-    ]
+            name = preset.format_map(record | {"stem": Path(record["object"]).stem})
+            groups.setdefault(name, []).append(record)
+    return groups
 
 
 def _group_rows(preset: str, records: Sequence[Record]) -> list[Row]:
@@ -86,18 +76,19 @@ def _group_rows(preset: str, records: Sequence[Record]) -> list[Row]:
         rows.append(Row.of("dynamic.held_percent", preset, estimate, "%", 100.0))
     failed = proportion(sum(r["error"] is not None for r in records), len(records))
     rows.append(Row.of("dynamic.failed_percent", preset, failed, "%", 100.0))
-    for name, metric in METRICS.items():
+    for name in (*METRICS, "real_time_factor"):
         if name not in _NOT_AVERAGED:
-            rows += _mean_row(name, preset, [r["metrics"][name] for r in records], metric)
-    speeds = [r["timings"]["real_time_factor"] for r in records]
-    rows += _mean_row("real_time_factor", preset, speeds, Metric("1", 0.0))
+            rows += _mean_row(name, preset, records)
     return rows
 
 
-def _mean_row(name: str, preset: str, values: Sequence[float | None], metric: Metric) -> list[Row]:
+def _mean_row(name: str, preset: str, records: Sequence[Record]) -> list[Row]:
+    """The mean of a metric, or of a timing, over the records that have it."""
+    values = [(r["metrics"] | r["timings"])[name] for r in records]
     present = [value for value in values if value is not None]
     if not present:
         return []
+    metric = METRICS.get(name, Metric("1", 0.0))
     estimate = mean(present, metric.lower, metric.upper)
     return [Row.of(f"dynamic.{name}", preset, estimate, metric.unit)]
 

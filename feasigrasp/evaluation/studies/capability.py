@@ -15,7 +15,6 @@ from tqdm import tqdm
 
 from feasigrasp.evaluation.pictures.capability import Slice, plot_slices
 from feasigrasp.evaluation.pictures.capability_scene import write_scene
-from feasigrasp.evaluation.runs.replay import quiet_meshcat
 from feasigrasp.evaluation.studies.reachability import exact
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
@@ -65,9 +64,7 @@ def main(args: argparse.Namespace) -> int:
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     points = points[np.linalg.norm(points - [0.0, 0.0, 0.34], axis=1) < 1.0]
     share = _shares(points, R[: len(R) // 2], space, "3-D")[:, 0]
-    write_scene(
-        quiet_meshcat(), points, share, POSTURE, 2.5 * args.spacing, args.out / "capability.html"
-    )
+    write_scene(points, share, POSTURE, 2.5 * args.spacing, args.out / "capability.html")
     everywhere = np.concatenate([s.exact.ravel() for s in slices.values()])
     accepted = np.concatenate([s.accepted.ravel() for s in slices.values()])
     correlation = float(np.corrcoef(everywhere, accepted)[0, 1])

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from pydrake.geometry import (
-    Meshcat,
-    MeshcatVisualizer,
-    MeshcatVisualizerParams,
-    Role,
-)
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Role
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.systems.station.station import Station
@@ -70,11 +65,16 @@ def set_stage(
     zoom: float = ZOOM,
 ) -> None:
     """Background and lights of every view of the cell, and where it is seen from [m]."""
-    meshcat.SetProperty("/Background", "top_color", [0.80, 0.85, 0.90])
-    meshcat.SetProperty("/Background", "bottom_color", [0.97, 0.98, 0.99])
-    for clutter in ("/Grid", "/Axes"):
-        meshcat.SetProperty(clutter, "visible", False)
+    set_background(meshcat)
     for light, intensity in LIGHTS.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
     meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", zoom)
     meshcat.SetCameraPose(camera, target)
+
+
+def set_background(meshcat: Meshcat) -> None:
+    """A plain light background."""
+    meshcat.SetProperty("/Background", "top_color", [0.80, 0.85, 0.90])
+    meshcat.SetProperty("/Background", "bottom_color", [0.97, 0.98, 0.99])
+    for clutter in ("/Grid", "/Axes"):
+        meshcat.SetProperty(clutter, "visible", False)

@@ -1,14 +1,15 @@
 """Carries a free body along a motion by a spatial force, until it is let go."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.carrying import Load, motion_wrench_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.systems.ports import declare_output
 
 
 class ObjectServo(LeafSystem):
@@ -67,16 +68,11 @@ class ObjectServo(LeafSystem):
         )
         self._state = self.DeclareVectorInputPort("state", 13)
         self._hold = self.DeclareVectorInputPort("hold", 1)
-        self.DeclareAbstractOutputPort(
-            "spatial_force",
-            lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
-            self._calc,
-        )
+        declare_output(self, "spatial_force", self._calc, model=[ExternallyAppliedSpatialForce()])
 
-    def _calc(self, context: Context, output) -> None:
+    def _calc(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         if self._hold.Eval(context)[0] < 0.5:
-            output.set_value([])
-            return
+            return []
         wrench = np.empty(6)
         # State and reference of the same instant: one a step later would make the body lead.
         motion_wrench_kernel(
@@ -86,7 +82,12 @@ class ObjectServo(LeafSystem):
             self._load,
             wrench,
         )
-        applied = ExternallyAppliedSpatialForce()
-        applied.body_index = self._body_index
-        applied.F_Bq_W = SpatialForce(F=wrench)
-        output.set_value([applied])
+        return force_on(self._body_index, wrench)
+
+
+def force_on(body_index: BodyIndex, wrench: Array) -> list[ExternallyAppliedSpatialForce]:
+    """What a plant takes for a wrench [torque; force] (6,) at the origin of one body, in W."""
+    applied = ExternallyAppliedSpatialForce()
+    applied.body_index = body_index
+    applied.F_Bq_W = SpatialForce(F=wrench)
+    return [applied]

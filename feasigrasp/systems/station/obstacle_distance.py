@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import GeometryId, QueryObject
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem
+
+from feasigrasp.systems.ports import declare_input
 
 
 class ObstacleDistance(LeafSystem):
@@ -48,9 +49,7 @@ class ObstacleDistance(LeafSystem):
                     self._moving += geometries if instance in robot else []
                 elif instance not in robot:
                     self._surroundings += geometries
-        self._query = self.DeclareAbstractInputPort(
-            "query_object", AbstractValue.Make(QueryObject())
-        )
+        self._query = declare_input(self, "query_object", QueryObject())
         self.DeclareVectorOutputPort("distance", 1, self._calc)
 
     def _calc(self, context: Context, output) -> None:

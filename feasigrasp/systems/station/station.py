@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -33,6 +32,7 @@ from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 from feasigrasp.scenario.schema import ObjectConfig
+from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import export_camera
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.object_servo import ObjectServo
@@ -79,14 +79,14 @@ class _BodyState(LeafSystem):
     def __init__(self) -> None:
         super().__init__()
         self._state = self.DeclareVectorInputPort("state", 13)
-        self.DeclareAbstractOutputPort("pose", Value[RigidTransform], self._calc_pose)
-        self.DeclareAbstractOutputPort("velocity", Value[SpatialVelocity], self._calc_velocity)
+        declare_output(self, "pose", self._calc_pose, model=RigidTransform())
+        declare_output(self, "velocity", self._calc_velocity, model=SpatialVelocity.Zero())
 
-    def _calc_pose(self, context: Context, output) -> None:
-        output.set_value(RigidTransform(body_pose_kernel(self._state.Eval(context))))
+    def _calc_pose(self, context: Context) -> RigidTransform:
+        return RigidTransform(body_pose_kernel(self._state.Eval(context)))
 
-    def _calc_velocity(self, context: Context, output) -> None:
-        output.set_value(SpatialVelocity(self._state.Eval(context)[7:13]))
+    def _calc_velocity(self, context: Context) -> SpatialVelocity:
+        return SpatialVelocity(self._state.Eval(context)[7:13])
 
 
 class Station(Diagram):

@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
 from feasigrasp.evaluation.pictures.perception import (
-    distance_from_seen,
     draw_perception,
     gripper_outline,
     towards_viewer,
@@ -22,6 +21,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.systems.grasp_visualizer import distance_from_seen
 
 RADIUS = 0.03
 

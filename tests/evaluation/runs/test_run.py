@@ -7,9 +7,10 @@ import jsonschema
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs.run import crash_record, run, write_result
+from feasigrasp.evaluation.runs.run import crash_record, run
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
 from feasigrasp.resources import diagram_path
+from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
 from feasigrasp.systems import dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_NAMES
@@ -40,7 +41,7 @@ def short(name, *, controller="task", duration=0.12, seed=3, model="soup_can"):
 def test_every_scenario_runs_with_either_controller(name, controller, validator, tmp_path):
     scenario = short(name, controller=controller)
     result = run(scenario, name)
-    write_result(result, tmp_path / "deep" / "result.json")
+    write_json(result.record, tmp_path / "deep" / "result.json")
     record = json.loads((tmp_path / "deep" / "result.json").read_text())
     validator.validate(record)
     assert record == result.record
@@ -87,10 +88,10 @@ def test_metrics_of_the_record_are_those_of_the_samples():
 def test_a_failing_simulation_is_reported(monkeypatch, validator):
     """What Drake raises while it simulates ends the run, not the evaluation."""
 
-    def breaks(self, context, state):
+    def breaks(self, context):
         if context.get_time() > 0.05:
             raise RuntimeError("the solver did not converge")
-        return None
+        return self.state(context)
 
     monkeypatch.setattr(dynamic_grasp.GripperSequencer, "_advance", breaks)
     record = run(short("ReachLinear", duration=0.5), "ReachLinear").record

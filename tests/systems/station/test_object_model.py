@@ -11,11 +11,7 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import (
-    AddMultibodyPlant,
-    CoulombFriction,
-    MultibodyPlantConfig,
-)
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -28,6 +24,14 @@ CONFIG = MultibodyPlantConfig(
     contact_model="hydroelastic_with_fallback",
     discrete_contact_approximation="lagged",
 )
+
+
+def plant_with(obj, folder, **options):
+    """A plant with an object in it: builder, plant, scene graph and the object's body."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(CONFIG, builder)
+    instance = add_object(plant, obj, directory=folder, **options)
+    return builder, plant, scene_graph, plant.GetBodyByName("object", instance)
 
 
 def compliant_ball(plant, radius, mass=0.02):
@@ -43,11 +47,8 @@ def compliant_ball(plant, radius, mass=0.02):
 
 def test_body_has_the_mass_and_inertia_of_the_object(tmp_path):
     obj = load_object("mug")
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlant(CONFIG, builder)
-    instance = add_object(plant, obj, directory=tmp_path, friction=0.6)
+    _, plant, _, body = plant_with(obj, tmp_path, friction=0.6)
     plant.Finalize()
-    body = plant.GetBodyByName("object", instance)
     assert body.is_floating_base_body()
     M = body.default_spatial_inertia()
     assert M.get_mass() == pytest.approx(obj.mass)
@@ -57,12 +58,10 @@ def test_body_has_the_mass_and_inertia_of_the_object(tmp_path):
 
 def test_geometry_is_the_rigid_nonconvex_surface_with_color_and_friction(tmp_path):
     obj = load_object("mug")
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlant(CONFIG, builder)
-    instance = add_object(plant, obj, directory=tmp_path, friction=0.6)
+    _, plant, scene_graph, body = plant_with(obj, tmp_path, friction=0.6)
     plant.Finalize()
     inspector = scene_graph.model_inspector()
-    frame = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName("object", instance).index())
+    frame = plant.GetBodyFrameIdOrThrow(body.index())
     (collision,) = inspector.GetGeometries(frame, Role.kProximity)
     properties = inspector.GetProximityProperties(collision)
     friction = properties.GetProperty("material", "coulomb_friction")
@@ -85,10 +84,7 @@ def test_geometry_is_the_rigid_nonconvex_surface_with_color_and_friction(tmp_pat
 @pytest.mark.parametrize(("name", "floor"), [("bowl", 0.006), ("mug", 0.006)])
 def test_a_ball_dropped_into_a_hollow_object_comes_to_rest_inside(tmp_path, name, floor):
     obj, radius = load_object(name), 0.012
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlant(CONFIG, builder)
-    instance = add_object(plant, obj, directory=tmp_path)
-    body = plant.GetBodyByName("object", instance)
+    builder, plant, _, body = plant_with(obj, tmp_path)
     plant.WeldFrames(plant.world_frame(), body.body_frame(), RigidTransform(obj.p_MO))  # W = M
     ball = compliant_ball(plant, radius)
     plant.Finalize()
@@ -103,14 +99,12 @@ def test_a_ball_dropped_into_a_hollow_object_comes_to_rest_inside(tmp_path, name
 
 
 def test_object_falls_as_a_free_body(tmp_path):
-    builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlant(CONFIG, builder)
-    instance = add_object(plant, load_object("box"), directory=tmp_path)
+    builder, plant, _, body = plant_with(load_object("box"), tmp_path)
     plant.Finalize()
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.1)
     context = plant.GetMyContextFromRoot(simulator.get_context())
-    pose = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("object", instance))
+    pose = plant.EvalBodyPoseInWorld(context, body)
     assert pose.translation()[2] == pytest.approx(-9.81 / 2 * 0.1**2, rel=0.03)
 
 

@@ -22,7 +22,7 @@ OPEN = ParallelGripper().max_opening
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 
 
-def scenario(*, cameras=False, mode="safe", model="mug", plant=None):
+def scenario(*, cameras=False, mode="safe", model="mug"):
     result = load_scenario(
         FILE, "ReachCircular", f"{{object: {{model: {model}}}, control: {{mode: {mode}}}}}"
     )
