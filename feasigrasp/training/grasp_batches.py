@@ -13,21 +13,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Indices, Mask
 from feasigrasp.models.grasps.network.architectures import Contacts, ring_directions
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
 from feasigrasp.training.grasp_losses import Labels, free_share
+from feasigrasp.training.loop import TrainingError
 
 #: Entries of a shard that are read; the first axis is that of its examples.
 ENTRIES = (
     *("points", "normals", "scalars", "contact", "width", "closing", "across", "free"),
     *("family", "true_surface"),
 )
-
-
-class TrainingDataError(FeasigraspError, ValueError):
-    """Training data that are missing or not as they should be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +74,11 @@ def load_examples(
         Examples to train on, and held-out ones.
 
     Raises:
-        TrainingDataError: There are no shards, one is broken, or one side would be empty.
+        TrainingError: There are no shards, one is broken, or one side would be empty.
     """
     files = sorted(Path(folder).glob("*.npz"))
     if not files:
-        raise TrainingDataError(
+        raise TrainingError(
             f"there are no shards in {folder}; make them with `feasigrasp "
             "train sampler-data`, or name their folder with --data"
         )
@@ -92,7 +88,7 @@ def load_examples(
     held = np.flatnonzero(np.isin(family, list(held_out)))
     rest = np.flatnonzero(~np.isin(family, list(held_out)))
     if len(held) == 0 or len(rest) == 0:
-        raise TrainingDataError(
+        raise TrainingError(
             f"{folder} holds examples of the families {', '.join(np.unique(family))}; to train and "
             f"to judge, both these held out are needed and others: {', '.join(held_out)}"
         )
@@ -107,10 +103,10 @@ def _read(file: Path) -> dict[str, NDArray[Any]]:
         with np.load(file, allow_pickle=False) as content:
             shard = {name: content[name] for name in ENTRIES}
     except (OSError, ValueError, KeyError, EOFError) as error:
-        raise TrainingDataError(f"{file} is not a shard of training data: {error}") from None
+        raise TrainingError(f"{file} is not a shard of training data: {error}") from None
     n = {len(array) for array in shard.values()}
     if len(n) != 1:
-        raise TrainingDataError(f"{file}: its entries have different numbers of examples")
+        raise TrainingError(f"{file}: its entries have different numbers of examples")
     return shard
 
 

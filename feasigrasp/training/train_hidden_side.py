@@ -25,8 +25,13 @@ from feasigrasp.results.arguments import add_run_arguments, positive
 from feasigrasp.training.data.hidden_side import object_pictures
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.object_streams import ObjectStream
-from feasigrasp.training.files import make_shards, without_denormals, write_arrays
-from feasigrasp.training.loop import TrainingRun, add_loop_arguments, rows_of_step
+from feasigrasp.training.loop import (
+    TrainingRun,
+    add_loop_arguments,
+    rows_of_step,
+    without_denormals,
+)
+from feasigrasp.training.shards import make_shards, write_arrays
 
 Pictures = tuple[NDArray[np.float16], NDArray[np.float16]]
 
@@ -43,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_run_arguments(parser, out="out/train_hidden_side")
     parser.add_argument("--objects", type=positive, default=2048, help="household shapes")
     parser.add_argument("--views", type=positive, default=12, help="pictures of each")
-    add_loop_arguments(parser, steps=8000, batch=32, rate=2e-3, of="pictures")
+    parser.add_argument("--steps", type=positive, default=8000, help="length of the training")
+    add_loop_arguments(parser, batch=32, rate=2e-3, of="pictures")
     parser.set_defaults(every=EVERY)
     parser.add_argument("--quick", action="store_true", help="on a sample, for a minute")
 

@@ -32,8 +32,8 @@ _HELD_OUT = 2**32 - 1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_run_arguments(parser, out="out/ik_flow", jobs=False)
-    length = add_loop_arguments(parser, steps=None, batch=1024, rate=2e-3, of="samples")
-    add_evaluation_arguments(parser, length, minutes_=60, every=500, patience=20, held_out=4000)
+    add_loop_arguments(parser, batch=1024, rate=2e-3, of="samples")
+    add_evaluation_arguments(parser, minutes_=60, every=500, patience=20, held_out=4000)
 
 
 def training_batch(rng: np.random.Generator, n: int) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from feasigrasp.results.rows import write_json
 from feasigrasp.training.data.grasp_examples import object_examples, stacked
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.object_streams import ObjectStream
-from feasigrasp.training.files import make_shards, write_arrays
+from feasigrasp.training.shards import make_shards, write_arrays
 
 #: Objects of a shard.
 SHARD = 8

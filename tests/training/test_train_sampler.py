@@ -15,9 +15,10 @@ from feasigrasp.models.grasps.network.architectures import Heads
 from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
 from feasigrasp.training import train_sampler
 from feasigrasp.training.data.household_shapes import HELD_OUT
-from feasigrasp.training.grasp_batches import TrainingDataError, load_examples
+from feasigrasp.training.grasp_batches import load_examples
 from feasigrasp.training.grasp_losses import Labels, free_share, loss
 from feasigrasp.training.grasp_validation import average_precision, held_out_metrics, measures
+from feasigrasp.training.loop import TrainingError
 from feasigrasp.training.train_sampler import Training
 
 POINTS, TURNS = 40, 36
@@ -211,10 +212,10 @@ def test_data_that_cannot_be_used_are_refused(tmp_path, capsys):
     assert train(tmp_path, tmp_path / "out", "--steps", "2") == 2
     assert "no shards in" in capsys.readouterr().err
     write_shard(tmp_path / "a.npz", ["box"])
-    with pytest.raises(TrainingDataError, match="families box; .* held out are needed"):
+    with pytest.raises(TrainingError, match="families box; .* held out are needed"):
         load_examples(tmp_path, HELD_OUT, 0, 3)
     np.savez(tmp_path / "b.npz", points=np.zeros((1, 4, 3)))
-    with pytest.raises(TrainingDataError, match="b.npz is not a shard"):
+    with pytest.raises(TrainingError, match="b.npz is not a shard"):
         load_examples(tmp_path, HELD_OUT, 0, 3)
 
 

@@ -117,7 +117,7 @@ def test_views_make_an_input_near_the_surface():
     viewed = ViewedObject(obj)
     made = completed_input(viewed, 3, np.random.default_rng(2))
     assert made is not None and len(made) == POINTS
-    assert np.median(viewed.distance(made.points.astype(float))) < 0.002
+    assert np.median(viewed.surface.distance(made.points.astype(float))) < 0.002
 
 
 def test_labels_of_ones_own():

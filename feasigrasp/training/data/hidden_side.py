@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
@@ -63,10 +62,7 @@ def object_pictures(
         `picture_scale`, shape (n, SIDE, SIDE), NaN where there is none.
     """
     rng = np.random.default_rng([stream.seed, index, 40])
-    try:
-        viewed = ViewedObject(stream[index].obj)
-    except MeshError:
-        views = 0
+    viewed = ViewedObject(stream[index].obj)
     seen, truth = [], []
     for _ in range(views):
         cameras = turning_views(rng, viewed.center, int(rng.choice(_VIEWS)), _TURN)

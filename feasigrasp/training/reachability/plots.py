@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402 - the backend comes first
-from numpy.typing import NDArray  # noqa: E402
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 
 def plot_bic(components: Sequence[int], bic: Sequence[float], filename: Path) -> None:
     """Draws the Bayesian information criterion over the number of components."""
-    figure, axes = plt.subplots(figsize=(5.2, 3.4), layout="constrained")
+    figure = Figure(figsize=(5.2, 3.4), layout="constrained")
+    axes = figure.subplots()
     axes.plot(components, [value / 1e6 for value in bic], "o-", color="#1f5fa8")
     axes.set_xscale("log", base=2)
     axes.set_xticks(components, [str(k) for k in components])
@@ -22,7 +20,6 @@ def plot_bic(components: Sequence[int], bic: Sequence[float], filename: Path) ->
     axes.set_ylabel("BIC / 10⁶  (lower is better)")
     axes.grid(alpha=0.3)
     figure.savefig(filename, dpi=150)
-    plt.close(figure)
 
 
 def plot_roc(
@@ -37,7 +34,8 @@ def plot_roc(
         points: By label, one pair of shares to mark on that curve.
         filename: Where to.
     """
-    figure, axes = plt.subplots(figsize=(5.2, 4.4), layout="constrained")
+    figure = Figure(figsize=(5.2, 4.4), layout="constrained")
+    axes = figure.subplots()
     for index, (label, (false, true)) in enumerate(curves.items()):
         axes.plot(false, true, label=label, color=f"C{index}")
         if label in points:
@@ -50,4 +48,3 @@ def plot_roc(
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize=8)
     figure.savefig(filename, dpi=150)
-    plt.close(figure)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any
 
-import joblib
 import numpy as np
 from joblib.externals.loky import get_reusable_executor
-from tqdm import tqdm
 
 from feasigrasp.training.reachability.reachable_poses import (
     ReachedPoses,
@@ -19,53 +16,31 @@ from feasigrasp.training.reachability.reachable_poses import (
     join,
     sample_reachable_poses,
 )
+from feasigrasp.training.shards import make_shards, write_arrays
 
 #: Configurations per part; each part has its own stream of random numbers.
 PART = 250_000
 
 
-@dataclass(frozen=True, eq=False)
-class SamplingPlan:
-    """What to draw.
-
-    Attributes:
-        samples: Number of configurations.
-        seed: Seed of all of them.
-        X_FT: Frame to fit in the end frame of the arm, shape (4, 4) [m].
-        floor: Lowest z of the fitted frame [m].
-        thin: See `sample_reachable_poses`.
-    """
-
-    samples: int
-    seed: int
-    X_FT: np.ndarray
-    floor: float
-    thin: float | None
-
-    def part_sizes(self) -> list[int]:
-        """Configurations of each part."""
-        full, rest = divmod(self.samples, PART)
-        return [PART] * full + [rest] * (rest > 0)
-
-
-def draw_all(arm: SerialArm, plan: SamplingPlan, folder: Path, jobs: int) -> ReachedPoses:
-    """Draws what a folder does not have yet; the result depends on the plan alone.
+def draw_all(
+    arm: SerialArm, n: int, seed: int, folder: Path, jobs: int, **options: Any
+) -> ReachedPoses:
+    """Draws what a folder does not have yet; the result does not depend on what it has.
 
     Args:
         arm: The arm. If it cannot be sent to another process, take ``jobs=1``.
-        plan: What to draw.
+        n: Number of configurations.
+        seed: Seed of all of them.
         folder: Where the parts are kept.
         jobs: Processes at a time.
+        **options: See `sample_reachable_poses`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    sizes = plan.part_sizes()
+    sizes = [min(PART, n - start) for start in range(0, n, PART)]
     files = [folder / f"part-{i:04d}.npz" for i in range(len(sizes))]
-    missing = [i for i, file in enumerate(files) if not _is_whole(file)]
-    with tqdm(
-        total=len(sizes), initial=len(sizes) - len(missing), unit="part", desc="sampling"
-    ) as bar:
-        for _ in _run(arm, plan, files, sizes, missing, jobs):
-            bar.update()
+    draw = partial(_draw_part, arm=arm, sizes=sizes, seed=seed, options=options)
+    make_shards(files, draw, jobs=jobs, desc="sampling")
+    if jobs > 1:
+        get_reusable_executor().shutdown(wait=True)  # what comes next needs the memory
     return join([_load(file) for file in files])
 
 
@@ -75,33 +50,13 @@ def peak_memory_gb() -> float:
     return sum(u.ru_maxrss for u in usage) / 1e6
 
 
-def _run(
-    arm: SerialArm,
-    plan: SamplingPlan,
-    files: list[Path],
-    sizes: list[int],
-    missing: list[int],
-    jobs: int,
-) -> Iterator[None]:
-    if jobs == 1 or len(missing) < 2:
-        for i in missing:
-            _draw_part(arm, plan, i, sizes[i], files[i])
-            yield
-        return
-    parallel = joblib.Parallel(jobs, return_as="generator_unordered")
-    yield from parallel(
-        joblib.delayed(_draw_part)(arm, plan, i, sizes[i], files[i]) for i in missing
-    )
-    get_reusable_executor().shutdown(wait=True)  # what comes next needs the memory
-
-
-def _draw_part(arm: SerialArm, plan: SamplingPlan, i: int, n: int, file: Path) -> None:
-    rng = np.random.default_rng([plan.seed, i])
-    poses = sample_reachable_poses(arm, n, rng, X_FT=plan.X_FT, floor=plan.floor, thin=plan.thin)
-    partial = file.with_suffix(".part")
-    with partial.open("wb") as stream:
-        np.savez(stream, **poses._asdict())
-    partial.replace(file)
+def _draw_part(
+    file: Path, i: int, *, arm: SerialArm, sizes: list[int], seed: int, options: dict[str, Any]
+) -> bool:
+    rng = np.random.default_rng([seed, i])
+    poses = sample_reachable_poses(arm, sizes[i], rng, **options)
+    write_arrays(file, poses._asdict(), compressed=False)
+    return True
 
 
 def _load(file: Path) -> ReachedPoses:
@@ -109,11 +64,3 @@ def _load(file: Path) -> ReachedPoses:
         quaternions, positions = stored["quaternions"], stored["positions"]
         counts = (int(stored[name]) for name in ReachedPoses._fields[2:])
         return ReachedPoses(quaternions, positions, *counts)
-
-
-def _is_whole(file: Path) -> bool:
-    try:
-        with np.load(file) as stored:
-            return set(ReachedPoses._fields) <= set(stored.files)
-    except (FileNotFoundError, BadZipFile, ValueError, OSError):
-        return False

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +26,7 @@ class SerialChain(Frozen):
         upper: Upper limits, shape (n,) [rad or m].
 
     Raises:
-        ReachabilityError: The shapes disagree, or a joint has no finite limits.
+        ReachabilityError: A joint has no finite limits.
     """
 
     X_PJ: Array
@@ -38,33 +37,14 @@ class SerialChain(Frozen):
     upper: Array
 
     def __post_init__(self) -> None:
-        """Checks and freezes the arrays."""
-        n = len(self.axes)
-        shapes: dict[str, tuple[tuple[int, ...], Any]] = {
-            "X_PJ": ((n, 4, 4), float),
-            "axes": ((n, 3), float),
-            "prismatic": ((n,), bool),
-            "X_JE": ((4, 4), float),
-            "lower": ((n,), float),
-            "upper": ((n,), float),
-        }
-        for name, (shape, dtype) in shapes.items():
-            array = np.array(getattr(self, name), dtype=dtype)
-            if array.shape != shape or n == 0:
-                raise ReachabilityError(
-                    f"SerialChain.{name} has shape {array.shape}, expected {shape} for {n} joints."
-                )
-            self._freeze(**{name: array})
+        """Freezes the arrays and checks the limits."""
+        self._freeze(**{name: np.array(array) for name, array in vars(self).items()})
         bad = np.flatnonzero(~(np.isfinite(self.lower - self.upper) & (self.lower <= self.upper)))
         if len(bad):
             raise ReachabilityError(
                 f"SerialChain: joint {bad[0]} has limits {self.lower[bad[0]]} ... "
                 f"{self.upper[bad[0]]}; sampling needs finite ones, set them in the model file."
             )
-
-    def __len__(self) -> int:
-        """Number of joints n."""
-        return len(self.axes)
 
     def forward_kinematics(self, q: ArrayLike) -> Array:
         """Poses of the end frame in the base frame, shape (..., 4, 4), of positions (..., n)."""
@@ -84,25 +64,17 @@ class SerialChain(Frozen):
         Returns:
             Poses, shape (..., 4, 4) [m], and Jacobians, shape (..., 6, n), with rows
             [angular; linear] at the end frame's origin.
-
-        Raises:
-            ValueError: The last axis of ``q`` is not n long.
         """
-        q, n = np.asarray(q, dtype=float), len(self)
-        if q.shape[-1:] != (n,):
-            raise ValueError(f"joint positions need {n} entries in the last axis, got {q.shape}")
-        screws = np.concatenate(
-            [self.axes * ~self.prismatic[:, None], self.axes * self.prismatic[:, None]], axis=1
-        )
+        q, sliding = np.asarray(q, dtype=float), self.prismatic[:, None]
+        screws = np.concatenate([self.axes * ~sliding, self.axes * sliding], axis=1)
         X = np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))
         axes, points = np.empty((2, *q.shape, 3))
-        for k in range(n):
+        for k in range(len(self.axes)):
             X = X @ self.X_PJ[k]
             axes[..., k, :], points[..., k, :] = X[..., :3, :3] @ self.axes[k], X[..., :3, 3]
             X = X @ se3.exp(q[..., k, None] * screws[k])
         X = X @ self.X_JE
         lever = X[..., None, :3, 3] - points
-        sliding = self.prismatic[:, None]
         J = np.concatenate(
             [np.where(sliding, 0.0, axes), np.where(sliding, axes, np.cross(axes, lever))], axis=-1
         )
