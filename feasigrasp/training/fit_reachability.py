@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
@@ -22,16 +23,16 @@ from feasigrasp.results.arguments import add_run_arguments, command_line, positi
 from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.rows import Row, write_csv, write_json, write_summary
 from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
-from feasigrasp.training.reachability.plots import plot_bic
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp.training.reachability.reachable_poses import (
     FLOOR,
     IiwaArm,
     ReachedPoses,
     SerialArm,
+    draw_all,
     manipulability_reference,
+    peak_memory_gb,
 )
-from feasigrasp.training.reachability.samples import draw_all, peak_memory_gb
 
 SWEEP = (8, 16, 32, 64, 96, 128)
 #: Share of reachable poses whose log density exceeds the threshold.
@@ -122,20 +123,16 @@ def main(args: argparse.Namespace) -> int:
         fits.append(space)
     fits[-1].save(args.out / "reachable_space.npz")
     seconds = time.perf_counter() - start
-    rows = [
-        Row.plain("reachability.bic", f"K={len(s.mixture)}", _bic(s), "1", poses.n) for s in fits
-    ]
+    table = [(len(space.mixture), _bic(space), space.threshold) for space in fits]
+    rows = [Row.plain("reachability.bic", f"K={k}", value, "1", poses.n) for k, value, _ in table]
     if fresh:  # a run that goes on where another one stopped says nothing about the whole
         preset = f"K={args.components}"
         rows.append(Row.plain("bench.reachability_fit_s", preset, seconds, "s", 1))
         rows.append(Row.plain("reachability.fit_memory_gb", preset, peak_memory_gb(), "GB", 1))
-    _write_bic(fits, args.out)
+    _write_bic(sorted(table), args.out)
     write_summary(args.out / "summary.json", command, git, args.seed, rows, counts=counts)
-    for space in fits:
-        print(
-            f"K = {len(space.mixture):4d}   BIC {_bic(space):.6g}   "
-            f"99 % threshold {space.threshold:.3f}"
-        )
+    for k, value, threshold in table:
+        print(f"K = {k:4d}   BIC {value:.6g}   99 % threshold {threshold:.3f}")
     print(f"{seconds:.1f} s, at most {peak_memory_gb():.2f} GB; {args.out}/reachable_space.npz")
     return 0
 
@@ -226,11 +223,19 @@ def _bic(space: ReachableSpace) -> float:
     return bic(len(space.mixture), n, n * space.metadata["log_likelihood_per_pose"])
 
 
-def _write_bic(fits: list[ReachableSpace], out: Path) -> None:
-    table = sorted((len(s.mixture), _bic(s), s.threshold) for s in fits)
+def _write_bic(table: list[tuple[int, float, float]], out: Path) -> None:
     write_csv(out / "bic.csv", table, ("components", "bic", "threshold"))
-    if len(table) > 1:
-        plot_bic([row[0] for row in table], [row[1] for row in table], out / "bic.png")
+    if len(table) == 1:
+        return
+    components, values, _ = zip(*table, strict=True)
+    figure = Figure(figsize=(5.2, 3.4), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(components, np.array(values) / 1e6, "o-", color="#1f5fa8")
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(components, [str(k) for k in components])
+    axes.set(xlabel="components K", ylabel="BIC / 10⁶  (lower is better)")
+    axes.grid(alpha=0.3)
+    figure.savefig(out / "bic.png", dpi=150)
 
 
 def _arm(args: argparse.Namespace) -> tuple[SerialArm, int]:

@@ -109,9 +109,11 @@ class TrainingRun(ABC, Generic[Network]):
         TrainingError: The folder holds a run with another identity, or there is no such device.
     """
 
-    #: Columns of the curve, and the file of the weights that are shipped.
+    #: Columns of the curve, the file of the weights that are shipped, and a format of what is shown
+    #: of held-out figures.
     columns: tuple[str, ...]
     weights: str
+    shown: str
     #: The held-out figure that decides which weights are kept, the last ones when None; and whether
     #: less of it is better.
     criterion: str | None = None
@@ -179,10 +181,6 @@ class TrainingRun(ABC, Generic[Network]):
     def export(self) -> None:
         """Writes the weights."""
 
-    @abstractmethod
-    def progress(self, metrics: Mapping[str, float]) -> str:
-        """What is shown of held-out figures."""
-
     @property
     def fraction(self) -> float:
         """How much of the run is done, in [0, 1]."""
@@ -240,13 +238,13 @@ class TrainingRun(ABC, Generic[Network]):
             self.export()
         else:
             self.worse += 1
-        about = {
+        row = {
             "step": float(self.step),
             "minutes": self.seconds / 60.0,
             "learning_rate": self.optimizer.param_groups[0]["lr"],
             **{f"train_{name}": value for name, value in train.items()},
+            **metrics,
         }
-        row = about | metrics
         filename = self.folder / _CURVE
         heads = [] if filename.exists() else [self.columns]
         with filename.open("a", newline="") as file:
@@ -291,7 +289,7 @@ class TrainingRun(ABC, Generic[Network]):
                     means = {k: float(np.nanmean([h[k] for h in history])) for k in history[0]}
                     history.clear()
                     metrics = self.evaluate(means)
-                    bar.set_postfix_str(f"step {self.step}, {self.progress(metrics)}")
+                    bar.set_postfix_str(f"step {self.step}, {self.shown.format_map(metrics)}")
 
     def _is_best(self, metrics: Mapping[str, float]) -> bool:
         """Whether the criterion is better than ever; with none, the last weights are the best."""

@@ -8,7 +8,6 @@ exported and shipped are the running means of the weights; start the same comman
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -70,11 +69,15 @@ class Training(TrainingRun[nn.Module]):
         *(f"held_out_{metric}" for metric in METRICS),
     )
     criterion = "held_out_contact_ap_completed"
+    shown = (
+        "AP {held_out_contact_ap_completed:.3f}, width {held_out_width_mm:.1f} mm, "
+        "b {held_out_closing_deg:.1f} deg, a {held_out_approach_valid_percent:.0f} %"
+    )
 
     def __init__(self, args: argparse.Namespace, examples: Examples, held_out: Examples) -> None:
         self.preset, self.examples, self.held_out = args.preset, examples, held_out
         identity = {
-            "preset": args.preset,
+            "preset": str(args.preset),
             "seed": args.seed,
             "batch": args.batch,
             "examples": len(examples),
@@ -103,13 +106,6 @@ class Training(TrainingRun[nn.Module]):
         """Writes the running means."""
         gripper = GraspNetwork.untrained(self.preset).gripper
         GraspNetwork(self.preset, self.averaged, gripper).save(self.folder / self.weights)
-
-    def progress(self, metrics: Mapping[str, float]) -> str:
-        """Average precision and errors."""
-        return (
-            "AP {held_out_contact_ap_completed:.3f}, width {held_out_width_mm:.1f} mm, "
-            "b {held_out_closing_deg:.1f} deg, a {held_out_approach_valid_percent:.0f} %"
-        ).format_map(metrics)
 
 
 def _untrained(args: argparse.Namespace) -> nn.Module:

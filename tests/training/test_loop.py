@@ -20,22 +20,25 @@ from feasigrasp.training.loop import (
 class LinearRun(TrainingRun[torch.nn.Linear]):
     weights = "linear.npz"
     columns = ("step", "third", "nothing")
+    shown = "a third: {third}"
+    criterion, less_is_better = "size", True
 
     def losses(self):
         return {"loss": self.network(torch.ones(1, 3)).square().sum()}
 
     def measure(self):
-        return {"third": 1.0 / 3.0, "unasked": 1.0}
+        size = sum(float(p.detach().square().sum()) for p in self.averaged.parameters())
+        return {"third": 1.0 / 3.0, "size": size}
 
     def export(self):
-        pass
-
-    def progress(self, metrics):
-        return ""
+        torch.save(self.averaged.state_dict(), self.folder / self.weights)
 
 
-def begun(folder, seed=3):
-    args = argparse.Namespace(out=folder, device="cpu", steps=9, learning_rate=0.1)
+def begun(folder, seed=3, device="cpu"):
+    args = argparse.Namespace(
+        **{"out": folder, "device": device, "steps": 4, "every": 2, "patience": 2},
+        learning_rate=0.1,
+    )
     sgd = torch.optim.SGD, {"lr": 0.1}
     return LinearRun(args, torch.nn.Linear(3, 2), sgd, {"seed": seed, "hidden": [16]})
 
@@ -135,3 +138,42 @@ def test_a_new_run_makes_its_folder_and_begins_the_curve_anew(tmp_path):
     run.evaluate({})
     line = ["1", "0.333333", "nan"]
     assert lines(folder) == [["step", "third", "nothing"], line, line]
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
+    losses = LinearRun.losses
+
+    def interrupted(run):
+        if run.step == 3:
+            raise KeyboardInterrupt
+        return losses(run)
+
+    monkeypatch.setattr(LinearRun, "losses", interrupted)
+    assert begun(tmp_path).run() == 130
+    assert "interrupted at step 3" in capsys.readouterr().out
+    monkeypatch.setattr(LinearRun, "losses", losses)
+    run = begun(tmp_path)
+    assert run.step == 3
+    assert run.run() == 0
+    assert [line[0] for line in lines(tmp_path)] == ["step", "2", "4"]
+
+
+@pytest.mark.parametrize(("less", "scale"), [(True, 2.0), (False, 0.5)])
+def test_the_best_weights_are_kept_and_patience_ends(tmp_path, monkeypatch, less, scale):
+    monkeypatch.setattr(LinearRun, "less_is_better", less)
+    run = begun(tmp_path)
+    run.evaluate({})
+    best = (tmp_path / "linear.npz").read_bytes()
+    with torch.no_grad():
+        for parameter in run.averaged.parameters():
+            parameter.mul_(scale)
+    run.evaluate({})
+    assert not run.finished
+    run.evaluate({})
+    assert run.finished
+    assert (tmp_path / "linear.npz").read_bytes() == best
+
+
+def test_an_unknown_device_is_refused(tmp_path):
+    with pytest.raises(TrainingError, match="--device abacus"):
+        begun(tmp_path, device="abacus")

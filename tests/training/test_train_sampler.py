@@ -128,22 +128,6 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(data, tmp_path):
         assert all(torch.equal(a, b) for a, b in pairs)
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(data, tmp_path, monkeypatch, capsys):
-    advance = Training.advance
-
-    def interrupted(training):
-        if training.step == 3:
-            raise KeyboardInterrupt
-        return advance(training)
-
-    monkeypatch.setattr(Training, "advance", interrupted)
-    assert train(data, tmp_path, "--steps", "4") == 130
-    assert "interrupted at step 3" in capsys.readouterr().out
-    monkeypatch.setattr(Training, "advance", advance)
-    assert made(data, tmp_path, "--steps", "4").step == 3
-    assert train(data, tmp_path, "--steps", "4") == 0
-
-
 @pytest.mark.parametrize("preset", Preset)
 def test_training_learns(data, tmp_path, preset):
     """Against the network before training, and against guessing the base rate."""
@@ -156,20 +140,6 @@ def test_training_learns(data, tmp_path, preset):
     positive = training.examples.labels.contact.double().mean().item()
     entropy = -positive * np.log(positive) - (1 - positive) * np.log(1 - positive)
     assert np.mean([part["contact"] for part in parts[-10:]]) < entropy
-
-
-def test_the_best_weights_are_kept_and_patience_ends(data, tmp_path):
-    training = made(data, tmp_path, "--steps", "100", "--patience", "2")
-    training.evaluate({})
-    best = (tmp_path / "grasp_network.npz").read_bytes()
-    with torch.no_grad():
-        for parameter in training.averaged.parameters():
-            parameter.add_(torch.randn_like(parameter))
-    training.evaluate({})
-    assert not training.finished
-    training.evaluate({})
-    assert training.finished
-    assert (tmp_path / "grasp_network.npz").read_bytes() == best
 
 
 def test_training_starts_from_other_weights(data, tmp_path, capsys):
@@ -187,11 +157,6 @@ def test_a_folder_of_another_run_is_refused(data, tmp_path, capsys):
     assert train(data, tmp_path, "--steps", "2") == 0
     assert train(data, tmp_path, "--steps", "4", "--seed", "1") == 2
     assert "choose another --out" in capsys.readouterr().err
-
-
-def test_an_unknown_device_is_refused(data, tmp_path, capsys):
-    assert train(data, tmp_path, "--steps", "2", "--device", "abacus") == 2
-    assert "--device abacus" in capsys.readouterr().err
 
 
 def test_quick_takes_a_sample(data, tmp_path, monkeypatch):

@@ -102,7 +102,7 @@ def acronym_labels(recorded: AcronymObject, points: Array, normals: Array) -> Po
     # Every grasp starts at either contact: from the other one b points the other way.
     contact = np.concatenate([X[:, :3, 3] - half * X[:, :3, 0], X[:, :3, 3] + half * X[:, :3, 0]])
     closing, approach = np.concatenate([X[:, :3, 0], -X[:, :3, 0]]), np.tile(X[:, :3, 2], (2, 1))
-    width, cosine = np.tile(recorded.width[used], 2), np.tile(recorded.cosine[used], 2)
+    width = np.tile(recorded.width[used], 2)
 
     rows, at, outward = on_true_surface(recorded.truth, points, normals)
     near = cKDTree(contact).query_ball_point(at[rows], CONTACT_RADIUS) if len(contact) else []
@@ -120,7 +120,6 @@ def acronym_labels(recorded: AcronymObject, points: Array, normals: Array) -> Po
         contact=contact[best_rows],
         closing=closing[best_rows],
         width=width[best_rows],
-        cosine=cosine[best_rows],
         across=approach[best_rows],
         free=np.array(free, dtype=bool).reshape(-1, N_TURNS),
     )

@@ -49,7 +49,6 @@ class ContactPairs:
         contact: Where the pads touch the true surface there, shape (m, 3) [m].
         closing: Closing directions b from there into the object, unit, shape (m, 3).
         width: Distance to the opposite contact, shape (m,) [m].
-        cosine: The lesser cosine between closing line and normal of the two faces, shape (m,).
         across: Approach direction of turn 0, unit, perpendicular to b, shape (m, 3).
         free: Turns about b in which the hand is free, shape (m, N_TURNS). Turn k has the approach
             ``cos(t) u + sin(t) (b x u)``, ``t = 2 pi k / N_TURNS``, u being ``across``.
@@ -59,7 +58,6 @@ class ContactPairs:
     contact: Array
     closing: Array
     width: Array
-    cosine: Array
     across: Array
     free: Mask
 
@@ -186,7 +184,6 @@ def find_pairs(
         contact=center[kept] - 0.5 * width[kept, None] * b[kept],
         closing=b[kept],
         width=width[kept],
-        cosine=cosine[kept],
         across=across[kept],
         free=free[kept],
     )

@@ -5,16 +5,17 @@ import pytest
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.reach.reachability import REACHABLE, WRIST, Reachability
+from feasigrasp.models.reach.kernels import REACHABLE, WRIST
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.training.reachability.plant_arm import SerialChain
 from feasigrasp.training.reachability.reachable_poses import (
     IiwaArm,
     join,
     manipulability_reference,
     sample_reachable_poses,
 )
-from feasigrasp.training.reachability.serial_chain import SerialChain
 
 
 def sample(n, seed=0, **options):
