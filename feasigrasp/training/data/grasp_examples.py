@@ -119,7 +119,6 @@ def object_examples(
     family: str,
     seed: int,
     inputs: int,
-    gripper: ParallelGripper,
     rng: np.random.Generator,
     label: Labeller | None = None,
 ) -> list[Example]:
@@ -130,17 +129,15 @@ def object_examples(
         family: What it is, written beside.
         seed: Its seed, written beside.
         inputs: Number of examples; fewer if it cannot be seen.
-        gripper: The hand that the labels are for.
         rng: Draws everything.
         label: Labels points (n, 3) with normals (n, 3) of the surface; by default what the true
-            mesh says for that hand.
+            mesh says for the default hand.
     """
     viewed, truth = ViewedObject(obj), TrueGrasps(obj.mesh)
-    label = label or (
-        lambda points, normals: best_labels(
-            find_pairs(truth, points, normals, gripper, rng), POINTS
-        )
-    )
+
+    def true_labels(points: Array, normals: Array) -> PointLabels:
+        return best_labels(find_pairs(truth, points, normals, ParallelGripper(), rng), POINTS)
+
     examples = []
     for _ in range(inputs):
         true = rng.random() < TRUE_SHARE
@@ -148,7 +145,7 @@ def object_examples(
         made = true_input(truth, rng) if true else completed_input(viewed, n_views, rng)
         if made is None:
             continue
-        labels = label(made.points.astype(float), made.normals.astype(float))
+        labels = (label or true_labels)(made.points.astype(float), made.normals.astype(float))
         about = {"family": family, "object_seed": seed, "n_views": n_views}
         examples.append(labelled(made, labels) | about | {"true_surface": true})
     return examples

@@ -64,32 +64,12 @@ def make_shape(family: str, seed: int) -> RigidObject:
         mesh.apply_scale(float(np.clip(largest, _LEAST, _MOST)) / largest)
     mass = float(np.clip(rng.uniform(*_DENSITY) * mesh.volume, *_MASS))
     color = (*rng.uniform(0.25, 0.9, 3).tolist(), 1.0)
-    return rigid_object(f"{family}_{seed}", mesh, mass, color)
+    return RigidObject.of_mesh(f"{family}_{seed}", mesh, mass, color=color)
 
 
 def shape_of(index: int, seed: int = 0, among: tuple[str, ...] = TRAINED) -> tuple[str, int]:
     """Family and seed of the ``index``-th shape of an endless stream that visits them in turn."""
     return among[index % len(among)], 1_000_003 * seed + index // len(among)
-
-
-def rigid_object(
-    name: str,
-    mesh: trimesh.Trimesh,
-    mass: float,
-    color: tuple[float, float, float, float] = (0.65, 0.65, 0.68, 1.0),
-) -> RigidObject:
-    """A closed mesh [m] as a rigid object of uniform density, its origin at the centre of mass."""
-    unit = mesh.mass_properties
-    center = np.asarray(unit.center_mass)
-    return RigidObject(
-        name=name,
-        vertices=np.asarray(mesh.vertices) - center,
-        faces=np.asarray(mesh.faces),
-        mass=mass,
-        p_MO=center,
-        inertia=np.asarray(unit.inertia) * mass / float(unit.volume),
-        color=color,
-    )
 
 
 def _mesh(body: Manifold) -> trimesh.Trimesh:

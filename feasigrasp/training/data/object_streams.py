@@ -21,7 +21,6 @@ from feasigrasp.training.data.grasp_examples import Labeller
 from feasigrasp.training.data.household_shapes import (
     HELD_OUT,
     make_shape,
-    rigid_object,
     shape_of,
 )
 
@@ -123,4 +122,4 @@ def _from_npz(path: Path, index: int) -> RigidObject:
     faces = content["faces"][f0:f1].astype(np.int64)
     mesh = trimesh.Trimesh(content["vertices"][v0:v1].astype(float), faces)
     mesh.fix_normals()
-    return rigid_object(f"mesh_{index}", mesh, DEFAULT_DENSITY * float(mesh.volume))
+    return RigidObject.of_mesh(f"mesh_{index}", mesh, DEFAULT_DENSITY * float(mesh.volume))
