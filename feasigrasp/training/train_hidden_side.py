@@ -31,6 +31,7 @@ from feasigrasp.models.shape.hidden_side_network import (
     HiddenSideNetwork,
 )
 from feasigrasp.results.arguments import add_run_arguments, positive
+from feasigrasp.results.finished import make_shards, write_arrays
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.object_streams import ObjectStream
 from feasigrasp.training.data.views import ViewedObject, fused, turning_views
@@ -40,7 +41,6 @@ from feasigrasp.training.loop import (
     rows_of_step,
     without_denormals,
 )
-from feasigrasp.training.shards import make_shards, write_arrays
 
 Pictures = tuple[NDArray[np.float16], NDArray[np.float16]]
 

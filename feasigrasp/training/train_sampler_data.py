@@ -18,12 +18,11 @@ import numpy as np
 
 from feasigrasp.errors import MeshError
 from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.results.finished import made_with
+from feasigrasp.results.finished import made_with, make_shards, write_arrays
 from feasigrasp.results.rows import write_json
 from feasigrasp.training.data.grasp_examples import object_examples, stacked
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.object_streams import ObjectStream
-from feasigrasp.training.shards import make_shards, write_arrays
 
 #: Objects of a shard.
 SHARD = 8
