@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import joblib
+import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.results.provenance import git_revision, versions
@@ -91,6 +92,41 @@ def finish_all(
         for _ in work:
             bar.update()
     return {name: json.loads(files[name].read_text())["records"] for name in items}
+
+
+def write_arrays(filename: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
+    """Writes an ``npz`` file: one of its name is a whole one."""
+    filename.parent.mkdir(parents=True, exist_ok=True)
+    partial = filename.with_suffix(".part")
+    with partial.open("wb") as file:
+        (np.savez_compressed if compressed else np.savez)(file, **arrays)
+    partial.replace(filename)
+
+
+def make_shards(
+    files: Sequence[Path], make: Callable[[Path, int], bool], *, jobs: int, desc: str
+) -> int:
+    """Makes the shards that are not there yet, with a progress bar.
+
+    Args:
+        files: Where they are, in the order of their numbers.
+        make: Makes one, from its file and number; whether it did.
+        jobs: Processes at a time.
+        desc: What the bar is called.
+
+    Returns:
+        How many are there in the end.
+    """
+    missing = [number for number, file in enumerate(files) if not file.exists()]
+    work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
+        joblib.delayed(make)(files[number], number) for number in missing
+    )
+    there = len(files) - len(missing)
+    with tqdm(total=len(files), initial=there, desc=desc, unit="shard") as bar:
+        for made in work:
+            there += made
+            bar.update(made)
+    return there
 
 
 def report_reuse(kept: int, total: int, folder: Path) -> None:

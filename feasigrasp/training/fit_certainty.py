@@ -50,12 +50,8 @@ FIRST_SEED = 20_000_000
 _VIEWS = (1, 1, 1, 2, 3)
 #: The coefficients, in the order in which they build on each other.
 NAMES = (
-    "CONTACT",
-    "JOINT_CONTACT",
-    "THIN_CONTACT",
-    "CLEARANCE",
-    "JOINT_CLEARANCE",
-    "UNSEEN_CLEARANCE",
+    *("CONTACT", "JOINT_CONTACT", "THIN_CONTACT"),
+    *("CLEARANCE", "JOINT_CLEARANCE", "UNSEEN_CLEARANCE"),
 )
 
 
@@ -83,11 +79,6 @@ def object_cases(family: str, number: int) -> Cases:
         field = fuse_and_complete([viewed.view(X_OC, rng) for X_OC in cameras])
     except PointCloudError:  # it can hardly be seen from there
         return {}
-    return field_cases(field, truth)
-
-
-def field_cases(field: Gpdf, truth: TrueGrasps) -> Cases:
-    """As `object_cases`, of a field."""
     network, opposed = NetworkSampler(), AntipodalSampler()
     gripper = network.gripper
     cases: Cases = {}

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
-import shlex
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import joblib
 import numpy as np
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
@@ -21,20 +19,20 @@ from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
 from feasigrasp.models.mixtures.mixture import bic
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.results.arguments import positive
+from feasigrasp.results.arguments import add_run_arguments, command_line, positive
 from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.rows import Row, write_json, write_summary
+from feasigrasp.results.rows import Row, write_csv, write_json, write_summary
 from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
-from feasigrasp.training.reachability.plots import plot_bic
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp.training.reachability.reachable_poses import (
     FLOOR,
     IiwaArm,
     ReachedPoses,
     SerialArm,
+    draw_all,
     manipulability_reference,
+    peak_memory_gb,
 )
-from feasigrasp.training.reachability.samples import SamplingPlan, draw_all, peak_memory_gb
 
 SWEEP = (8, 16, 32, 64, 96, 128)
 #: Share of reachable poses whose log density exceeds the threshold.
@@ -50,23 +48,9 @@ class Weighting(StrEnum):
     UNIFORM = "uniform"
 
 
-class FitData(NamedTuple):
-    """The poses of a fit.
-
-    Attributes:
-        poses: What EM sees.
-        held_out: What the threshold comes from, shape (h, 4, 4).
-    """
-
-    poses: PoseBlocks
-    held_out: np.ndarray
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("--out", type=Path, default=Path("out/fit_reachability"))
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=positive, default=joblib.cpu_count(), help="processes")
+    add_run_arguments(parser, out="out/fit_reachability")
     parser.add_argument(
         "--samples", type=positive, default=10_000_000, help="configurations to draw"
     )
@@ -112,46 +96,43 @@ def main(args: argparse.Namespace) -> int:
     settings = _settings(args)
     fresh = not (args.out / "settings.json").is_file()
     _keep_folder(args.out, settings)
-    plan = SamplingPlan(args.samples, args.seed, X_FT, args.floor, thin)
-    reached = draw_all(arm, plan, args.out / "samples", jobs)
-    counts = _counts(reached)
+    options = {"X_FT": X_FT, "floor": args.floor, "thin": thin}
+    reached = draw_all(arm, args.samples, args.seed, args.out / "samples", jobs, **options)
+    counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
+    counts["reached"] = len(reached.positions)
     print(", ".join(f"{value} {name}" for name, value in counts.items()))
-    data = split(reached, args.fit_poses, args.seed)
+    poses, held_out = split(reached, args.fit_poses, args.seed)
     del reached
+    command, git = _command(args), git_revision()
+    metadata = {
+        **settings,
+        "command": command,
+        "git": git,
+        "frame": "end frame" if args.plant else "flange",
+        "X_FT": X_FT.tolist(),
+        "counts": {**counts, "fitted": poses.n, "held_out": len(held_out)},
+    }
     fits = []
     for k in components:
-        metadata = {
-            **settings,
-            "command": _command(args),
-            "git": git_revision(),
-            "frame": "end frame" if args.plant else "flange",
-            "X_FT": X_FT.tolist(),
-            "counts": {**counts, "fitted": data.poses.n, "held_out": len(data.held_out)},
-        }
         path = args.out / f"reachable_space_{k}.npz"
-        space = ReachableSpace.load(path) if path.is_file() else _fit(data, k, args, metadata)
-        space.save(path)
+        if path.is_file():
+            space = ReachableSpace.load(path)
+        else:
+            space = _fit(poses, held_out, k, args, metadata)
+            space.save(path)
         fits.append(space)
     fits[-1].save(args.out / "reachable_space.npz")
     seconds = time.perf_counter() - start
-    rows = [
-        Row("reachability.bic", f"K={len(s.mixture)}", _bic(s), None, None, "1", data.poses.n)
-        for s in fits
-    ]
+    table = [(len(space.mixture), _bic(space), space.threshold) for space in fits]
+    rows = [Row.plain("reachability.bic", f"K={k}", value, "1", poses.n) for k, value, _ in table]
     if fresh:  # a run that goes on where another one stopped says nothing about the whole
         preset = f"K={args.components}"
-        memory = peak_memory_gb()
-        rows.append(Row("bench.reachability_fit_s", preset, seconds, None, None, "s", 1))
-        rows.append(Row("reachability.fit_memory_gb", preset, memory, None, None, "GB", 1))
-    _write_bic(fits, args.out)
-    write_summary(
-        args.out / "summary.json", _command(args), git_revision(), args.seed, rows, counts=counts
-    )
-    for space in fits:
-        print(
-            f"K = {len(space.mixture):4d}   BIC {_bic(space):.6g}   "
-            f"99 % threshold {space.threshold:.3f}"
-        )
+        rows.append(Row.plain("bench.reachability_fit_s", preset, seconds, "s", 1))
+        rows.append(Row.plain("reachability.fit_memory_gb", preset, peak_memory_gb(), "GB", 1))
+    _write_bic(sorted(table), args.out)
+    write_summary(args.out / "summary.json", command, git, args.seed, rows, counts=counts)
+    for k, value, threshold in table:
+        print(f"K = {k:4d}   BIC {value:.6g}   99 % threshold {threshold:.3f}")
     print(f"{seconds:.1f} s, at most {peak_memory_gb():.2f} GB; {args.out}/reachable_space.npz")
     return 0
 
@@ -197,8 +178,11 @@ def parse_tool(text: str) -> np.ndarray:
     return se3.make_pose(z @ y @ x, numbers[:3])
 
 
-def split(reached: ReachedPoses, fit_poses: int, seed: int) -> FitData:
+def split(reached: ReachedPoses, fit_poses: int, seed: int) -> tuple[PoseBlocks, np.ndarray]:
     """Puts aside 2 % of the poses, at most 200 000, and sorts at most ``fit_poses`` of the rest.
+
+    Returns:
+        What EM sees, and what the threshold comes from, shape (h, 4, 4).
 
     Raises:
         ReachabilityError: Too few poses were reached.
@@ -211,11 +195,15 @@ def split(reached: ReachedPoses, fit_poses: int, seed: int) -> FitData:
     rest[held_out] = False
     chosen = np.flatnonzero(rest)[:fit_poses]  # draws are independent: the first are as good
     X = se3.make_pose(se3.rotations(reached.quaternions[held_out]), reached.positions[held_out])
-    return FitData(PoseBlocks.of(reached.quaternions[chosen], reached.positions[chosen]), X)
+    return PoseBlocks.of(reached.quaternions[chosen], reached.positions[chosen]), X
 
 
 def _fit(
-    data: FitData, k: int, args: argparse.Namespace, metadata: dict[str, Any]
+    poses: PoseBlocks,
+    held_out: np.ndarray,
+    k: int,
+    args: argparse.Namespace,
+    metadata: dict[str, Any],
 ) -> ReachableSpace:
     fit = LargeFit(threads=args.jobs)
     with tqdm(total=fit.max_iterations, unit="pass", desc=f"K = {k}") as bar:
@@ -224,10 +212,9 @@ def _fit(
             bar.set_postfix_str(f"{stage} {i}, {likelihood:.4f}", refresh=False)
             bar.update(stage == "all")
 
-        mixture, likelihood = fit_large_mixture(
-            data.poses, k, np.random.default_rng([args.seed, k]), fit, progress
-        )
-    threshold = float(np.quantile(log_densities(data.held_out, pack(mixture)), 1.0 - COVERED))
+        rng = np.random.default_rng([args.seed, k])
+        mixture, likelihood = fit_large_mixture(poses, k, rng, fit, progress)
+    threshold = float(np.quantile(log_densities(held_out, pack(mixture)), 1.0 - COVERED))
     return ReachableSpace(mixture, threshold, {**metadata, "log_likelihood_per_pose": likelihood})
 
 
@@ -236,14 +223,19 @@ def _bic(space: ReachableSpace) -> float:
     return bic(len(space.mixture), n, n * space.metadata["log_likelihood_per_pose"])
 
 
-def _write_bic(fits: list[ReachableSpace], out: Path) -> None:
-    table = sorted((len(s.mixture), _bic(s), s.threshold) for s in fits)
-    with (out / "bic.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["components", "bic", "threshold"])
-        writer.writerows(table)
-    if len(table) > 1:
-        plot_bic([row[0] for row in table], [row[1] for row in table], out / "bic.png")
+def _write_bic(table: list[tuple[int, float, float]], out: Path) -> None:
+    write_csv(out / "bic.csv", table, ("components", "bic", "threshold"))
+    if len(table) == 1:
+        return
+    components, values, _ = zip(*table, strict=True)
+    figure = Figure(figsize=(5.2, 3.4), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(components, np.array(values) / 1e6, "o-", color="#1f5fa8")
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(components, [str(k) for k in components])
+    axes.set(xlabel="components K", ylabel="BIC / 10⁶  (lower is better)")
+    axes.grid(alpha=0.3)
+    figure.savefig(out / "bic.png", dpi=150)
 
 
 def _arm(args: argparse.Namespace) -> tuple[SerialArm, int]:
@@ -279,13 +271,8 @@ def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
         raise ReachabilityError(f"{out} holds results of other settings; give another --out")
 
 
-def _counts(reached: ReachedPoses) -> dict[str, int]:
-    counts = {name: getattr(reached, name) for name in ReachedPoses._fields[2:]}
-    return {**counts, "reached": len(reached.positions)}
-
-
 def _command(args: argparse.Namespace) -> str:
     names = ["samples", "fit_poses", "components", "weighting", "tool", "floor", "seed"]
     names += ["plant", "base_frame", "end_frame"] if args.plant else []
-    words = [word for name in names for word in (f"--{name}", str(getattr(args, name)))]
-    return shlex.join(["feasigrasp", "fit", "reachability", *words])
+    told = argparse.Namespace(**{name: getattr(args, name) for name in names})
+    return command_line(told, "fit reachability")

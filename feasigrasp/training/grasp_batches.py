@@ -13,21 +13,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Indices, Mask
 from feasigrasp.models.grasps.network.architectures import Contacts, ring_directions
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
 from feasigrasp.training.grasp_losses import Labels, free_share
+from feasigrasp.training.loop import TrainingError
 
 #: Entries of a shard that are read; the first axis is that of its examples.
 ENTRIES = (
     *("points", "normals", "scalars", "contact", "width", "closing", "across", "free"),
     *("family", "true_surface"),
 )
-
-
-class TrainingDataError(FeasigraspError, ValueError):
-    """Training data that are missing or not as they should be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,73 +74,58 @@ def load_examples(
         Examples to train on, and held-out ones.
 
     Raises:
-        TrainingDataError: There are no shards, one is broken, or one side would be empty.
+        TrainingError: There are no shards, one is broken, or one side would be empty.
     """
     files = sorted(Path(folder).glob("*.npz"))
     if not files:
-        raise TrainingDataError(
+        raise TrainingError(
             f"there are no shards in {folder}; make them with `feasigrasp "
             "train sampler-data`, or name their folder with --data"
         )
     shards = [_read(file) for file in files]
-    family = np.concatenate([shard["family"] for shard in shards])
-    where = [(s, row) for s, shard in enumerate(shards) for row in range(len(shard["family"]))]
-    held = np.flatnonzero(np.isin(family, list(held_out)))
-    rest = np.flatnonzero(~np.isin(family, list(held_out)))
+    data = {name: np.concatenate([shard[name] for shard in shards]) for name in ENTRIES}
+    family = data["family"]
+    of_held = np.isin(family, list(held_out))
+    held, rest = np.flatnonzero(of_held), np.flatnonzero(~of_held)
     if len(held) == 0 or len(rest) == 0:
-        raise TrainingDataError(
+        raise TrainingError(
             f"{folder} holds examples of the families {', '.join(np.unique(family))}; to train and "
             f"to judge, both these held out are needed and others: {', '.join(held_out)}"
         )
     rng = np.random.default_rng(seed)
     held = np.sort(rng.permutation(held)[:n_held_out])
     rest = np.sort(rng.permutation(rest)[:most])
-    return _stack(shards, where, rest), _stack(shards, where, held)
+    return _stack(data, rest), _stack(data, held)
 
 
 def _read(file: Path) -> dict[str, NDArray[Any]]:
     try:
         with np.load(file, allow_pickle=False) as content:
-            shard = {name: content[name] for name in ENTRIES}
+            return {name: content[name] for name in ENTRIES}
     except (OSError, ValueError, KeyError, EOFError) as error:
-        raise TrainingDataError(f"{file} is not a shard of training data: {error}") from None
-    n = {len(array) for array in shard.values()}
-    if len(n) != 1:
-        raise TrainingDataError(f"{file}: its entries have different numbers of examples")
-    return shard
+        raise TrainingError(f"{file} is not a shard of training data: {error}") from None
 
 
-def _stack(
-    shards: list[dict[str, NDArray[Any]]], where: list[tuple[int, int]], rows: Indices
-) -> Examples:
-    contacts: dict[str, list[Tensor]] = {name: [] for name in Contacts._fields}
-    labels: dict[str, list[Tensor]] = {name: [] for name in Labels._fields}
-    family, true_surface = [], []
+def _stack(data: dict[str, NDArray[Any]], rows: Indices) -> Examples:
+    contacts, labels = [], []
     for row in tqdm(rows, desc="examples", leave=False):
-        shard, place = shards[where[row][0]], where[row][1]
-        example = {name: shard[name][place] for name in ENTRIES}
-        features = contact_features(
-            *(example[name].astype(np.float32) for name in ("points", "normals", "scalars"))
-        )
-        for (name, parts), part in zip(contacts.items(), Contacts.of(features), strict=True):
-            # Half precision where the bulk is: nothing there is known better.
-            parts.append(part[0].half() if name == "room" else part[0])
-        for name, parts in labels.items():
-            if name != "ring":
-                parts.append(torch.from_numpy(example[name]))
-        labels["ring"].append(_ring(features, example).half())
-        family.append(str(example["family"]))
-        true_surface.append(bool(example["true_surface"]))
+        surface = (data[name][row].astype(np.float32) for name in ("points", "normals", "scalars"))
+        features = contact_features(*surface)
+        found = Contacts(*(part[0] for part in Contacts.of(features)))
+        # Half precision where the bulk is: nothing there is known better.
+        contacts.append(found._replace(room=found.room.half()))
+        truth = {name: torch.from_numpy(data[name][row]) for name in Labels._fields[:-1]}
+        labels.append(Labels(**truth, ring=_ring(features, truth).half()))
     return Examples(
-        Contacts(*(torch.stack(contacts[name]) for name in Contacts._fields)),
-        Labels(*(torch.stack(labels[name]) for name in Labels._fields)),
-        np.array(family),
-        np.array(true_surface),
+        Contacts(*map(torch.stack, zip(*contacts, strict=True))),
+        Labels(*map(torch.stack, zip(*labels, strict=True))),
+        data["family"][rows],
+        data["true_surface"][rows],
     )
 
 
-def _ring(features: ContactFeatures, example: dict[str, NDArray[Any]]) -> Tensor:
+def _ring(features: ContactFeatures, truth: dict[str, Tensor]) -> Tensor:
     """How free the hand is for the directions of the ring, (n, K); zero where no grasp starts."""
     axes, across = torch.from_numpy(features.axes), torch.from_numpy(features.across)
-    truth = (torch.from_numpy(example[name]) for name in ("closing", "across", "free"))
-    return free_share(ring_directions(axes, across), *truth)
+    turns = (truth[name] for name in ("closing", "across", "free"))
+    return free_share(ring_directions(axes, across), *turns)

@@ -42,30 +42,18 @@ def held_out_metrics(preset: str, network: nn.Module, examples: Examples) -> dic
             kinds.append(np.repeat(examples.true_surface[rows], labels.contact.shape[1]))
     errors = {name: np.concatenate(values) for name, values in found.items()}
     true = np.concatenate(kinds)
-    completed = ~true[errors["positive"] > 0.5]
-    sure = completed & (errors["sure"] > 0.5)
-    ap = {
-        kind: average_precision(errors["score"][rows], errors["positive"][rows])
-        if errors["positive"][rows].any()
-        else math.nan
-        for kind, rows in (("completed", ~true), ("true", true))
-    }
+    score, positive = errors["score"], errors["positive"]
+    completed = ~true[positive > 0.5]
+    valid = errors["approach_valid"][completed & (errors["sure"] > 0.5)]
+    closing, width = (errors[name][completed] for name in ("closing_deg", "width_mm"))
     return {
         "loss": sum(losses) / len(examples),
-        "contact_ap_completed": ap["completed"],
-        "contact_ap_true": ap["true"],
-        "width_mm": _median(errors["width_mm"][completed]),
-        "closing_deg": _median(errors["closing_deg"][completed]),
-        "approach_valid_percent": 100.0 * _mean(errors["approach_valid"][sure]),
+        "contact_ap_completed": average_precision(score[~true], positive[~true]),
+        "contact_ap_true": average_precision(score[true], positive[true]),
+        "width_mm": float(np.median(width)) if len(width) else math.nan,
+        "closing_deg": float(np.median(closing)) if len(closing) else math.nan,
+        "approach_valid_percent": 100.0 * float(np.mean(valid)) if len(valid) else math.nan,
     }
-
-
-def _median(values: np.ndarray) -> float:
-    return float(np.median(values)) if len(values) else math.nan
-
-
-def _mean(values: np.ndarray) -> float:
-    return float(np.mean(values)) if len(values) else math.nan
 
 
 def measures(heads: Heads, labels: Labels) -> dict[str, Array]:
@@ -93,11 +81,13 @@ def measures(heads: Heads, labels: Labels) -> dict[str, Array]:
 
 
 def average_precision(score: Array, positive: Array) -> float:
-    """Area under the curve of precision over recall, by steps, as the threshold falls."""
+    """Area under the curve of precision over recall, by steps; NaN with nothing positive."""
+    if not positive.any():
+        return math.nan
     order = np.argsort(-score, kind="stable")
     hits = np.cumsum(positive[order])
     # Points with the same score pass the threshold together.
     last = np.concatenate([np.diff(score[order]) != 0.0, [True]])
     precision = (hits / np.arange(1, len(hits) + 1))[last]
-    recall = hits[last] / max(hits[-1], 1.0)
+    recall = hits[last] / hits[-1]
     return float(np.sum(np.diff(recall, prepend=0.0) * precision))

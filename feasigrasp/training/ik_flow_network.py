@@ -130,11 +130,7 @@ def _mixture(
     scale = narrowest + (WIDEST - narrowest) * torch.sigmoid(scale + SCALE_BIAS)
     whole = torch.tanh(0.5 * math.pi / scale)  # mass of a logistic distribution on the circle
     share = (1.0 - BACKGROUND) * torch.exp(log_weight) / whole
-    d, first, last = (
-        _wrapped(q[:, None] - centre),
-        _wrapped(-limit - centre),
-        _wrapped(limit - centre),
-    )
+    d, first, last = (_wrapped(angle - centre) for angle in (q[:, None], -limit, limit))
     start = torch.sigmoid(first / scale)
     mass = share * (torch.sigmoid(d / scale) - start + whole * (d < first))
     inside = share * (torch.sigmoid(last / scale) - start + whole * (last < first))

@@ -8,10 +8,12 @@ on as if it had not been: the same command resumes it. ``checkpoint.pt`` is what
 from __future__ import annotations
 
 import argparse
+import csv
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from copy import deepcopy
 from typing import Any, Generic, TypeVar
 
@@ -20,50 +22,46 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Indices
 from feasigrasp.results.arguments import minutes, positive
 from feasigrasp.results.finished import made_with
 from feasigrasp.results.rows import write_json
-from feasigrasp.training.files import (
-    TrainingError,
-    append_curve,
-    read_checkpoint,
-    write_checkpoint,
-)
 
 Network = TypeVar("Network", bound=nn.Module)
 
+_CHECKPOINT, _CURVE = "checkpoint.pt", "curve.csv"
+
+
+class TrainingError(FeasigraspError, ValueError):
+    """A training that cannot start or go on with these arguments or data."""
+
+
+@contextmanager
+def without_denormals() -> Iterator[None]:
+    """Numbers too small for full precision count as zero: with them a step takes far longer."""
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
+
 
 def add_loop_arguments(
-    parser: argparse.ArgumentParser, *, steps: int | None, batch: int, rate: float, of: str
-) -> argparse._MutuallyExclusiveGroup:
-    """Adds the arguments that every training takes; returns the group of ``--steps``.
-
-    Args:
-        parser: Parser of one command.
-        steps: Default length of the training; None if it is told in minutes.
-        batch: Default number of examples of a step.
-        rate: Default learning rate.
-        of: What the examples are.
-    """
-    length = parser.add_mutually_exclusive_group()
-    length.add_argument("--steps", type=positive, default=steps, help="length of the training")
+    parser: argparse.ArgumentParser, *, batch: int, rate: float, of: str
+) -> None:
+    """Adds the arguments that every training takes; ``of`` is what a step has a batch of."""
     parser.add_argument("--batch", type=positive, default=batch, help=f"{of} of a step")
     parser.add_argument("--learning-rate", type=float, default=rate)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-    return length
 
 
 def add_evaluation_arguments(
-    parser: argparse.ArgumentParser,
-    length: argparse._MutuallyExclusiveGroup,
-    *,
-    minutes_: int,
-    every: int,
-    patience: int,
-    held_out: int,
+    parser: argparse.ArgumentParser, *, minutes_: int, every: int, patience: int, held_out: int
 ) -> None:
     """Adds when a training is judged, and when it ends; the arguments are the defaults."""
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument("--steps", type=positive, help="length of the training")
     help_ = f"its length in minutes instead (default: {minutes_})"
     length.add_argument("--minutes", type=minutes, help=help_)
     parser.set_defaults(default_minutes=float(minutes_))
@@ -111,9 +109,11 @@ class TrainingRun(ABC, Generic[Network]):
         TrainingError: The folder holds a run with another identity, or there is no such device.
     """
 
-    #: Columns of the curve, and the file of the weights that are shipped.
+    #: Columns of the curve, the file of the weights that are shipped, and a format of what is shown
+    #: of held-out figures.
     columns: tuple[str, ...]
     weights: str
+    shown: str
     #: The held-out figure that decides which weights are kept, the last ones when None; and whether
     #: less of it is better.
     criterion: str | None = None
@@ -148,13 +148,26 @@ class TrainingRun(ABC, Generic[Network]):
             self.minutes = args.default_minutes
         self.step, self.seconds, self.worse = 0, 0.0, 0
         self.best = math.inf if self.less_is_better else -math.inf
-        state = read_checkpoint(self.folder, identity, args.device)
-        if state is not None:
-            for name, part in self._parts().items():
-                part.load_state_dict(state[name])
-            self.step, self.seconds, *judged = state["progress"]
-            if judged:
-                self.best, self.worse = judged
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if (self.folder / _CHECKPOINT).exists():
+            self._resume()
+        else:  # if there is a curve, it is that of a run that ended before its first checkpoint
+            (self.folder / _CURVE).unlink(missing_ok=True)
+
+    def _resume(self) -> None:
+        state = torch.load(
+            self.folder / _CHECKPOINT, map_location=self.args.device, weights_only=True
+        )
+        if state["identity"] != self.identity:
+            raise TrainingError(
+                f"{self.folder} holds a run with {state['identity']}, this one has "
+                f"{self.identity}; choose another --out, or the same arguments to resume"
+            )
+        for name, part in self._parts().items():
+            part.load_state_dict(state[name])
+        self.step, self.seconds, *judged = state["progress"]
+        if judged:
+            self.best, self.worse = judged
 
     @abstractmethod
     def losses(self) -> dict[str, Tensor]:
@@ -167,10 +180,6 @@ class TrainingRun(ABC, Generic[Network]):
     @abstractmethod
     def export(self) -> None:
         """Writes the weights."""
-
-    @abstractmethod
-    def progress(self, metrics: Mapping[str, float]) -> str:
-        """What is shown of held-out figures."""
 
     @property
     def fraction(self) -> float:
@@ -229,21 +238,28 @@ class TrainingRun(ABC, Generic[Network]):
             self.export()
         else:
             self.worse += 1
-        about = {
+        row = {
             "step": float(self.step),
             "minutes": self.seconds / 60.0,
             "learning_rate": self.optimizer.param_groups[0]["lr"],
             **{f"train_{name}": value for name, value in train.items()},
+            **metrics,
         }
-        append_curve(self.folder, self.columns, about | metrics)
+        filename = self.folder / _CURVE
+        heads = [] if filename.exists() else [self.columns]
+        with filename.open("a", newline="") as file:
+            line = [f"{row.get(column, math.nan):.6g}" for column in self.columns]
+            csv.writer(file).writerows([*heads, line])
         self.save()
         return metrics
 
     def save(self) -> None:
-        """Writes the checkpoint."""
+        """Writes the checkpoint, whole or not at all."""
         state = {name: part.state_dict() for name, part in self._parts().items()}
         progress = [self.step, self.seconds, self.best, self.worse]
-        write_checkpoint(self.folder, self.identity, **state, progress=progress)
+        partial = self.folder / f"{_CHECKPOINT}.part"
+        torch.save({"identity": self.identity, **state, "progress": progress}, partial)
+        partial.replace(self.folder / _CHECKPOINT)
 
     def run(self) -> int:
         """Trains until it is finished, and prints where the results are; the exit status."""
@@ -273,7 +289,7 @@ class TrainingRun(ABC, Generic[Network]):
                     means = {k: float(np.nanmean([h[k] for h in history])) for k in history[0]}
                     history.clear()
                     metrics = self.evaluate(means)
-                    bar.set_postfix_str(f"step {self.step}, {self.progress(metrics)}")
+                    bar.set_postfix_str(f"step {self.step}, {self.shown.format_map(metrics)}")
 
     def _is_best(self, metrics: Mapping[str, float]) -> bool:
         """Whether the criterion is better than ever; with none, the last weights are the best."""

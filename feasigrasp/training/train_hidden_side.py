@@ -1,8 +1,10 @@
 """``feasigrasp train hidden-side``: train what is expected behind what is seen.
 
-First it makes pictures of household shapes (`feasigrasp.training.data.hidden_side`), in shards
-that are kept; then it trains `feasigrasp.models.shape.hidden_side_network` on them. Whole
-families are held out and judge; start the same command again to resume.
+First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
+to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
+from behind towards a camera tell where the object ends behind every pixel of its picture. Then it
+trains `feasigrasp.models.shape.hidden_side_network` on them. Whole families are held out and judge;
+start the same command again to resume.
 """
 
 from __future__ import annotations
@@ -10,7 +12,6 @@ from __future__ import annotations
 import argparse
 import copy
 import math
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -19,14 +20,27 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE
-from feasigrasp.models.shape.hidden_side_network import BELIEVED, HiddenSide, HiddenSideNetwork
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.clouds.view_image import SIDE, ViewImage
+from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
+from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE, features, picture_scale
+from feasigrasp.models.shape.hidden_side_network import (
+    BELIEVED,
+    FEATURES,
+    HiddenSide,
+    HiddenSideNetwork,
+)
 from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.training.data.hidden_side import object_pictures
+from feasigrasp.results.finished import make_shards, write_arrays
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.object_streams import ObjectStream
-from feasigrasp.training.files import make_shards, without_denormals, write_arrays
-from feasigrasp.training.loop import TrainingRun, add_loop_arguments, rows_of_step
+from feasigrasp.training.data.views import ViewedObject, fused, turning_views
+from feasigrasp.training.loop import (
+    TrainingRun,
+    add_loop_arguments,
+    rows_of_step,
+    without_denormals,
+)
 
 Pictures = tuple[NDArray[np.float16], NDArray[np.float16]]
 
@@ -34,6 +48,14 @@ Pictures = tuple[NDArray[np.float16], NDArray[np.float16]]
 SHARD = 64
 #: Steps between two lines of the curve.
 EVERY = 200
+#: Fewer points than this are no picture.
+MIN_POINTS = 30
+#: From how many directions an object is looked at; one of these at random.
+_VIEWS = (1, 1, 2, 3)
+#: It turns by so much between two views, least and most [deg].
+_TURN = (10.0, 120.0)
+#: Rays start this far behind the middle of the object [m].
+_BEHIND = 1.0
 #: What ``--quick`` makes and does.
 QUICK_OBJECTS, QUICK_STEPS = 64, 40
 
@@ -43,9 +65,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_run_arguments(parser, out="out/train_hidden_side")
     parser.add_argument("--objects", type=positive, default=2048, help="household shapes")
     parser.add_argument("--views", type=positive, default=12, help="pictures of each")
-    add_loop_arguments(parser, steps=8000, batch=32, rate=2e-3, of="pictures")
+    parser.add_argument("--steps", type=positive, default=8000, help="length of the training")
+    add_loop_arguments(parser, batch=32, rate=2e-3, of="pictures")
     parser.set_defaults(every=EVERY)
     parser.add_argument("--quick", action="store_true", help="on a sample, for a minute")
+
+
+def true_thickness(viewed: ViewedObject, image: ViewImage) -> Array:
+    """From the pictured depth to where the object ends, along z of the camera.
+
+    Returns:
+        Shape (SIDE, SIDE) [m]; NaN outside the silhouette and where a line of sight misses.
+    """
+    rays = image.rays()[image.mask]
+    length = np.linalg.norm(rays, axis=1)
+    ways = rays @ image.X_OC[:3, :3].T / length[:, None]
+    far = float(image.depth[image.mask].mean()) + _BEHIND
+    starts = image.X_OC[:3, 3] + far * ways
+    back = far - viewed.surface.cast(starts, -ways)[0]
+    thickness = np.full(image.mask.shape, np.nan)
+    thickness[image.mask] = np.where(
+        np.isfinite(back), back / length - image.depth[image.mask], np.nan
+    )
+    return thickness
+
+
+def object_pictures(
+    stream: ObjectStream, index: int, views: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """So many pictures of one object of a stream, fewer if it can hardly be seen.
+
+    Returns:
+        `features` of them, shape (n, FEATURES, SIDE, SIDE), and the true thickness in units of
+        `picture_scale`, shape (n, SIDE, SIDE), NaN where there is none.
+    """
+    rng = np.random.default_rng([stream.seed, index, 40])
+    viewed = ViewedObject(stream[index].obj)
+    seen, truth = [], []
+    for _ in range(views):
+        cameras = turning_views(rng, viewed.center, int(rng.choice(_VIEWS)), _TURN)
+        views_of = [viewed.view(X_OC, rng) for X_OC in cameras]
+        cloud = fused([view for view in views_of if len(view.points) >= MIN_POINTS])
+        if not cloud.images:
+            continue
+        image = cloud.images[rng.integers(len(cloud.images))]
+        field = complete_shape(cloud, max_points=ROUGH_POINTS, learnt=False)
+        seen.append(features(image, field))
+        truth.append((true_thickness(viewed, image) / picture_scale(image)).astype(np.float32))
+    if not seen:
+        nothing = np.zeros((0, FEATURES, SIDE, SIDE), np.float32)
+        return nothing, nothing[:, 0]
+    return np.stack(seen), np.stack(truth)
 
 
 def make_pictures(folder: Path, objects: int, views: int, seed: int, jobs: int) -> list[Path]:
@@ -95,6 +165,7 @@ class Training(TrainingRun[HiddenSideNetwork]):
     """
 
     weights = "hidden_side.npz"
+    shown = "held out {held_out_mm:.2f} mm"
     columns = (
         *("step", "minutes", "train_loss", "held_out_loss"),
         *("held_out_mm", "held_out_ratio", "believed_mm"),
@@ -153,10 +224,6 @@ class Training(TrainingRun[HiddenSideNetwork]):
     def export(self) -> None:
         """Writes the running means."""
         HiddenSide(copy.deepcopy(self.averaged).cpu()).save(self.folder / self.weights)
-
-    def progress(self, metrics: Mapping[str, float]) -> str:
-        """The error."""
-        return f"held out {metrics['held_out_mm']:.2f} mm"
 
 
 def _tensor(part: NDArray[np.float16], device: str) -> Tensor:

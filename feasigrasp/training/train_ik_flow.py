@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -32,8 +31,8 @@ _HELD_OUT = 2**32 - 1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_run_arguments(parser, out="out/ik_flow", jobs=False)
-    length = add_loop_arguments(parser, steps=None, batch=1024, rate=2e-3, of="samples")
-    add_evaluation_arguments(parser, length, minutes_=60, every=500, patience=20, held_out=4000)
+    add_loop_arguments(parser, batch=1024, rate=2e-3, of="samples")
+    add_evaluation_arguments(parser, minutes_=60, every=500, patience=20, held_out=4000)
 
 
 def training_batch(rng: np.random.Generator, n: int) -> tuple[Array, Array]:
@@ -86,6 +85,10 @@ class Training(TrainingRun[IkFlowNetwork]):
         *("position_mm_median", "position_mm_mean", "angle_deg_median", "angle_deg_mean"),
         "refined_percent",
     )
+    shown = (
+        "held-out NLL {held_out_nll:.2f}, {position_mm_median:.1f} mm, "
+        "refined {refined_percent:.1f} %"
+    )
     criterion, less_is_better = "held_out_nll", True
     warm_up, least, averaged_over = 200, 1e-3, 0
     #: Of one joint's network.
@@ -115,13 +118,6 @@ class Training(TrainingRun[IkFlowNetwork]):
     def export(self) -> None:
         """Writes the flow."""
         export(self.network).save(self.folder / self.weights)
-
-    def progress(self, metrics: Mapping[str, float]) -> str:
-        """Likelihood and errors."""
-        return (
-            f"held-out NLL {metrics['held_out_nll']:.2f}, "
-            f"{metrics['position_mm_median']:.1f} mm, refined {metrics['refined_percent']:.1f} %"
-        )
 
 
 def _tensor(array: Array, device: torch.device | str) -> Tensor:

@@ -8,7 +8,6 @@ exported and shipped are the running means of the weights; start the same comman
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +17,16 @@ from torch import Tensor, nn
 from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
 from feasigrasp.results.arguments import add_run_arguments, positive
 from feasigrasp.training.data.household_shapes import HELD_OUT
-from feasigrasp.training.files import TrainingError, without_denormals
 from feasigrasp.training.grasp_batches import Examples, load_examples
 from feasigrasp.training.grasp_losses import loss
 from feasigrasp.training.grasp_validation import METRICS, held_out_metrics
 from feasigrasp.training.loop import (
+    TrainingError,
     TrainingRun,
     add_evaluation_arguments,
     add_loop_arguments,
     rows_of_step,
+    without_denormals,
 )
 
 #: What ``--quick`` trains on, and for how long [min].
@@ -44,9 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_run_arguments(parser, out="", jobs=False)
     parser.set_defaults(out=None)  # out/train_sampler/PRESET
     parser.add_argument("--start", type=Path, help="weights to start from instead of random ones")
-    length = add_loop_arguments(parser, steps=None, batch=16, rate=3e-3, of="clouds")
+    add_loop_arguments(parser, batch=16, rate=3e-3, of="clouds")
     parser.add_argument("--points", type=positive, default=128, help="points of each that count")
-    add_evaluation_arguments(parser, length, minutes_=40, every=200, patience=30, held_out=120)
+    add_evaluation_arguments(parser, minutes_=40, every=200, patience=30, held_out=120)
     parser.add_argument("--quick", action="store_true", help="on a sample, for a minute")
 
 
@@ -69,6 +69,10 @@ class Training(TrainingRun[nn.Module]):
         *(f"held_out_{metric}" for metric in METRICS),
     )
     criterion = "held_out_contact_ap_completed"
+    shown = (
+        "AP {held_out_contact_ap_completed:.3f}, width {held_out_width_mm:.1f} mm, "
+        "b {held_out_closing_deg:.1f} deg, a {held_out_approach_valid_percent:.0f} %"
+    )
 
     def __init__(self, args: argparse.Namespace, examples: Examples, held_out: Examples) -> None:
         self.preset, self.examples, self.held_out = args.preset, examples, held_out
@@ -102,13 +106,6 @@ class Training(TrainingRun[nn.Module]):
         """Writes the running means."""
         gripper = GraspNetwork.untrained(self.preset).gripper
         GraspNetwork(self.preset, self.averaged, gripper).save(self.folder / self.weights)
-
-    def progress(self, metrics: Mapping[str, float]) -> str:
-        """Average precision and errors."""
-        return (
-            "AP {held_out_contact_ap_completed:.3f}, width {held_out_width_mm:.1f} mm, "
-            "b {held_out_closing_deg:.1f} deg, a {held_out_approach_valid_percent:.0f} %"
-        ).format_map(metrics)
 
 
 def _untrained(args: argparse.Namespace) -> nn.Module:

@@ -17,14 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.results.finished import made_with
+from feasigrasp.results.finished import made_with, make_shards, write_arrays
 from feasigrasp.results.rows import write_json
 from feasigrasp.training.data.grasp_examples import object_examples, stacked
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.object_streams import ObjectStream
-from feasigrasp.training.files import make_shards, write_arrays
 
 #: Objects of a shard.
 SHARD = 8
@@ -46,21 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sheet", type=Path, help="only draw some shapes into this PNG")
 
 
-def write_shard(
+def _write_shard(
     filename: Path, number: int, *, inputs: int, stream: ObjectStream, deadline: float
 ) -> bool:
-    """Makes one shard.
-
-    Args:
-        filename: Where.
-        number: Of the shard, which says what objects are in it.
-        inputs: Examples per object.
-        stream: The objects.
-        deadline: Time after which it is not begun, as of `time.time`.
-
-    Returns:
-        Whether there was time for it.
-    """
+    """Makes one shard, whose number says what objects are in it; whether there was time for it."""
     if time.time() > deadline:
         return False
     examples = []
@@ -71,15 +58,8 @@ def write_shard(
         except MeshError as error:
             print(f"left out: {error}")
             continue
-        examples += object_examples(
-            streamed.obj,
-            streamed.family,
-            streamed.seed,
-            inputs,
-            ParallelGripper(),
-            rng,
-            streamed.label,
-        )
+        about = streamed.obj, streamed.family, streamed.seed
+        examples += object_examples(*about, inputs, rng, streamed.label)
     if examples:
         write_arrays(filename, stacked(examples))
     return True
@@ -93,18 +73,15 @@ def main(args: argparse.Namespace) -> int:
         draw_sheet(args.sheet, args.seed)
         print(f"wrote {args.sheet}")
         return 0
-    stream = ObjectStream("shape", None, args.seed)
-    if args.meshes is not None:
-        stream = ObjectStream("mesh", args.meshes, args.seed)
-    elif args.acronym is not None:
-        stream = ObjectStream("acronym", args.acronym, args.seed)
+    kind = "mesh" if args.meshes else "acronym" if args.acronym else "shape"
+    stream = ObjectStream(kind, args.meshes or args.acronym, args.seed)
     settings = {"kind": stream.kind, "seed": args.seed, "inputs": args.inputs}
     about = settings | {"held_out": list(HELD_OUT)} | made_with()
     write_json(about, args.out / f"{stream.kind}.json")
     numbers = range(-(-min(args.objects, len(stream)) // SHARD))
     files = [args.out / f"{stream.kind}_{number:05d}.npz" for number in numbers]
     deadline = time.time() + 60.0 * args.minutes
-    make = partial(write_shard, inputs=args.inputs, stream=stream, deadline=deadline)
+    make = partial(_write_shard, inputs=args.inputs, stream=stream, deadline=deadline)
     there = make_shards(files, make, jobs=args.jobs, desc="sampler data")
     print(f"{there} of {len(files)} shards of {SHARD} objects are in {args.out}")
     return 0

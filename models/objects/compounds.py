@@ -8,13 +8,11 @@ import numpy as np
 from manifold3d import Manifold
 
 from feasigrasp.training.data.solids import (
-    blend,
     clean,
     lathe,
     loft,
     profile,
     rounded_box,
-    smooth_min,
     tube,
 )
 
@@ -130,10 +128,17 @@ def duck() -> Manifold:
         head = egg(x, y, z, 0.0120, 0.0235, (0.0140, 0.0135, 0.0135))
         beak = egg(x, y, z - 0.10 * (x - 0.02), 0.0245, 0.0205, (0.0095, 0.0075, 0.0032))
         wing = egg(x, abs(y) - 0.0165, z, -0.004, 0.003, (0.0140, 0.0045, 0.0080))
-        whole = smooth_min(smooth_min(body, tail, 0.008), head, 0.007)
-        whole = smooth_min(smooth_min(whole, beak, 0.002), wing, 0.002)
+        whole = _smooth_min(_smooth_min(body, tail, 0.008), head, 0.007)
+        whole = _smooth_min(_smooth_min(whole, beak, 0.002), wing, 0.002)
         return max(whole, -0.0135 - z)  # a flat bottom to sit on
 
-    body = blend(skin, (-0.036, -0.026, -0.016, 0.040, 0.026, 0.042), 0.0038)
+    bounds = [-0.036, -0.026, -0.016, 0.040, 0.026, 0.042]
+    body = Manifold.level_set(lambda x, y, z: -skin(x, y, z), bounds, 0.0038, 0.0, 1e-5)
     bounds = np.array(body.bounding_box())
     return clean(body.scale(list(np.array([0.058, 0.041, 0.054]) / (bounds[3:] - bounds[:3]))))
+
+
+def _smooth_min(a: float, b: float, width: float) -> float:
+    """Minimum of two distances that rounds the crease between them off over ``width``."""
+    h = max(width - abs(a - b), 0.0) / width
+    return min(a, b) - h * h * width / 4.0

@@ -80,23 +80,6 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path):
         assert torch.equal(a, b)
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
-    advance = Training.advance
-
-    def interrupted(training):
-        if training.step == 3:
-            raise KeyboardInterrupt
-        return advance(training)
-
-    monkeypatch.setattr(Training, "advance", interrupted)
-    assert train(tmp_path, "--steps", "4") == 130
-    assert "interrupted at step 3" in capsys.readouterr().out
-    monkeypatch.setattr(Training, "advance", advance)
-    assert Training(parsed(tmp_path, "--steps", "4"), SMALL).step == 3
-    assert train(tmp_path, "--steps", "4") == 0
-    assert [float(row["step"]) for row in curve(tmp_path)] == [2, 4]
-
-
 def test_training_makes_the_data_likelier(tmp_path):
     training = Training(parsed(tmp_path, "--steps", "60", "--learning-rate", "1e-2"), SMALL)
     before = training.evaluate({})["held_out_nll"]
@@ -105,29 +88,10 @@ def test_training_makes_the_data_likelier(tmp_path):
     assert training.evaluate({})["held_out_nll"] < before - 2.0
 
 
-def test_the_best_weights_are_kept_and_patience_ends(tmp_path):
-    training = Training(parsed(tmp_path, "--steps", "100", "--patience", "2"), SMALL)
-    training.evaluate({})
-    best = (tmp_path / "ik_flow.npz").read_bytes()
-    with torch.no_grad():
-        for parameter in training.network.parameters():
-            parameter.add_(torch.randn_like(parameter))
-    training.evaluate({})
-    assert not training.finished
-    training.evaluate({})
-    assert training.finished
-    assert (tmp_path / "ik_flow.npz").read_bytes() == best
-
-
 def test_a_folder_of_another_run_is_refused(tmp_path, capsys):
     assert train(tmp_path, "--steps", "2") == 0
     assert train(tmp_path, "--steps", "4", "--seed", "1") == 2
     assert "choose another --out" in capsys.readouterr().err
-
-
-def test_an_unknown_device_is_refused(tmp_path, capsys):
-    assert train(tmp_path, "--steps", "2", "--device", "abacus") == 2
-    assert "--device abacus" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [["--minutes", "0"], ["--steps", "1", "--minutes", "1"]])

@@ -9,7 +9,6 @@ import trimesh
 pytest.importorskip("manifold3d", reason="the generator needs manifold3d (train extra)")
 
 from feasigrasp.models.grasps.network.surface_input import SCALARS  # noqa: E402
-from feasigrasp.models.robot.gripper import ParallelGripper  # noqa: E402
 from feasigrasp.training import train_sampler_data  # noqa: E402
 from feasigrasp.training.data.grasp_examples import (  # noqa: E402
     POINTS,
@@ -117,7 +116,7 @@ def test_views_make_an_input_near_the_surface():
     viewed = ViewedObject(obj)
     made = completed_input(viewed, 3, np.random.default_rng(2))
     assert made is not None and len(made) == POINTS
-    assert np.median(viewed.distance(made.points.astype(float))) < 0.002
+    assert np.median(viewed.surface.distance(made.points.astype(float))) < 0.002
 
 
 def test_labels_of_ones_own():
@@ -130,7 +129,7 @@ def test_labels_of_ones_own():
 
     with pytest.raises(KeyError, match="asked"):
         rng = np.random.default_rng(0)
-        object_examples(make_shape("box", 1), "box", 1, 1, ParallelGripper(), rng, label)
+        object_examples(make_shape("box", 1), "box", 1, 1, rng, label)
     assert asked == [POINTS]
 
 

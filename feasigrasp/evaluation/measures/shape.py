@@ -49,7 +49,7 @@ def measure(
     on_surface = replace(field, damped=True).refine(points[seen])[2]
     cosine = np.einsum("ij,ij->i", on_surface, normals[seen])
     used = field.completion.points
-    dense_error, used_error = viewed.distance(surface.points), viewed.distance(used)
+    dense_error, used_error = viewed.surface.distance(surface.points), viewed.surface.distance(used)
     weight = surface.area / max(surface.area.sum(), 1e-30)
     return {
         "true_to_completed_mm": float(distance.mean()),

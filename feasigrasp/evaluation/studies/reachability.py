@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
@@ -22,7 +23,6 @@ from feasigrasp.results.arguments import add_common_arguments, positive
 from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import proportion
 from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
-from feasigrasp.training.reachability.plots import plot_roc
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp.training.reachability.reachable_poses import (
     IiwaArm,
@@ -193,15 +193,21 @@ def _write_curves(
     reachable: Mask,
     out: Path,
 ) -> None:
-    curves, points, lines = {}, {}, []
-    for name, score in scores.items():
+    figure, lines = Figure(figsize=(5.2, 4.4), layout="constrained"), []
+    axes = figure.subplots()
+    for index, (name, score) in enumerate(scores.items()):
         false, true = roc_curve(score, reachable)
         label = f"{LABELS[name]}: {area_under_curve(score, reachable).value:.3f}"
-        curves[label] = false, true
+        axes.plot(false, true, label=label, color=f"C{index}")
         judged = _judged(name, score, thresholds[name])
-        points[label] = float(judged[~reachable].mean()), float(judged[reachable].mean())
+        axes.plot(judged[~reachable].mean(), judged[reachable].mean(), "o", color=f"C{index}")
         lines += [(name, float(f), float(t)) for f, t in zip(false, true, strict=True)]
     write_csv(
         out / "roc.csv", lines, ("judge", "false_positive_share", "true_positive_share"), ".5f"
     )
-    plot_roc(curves, points, out / "roc.png")
+    axes.plot([0, 1], [0, 1], ":", color="0.6")
+    axes.set(xlabel="share of unreachable poses taken for reachable", xlim=(0, 1))
+    axes.set(ylabel="share of reachable poses found", ylim=(0, 1.005))
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right", fontsize=8)
+    figure.savefig(out / "roc.png", dpi=150)

@@ -88,7 +88,7 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
                 record |= {"preset": preset, "cpu_ms": cpu}
                 record |= measure(viewed, field, seen, points, normals)
                 record["deviation"] = surface_deviation(field, surface.points).round(6).tolist()
-                record["error"] = viewed.distance(surface.points).round(6).tolist()
+                record["error"] = viewed.surface.distance(surface.points).round(6).tolist()
                 records.append(record)
     return records
 

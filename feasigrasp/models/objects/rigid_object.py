@@ -50,6 +50,14 @@ class RigidObject(Frozen):
     color: tuple[float, float, float, float] = _DEFAULT_COLOR
     notes: tuple[str, ...] = ()
 
+    @classmethod
+    def of_mesh(cls, name: str, mesh: trimesh.Trimesh, mass: float, **about: Any) -> RigidObject:
+        """A closed mesh [m] of uniform density; ``about`` is its color and notes."""
+        unit = mesh.mass_properties  # of density 1
+        p_MO = np.asarray(unit.center_mass)
+        inertia = np.asarray(unit.inertia) * mass / float(unit.volume)
+        return cls(name, mesh.vertices - p_MO, mesh.faces, mass, p_MO, inertia, **about)
+
     def __post_init__(self) -> None:
         """Freezes the arrays."""
         self._freeze(
@@ -116,16 +124,10 @@ def load_object(
     if mass is None and density is None and "mass_kg" in entry:
         _check_positive(f"{path}: its catalogue gives mass_kg", entry["mass_kg"])
         mass = float(entry["mass_kg"]) * scale**3
-    unit = mesh.mass_properties  # of density 1
-    mass = mass if mass is not None else (density or DEFAULT_DENSITY) * float(unit.volume)
-    p_MO = np.asarray(unit.center_mass)
-    return RigidObject(
-        name=str(entry.get("name", path.stem)),
-        vertices=mesh.vertices - p_MO,
-        faces=mesh.faces,
-        mass=mass,
-        p_MO=p_MO,
-        inertia=np.asarray(unit.inertia) * mass / float(unit.volume),
+    return RigidObject.of_mesh(
+        str(entry.get("name", path.stem)),
+        mesh,
+        mass if mass is not None else (density or DEFAULT_DENSITY) * float(mesh.volume),
         color=tuple(entry.get("color", _DEFAULT_COLOR)),
         notes=repairs + reduction,
     )

@@ -24,12 +24,11 @@ from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.training.data.grasp_labels import (
-    ALIGNED_DEG,
     N_TURNS,
-    NEAR,
     ContactPairs,
     PointLabels,
     best_labels,
+    on_true_surface,
 )
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 
@@ -63,23 +62,16 @@ class AcronymObject:
     truth: TrueGrasps
 
 
-def read_acronym(filename: str | Path, meshes: str | Path | None = None) -> AcronymObject:
-    """Reads one file and its mesh.
-
-    Args:
-        filename: The h5 file.
-        meshes: The folder that the mesh paths in the files start from; by default the parent of
-            the folder of the file, as in ACRONYM's examples.
+def read_acronym(path: Path) -> AcronymObject:
+    """Reads an h5 file; its mesh is where ACRONYM's examples have it, beside the file's folder.
 
     Raises:
         MeshError: If h5py is missing, the file is not one of ACRONYM, or its mesh is not there.
     """
-    path = Path(filename)
     content = _read(path)
-    root = Path(meshes) if meshes is not None else path.parent.parent
-    file = root / content["file"]
+    file = path.parent.parent / content["file"]
     if not file.is_file():
-        raise MeshError(f"{path}: its mesh {file} is missing; name the folder of the meshes")
+        raise MeshError(f"{path}: its mesh {file} is missing")
     raw: Any = trimesh.load(file, force="mesh", process=False)
     vertices = np.asarray(raw.vertices, dtype=float) * content["scale"] - content["com"]
     if not len(raw.faces) or not np.isfinite(vertices).all():
@@ -110,30 +102,26 @@ def acronym_labels(recorded: AcronymObject, points: Array, normals: Array) -> Po
     # Every grasp starts at either contact: from the other one b points the other way.
     contact = np.concatenate([X[:, :3, 3] - half * X[:, :3, 0], X[:, :3, 3] + half * X[:, :3, 0]])
     closing, approach = np.concatenate([X[:, :3, 0], -X[:, :3, 0]]), np.tile(X[:, :3, 2], (2, 1))
-    width, cosine = np.tile(recorded.width[used], 2), np.tile(recorded.cosine[used], 2)
+    width = np.tile(recorded.width[used], 2)
 
-    at, outward = recorded.truth.closest(points)
-    real = np.linalg.norm(at - points, axis=1) <= NEAR
-    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(ALIGNED_DEG))
-    rows = np.flatnonzero(real)
+    rows, at, outward = on_true_surface(recorded.truth, points, normals)
     near = cKDTree(contact).query_ball_point(at[rows], CONTACT_RADIUS) if len(contact) else []
-    found: list[tuple[int, int, Mask]] = []
+    labelled, best_of, free = [], [], []
     for row, members in zip(rows, near, strict=False):
         facing = [m for m in members if closing[m] @ outward[row] < 0.0]
         if facing:
             best = min(facing, key=lambda m: float(np.linalg.norm(contact[m] - at[row])))
-            found.append((int(row), best, _turns(closing[best], approach[best], approach[facing])))
-    index = np.array([row for row, _, _ in found], dtype=np.int64)
-    best_of = np.array([best for _, best, _ in found], dtype=np.int64)
-    free = np.array([turns for _, _, turns in found]).reshape(len(found), N_TURNS)
+            labelled.append(row)
+            best_of.append(best)
+            free.append(_turns(closing[best], approach[best], approach[facing]))
+    best_rows = np.array(best_of, dtype=np.int64)
     pairs = ContactPairs(
-        point=index,
-        contact=contact[best_of].reshape(-1, 3),
-        closing=closing[best_of].reshape(-1, 3),
-        width=width[best_of],
-        cosine=cosine[best_of],
-        across=approach[best_of].reshape(-1, 3),
-        free=free,
+        point=np.array(labelled, dtype=np.int64),
+        contact=contact[best_rows],
+        closing=closing[best_rows],
+        width=width[best_rows],
+        across=approach[best_rows],
+        free=np.array(free, dtype=bool).reshape(-1, N_TURNS),
     )
     return best_labels(pairs, len(points))
 

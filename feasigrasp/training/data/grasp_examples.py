@@ -29,7 +29,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.surface_error import predicted_deviation
-from feasigrasp.training.data.grasp_labels import PointLabels, label_points
+from feasigrasp.training.data.grasp_labels import PointLabels, best_labels, find_pairs
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
 
@@ -48,6 +48,11 @@ FIELD_POINTS = 320
 _MIN_CHORD = 1e-3
 #: Times that a view is drawn anew if it shows too little.
 _TRIES = 4
+#: How labels are stored.
+_STORED = {
+    **dict.fromkeys(("width", "closing", "across"), np.float32),
+    **{"approach": np.float16, "n_approaches": np.int16},
+}
 
 
 def fuse_and_complete(views: Sequence[PartialView]) -> Gpdf:
@@ -56,7 +61,7 @@ def fuse_and_complete(views: Sequence[PartialView]) -> Gpdf:
 
 
 def completed_input(
-    viewed: ViewedObject, n_views: int, rng: np.random.Generator, n_points: int = POINTS
+    viewed: ViewedObject, n_views: int, rng: np.random.Generator
 ) -> GraspInput | None:
     """The input that random views of an object give; None if it can hardly be seen.
 
@@ -64,7 +69,6 @@ def completed_input(
         viewed: The object.
         n_views: Number of views, while it turns.
         rng: Draws camera poses, sensor noise and errors of the tracker.
-        n_points: Rows of the input. If there are fewer points, some are there twice.
     """
     tracking = TRACKING if n_views > 1 and rng.random() < 0.5 else (0.0, 0.0)
     for _ in range(_TRIES):
@@ -73,17 +77,17 @@ def completed_input(
             field = fuse_and_complete([viewed.view(X_OC, rng, tracking) for X_OC in cameras])
         except PointCloudError:
             continue
-        made = grasp_input(field, n_points)
-        rows = np.resize(np.arange(len(made)), n_points)
+        made = grasp_input(field, POINTS)
+        rows = np.resize(np.arange(len(made)), POINTS)  # if there are fewer, some are there twice
         return GraspInput(made.points[rows], made.normals[rows], made.scalars[rows])
     return None
 
 
-def true_input(truth: TrueGrasps, rng: np.random.Generator, n_points: int = POINTS) -> GraspInput:
+def true_input(truth: TrueGrasps, rng: np.random.Generator) -> GraspInput:
     """The input that a perfect reconstruction of an object would give."""
     mesh = truth.mesh
-    samples, faces = trimesh.sample.sample_surface(mesh, 4 * n_points, seed=rng)
-    chosen = farthest_points(np.ascontiguousarray(samples), n_points)
+    samples, faces = trimesh.sample.sample_surface(mesh, 4 * POINTS, seed=rng)
+    chosen = farthest_points(np.ascontiguousarray(samples), POINTS)
     points = np.asarray(samples[chosen], dtype=float)
     normals = np.asarray(mesh.face_normals[faces[chosen]])
     length, far = truth.cast(points - 1e-5 * normals, -normals)
@@ -94,7 +98,7 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator, n_points: int = POIN
     length, far = np.where(several, opening - back, length), np.where(several[:, None], outer, far)
     hit = (length > _MIN_CHORD) & (length <= MAX_CHORD)
     sure = float(predicted_deviation(0.0))
-    scalars = np.zeros((n_points, len(SCALARS)))
+    scalars = np.zeros((POINTS, len(SCALARS)))
     scalars[:, 0] = sure
     scalars[hit, 1] = length[hit]
     scalars[hit, 2] = np.einsum("ij,ij->i", normals[hit], far[hit])
@@ -104,18 +108,10 @@ def true_input(truth: TrueGrasps, rng: np.random.Generator, n_points: int = POIN
 
 def labelled(made: GraspInput, labels: PointLabels) -> Example:
     """Input and labels as the arrays of a shard."""
-    return {
-        "points": made.points,
-        "normals": made.normals,
-        "scalars": made.scalars,
-        "contact": labels.contact,
-        "width": labels.width.astype(np.float32),
-        "closing": labels.closing.astype(np.float32),
-        "approach": labels.approach.astype(np.float16),
-        "n_approaches": labels.n_approaches.astype(np.int16),
-        "across": labels.across.astype(np.float32),
-        "free": labels.free,
-    }
+    found: Example = {"points": made.points, "normals": made.normals, "scalars": made.scalars}
+    for name, array in labels._asdict().items():
+        found[name] = array.astype(_STORED.get(name, array.dtype))
+    return found
 
 
 def object_examples(
@@ -123,7 +119,6 @@ def object_examples(
     family: str,
     seed: int,
     inputs: int,
-    gripper: ParallelGripper,
     rng: np.random.Generator,
     label: Labeller | None = None,
 ) -> list[Example]:
@@ -134,27 +129,25 @@ def object_examples(
         family: What it is, written beside.
         seed: Its seed, written beside.
         inputs: Number of examples; fewer if it cannot be seen.
-        gripper: The hand that the labels are for.
         rng: Draws everything.
         label: Labels points (n, 3) with normals (n, 3) of the surface; by default what the true
-            mesh says for that hand.
+            mesh says for the default hand.
     """
     viewed, truth = ViewedObject(obj), TrueGrasps(obj.mesh)
-    label = label or (lambda points, normals: label_points(truth, points, normals, gripper, rng))
+
+    def true_labels(points: Array, normals: Array) -> PointLabels:
+        return best_labels(find_pairs(truth, points, normals, ParallelGripper(), rng), POINTS)
+
     examples = []
     for _ in range(inputs):
-        n_views = 0
-        made: GraspInput | None
-        if rng.random() < TRUE_SHARE:
-            made = true_input(truth, rng)
-        else:
-            n_views = 1 + int(rng.choice(3, p=VIEW_SHARES))
-            made = completed_input(viewed, n_views, rng)
+        true = rng.random() < TRUE_SHARE
+        n_views = 0 if true else 1 + int(rng.choice(3, p=VIEW_SHARES))
+        made = true_input(truth, rng) if true else completed_input(viewed, n_views, rng)
         if made is None:
             continue
-        labels = label(made.points.astype(float), made.normals.astype(float))
+        labels = (label or true_labels)(made.points.astype(float), made.normals.astype(float))
         about = {"family": family, "object_seed": seed, "n_views": n_views}
-        examples.append(labelled(made, labels) | about | {"true_surface": n_views == 0})
+        examples.append(labelled(made, labels) | about | {"true_surface": true})
     return examples
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,7 +49,6 @@ class ContactPairs:
         contact: Where the pads touch the true surface there, shape (m, 3) [m].
         closing: Closing directions b from there into the object, unit, shape (m, 3).
         width: Distance to the opposite contact, shape (m,) [m].
-        cosine: The lesser cosine between closing line and normal of the two faces, shape (m,).
         across: Approach direction of turn 0, unit, perpendicular to b, shape (m, 3).
         free: Turns about b in which the hand is free, shape (m, N_TURNS). Turn k has the approach
             ``cos(t) u + sin(t) (b x u)``, ``t = 2 pi k / N_TURNS``, u being ``across``.
@@ -58,13 +58,8 @@ class ContactPairs:
     contact: Array
     closing: Array
     width: Array
-    cosine: Array
     across: Array
     free: Mask
-
-    def approaches(self, index: int) -> Array:
-        """Valid approach directions of one pair, shape (k, 3)."""
-        return self.turned()[index][self.free[index]]
 
     def turned(self) -> Array:
         """All approach directions that were tried, shape (m, N_TURNS, 3)."""
@@ -86,8 +81,7 @@ class ContactPairs:
         return error
 
 
-@dataclass(frozen=True, eq=False)
-class PointLabels:
+class PointLabels(NamedTuple):
     """One label per point; zero where ``contact`` is False.
 
     Attributes:
@@ -109,48 +103,51 @@ class PointLabels:
     free: Mask
 
 
-def label_points(
-    truth: TrueGrasps,
-    points: ArrayLike,
-    normals: ArrayLike,
-    gripper: ParallelGripper,
-    rng: np.random.Generator,
-) -> PointLabels:
-    """Labels the points of a network's input.
-
-    Args:
-        truth: The true object.
-        points: Shape (n, 3), in its frame [m].
-        normals: Outward unit normals, shape (n, 3).
-        gripper: The hand, approaching fully open.
-        rng: Turns the sets of directions that are tried.
-    """
-    return best_labels(find_pairs(truth, points, normals, gripper, rng), len(np.asarray(points)))
-
-
 def best_labels(pairs: ContactPairs, n_points: int) -> PointLabels:
     """The label of every point: the best of its pairs."""
-    contact = np.zeros(n_points, dtype=bool)
-    width, closing = np.zeros(n_points), np.zeros((n_points, 3))
-    approach, count = np.zeros((n_points, N_APPROACHES, 3)), np.zeros(n_points, dtype=np.int64)
-    across, free = np.zeros((n_points, 3)), np.zeros((n_points, N_TURNS), dtype=bool)
     points, first = np.unique(pairs.point, return_index=True)
-    contact[points], width[points] = True, pairs.width[first]
-    closing[points], across[points] = pairs.closing[first], pairs.across[first]
-    free[points] = pairs.free[first]
-    turned = pairs.turned()[first]
-    for row, at in enumerate(points):
-        valid = np.flatnonzero(free[at])
+    turned, free = pairs.turned()[first], pairs.free[first]
+    approach, count = np.zeros((len(points), N_APPROACHES, 3)), np.zeros(len(points), np.int64)
+    for row, turns in enumerate(free):
+        valid = np.flatnonzero(turns)
         if len(valid) > N_APPROACHES:
             valid = valid[np.linspace(0, len(valid) - 1, N_APPROACHES).round().astype(int)]
-        approach[at, : len(valid)], count[at] = turned[row, valid], len(valid)
-    return PointLabels(contact, width, closing, approach, count, across, free)
+        approach[row, : len(valid)], count[row] = turned[row, valid], len(valid)
+
+    def at_points(values: NDArray[Any]) -> NDArray[Any]:
+        everywhere = np.zeros((n_points, *values.shape[1:]), values.dtype)
+        everywhere[points] = values
+        return everywhere
+
+    return PointLabels(
+        contact=at_points(np.ones(len(points), dtype=bool)),
+        width=at_points(pairs.width[first]),
+        closing=at_points(pairs.closing[first]),
+        approach=at_points(approach),
+        n_approaches=at_points(count),
+        across=at_points(pairs.across[first]),
+        free=at_points(free),
+    )
+
+
+def on_true_surface(
+    truth: TrueGrasps, points: Array, normals: Array
+) -> tuple[Indices, Array, Array]:
+    """Which points (n, 3) with outward normals (n, 3) are not invented.
+
+    Returns:
+        Their indices, and for all points the nearest true ones with the normals there, (n, 3) each.
+    """
+    at, outward = truth.closest(points)
+    real = np.linalg.norm(at - points, axis=1) <= NEAR
+    real &= np.einsum("ij,ij->i", outward, normals) >= np.cos(np.deg2rad(ALIGNED_DEG))
+    return np.flatnonzero(real), at, outward
 
 
 def find_pairs(
     truth: TrueGrasps,
-    points: ArrayLike,
-    normals: ArrayLike,
+    points: Array,
+    normals: Array,
     gripper: ParallelGripper,
     rng: np.random.Generator,
     per_point: int = PAIRS_PER_POINT,
@@ -167,13 +164,8 @@ def find_pairs(
         per_point: Pairs kept at a point; the search is as fine for any number.
         clearance: Distance that the open hand keeps from the surface [m].
     """
-    given, facing = np.asarray(points, dtype=float), np.asarray(normals, dtype=float)
-    at, outward = truth.closest(given)
-    real = np.linalg.norm(at - given, axis=1) <= NEAR
-    real &= np.einsum("ij,ij->i", outward, facing) >= np.cos(np.deg2rad(ALIGNED_DEG))
-    index, center, b, width, cosine = _antipodal_lines(
-        truth, np.flatnonzero(real), at, outward, gripper, rng
-    )
+    real, at, outward = on_true_surface(truth, points, normals)
+    index, center, b, width, cosine = _antipodal_lines(truth, real, at, outward, gripper, rng)
     order = np.lexsort((-cosine, index))
     rank = np.arange(len(order)) - np.searchsorted(index[order], index[order])
     order = order[rank < per_point]
@@ -192,7 +184,6 @@ def find_pairs(
         contact=center[kept] - 0.5 * width[kept, None] * b[kept],
         closing=b[kept],
         width=width[kept],
-        cosine=cosine[kept],
         across=across[kept],
         free=free[kept],
     )
@@ -220,7 +211,7 @@ def _free_turns(
 @lru_cache(maxsize=8)
 def _turning_hand(gripper: ParallelGripper, clearance: float) -> tuple[Array, NDArray[np.uint64]]:
     """Boxes of the open hand, the last two the camera on either side, and their turn table."""
-    boxes = hand_boxes(gripper, None, clearance)
+    boxes = hand_boxes(gripper, clearance)
     other_side = boxes[-1].copy()
     other_side[:, 1] = -boxes[-1, ::-1, 1]
     boxes = np.concatenate([boxes, other_side[None]])

@@ -50,13 +50,12 @@ class TrueGrasps:
 
     Args:
         mesh: The closed surface, in the frame that the grasps are given in [m].
-        spacing: Distance of the surface samples that the hand is tested against [m].
     """
 
-    def __init__(self, mesh: trimesh.Trimesh, spacing: float = SAMPLE_SPACING) -> None:
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
         self.mesh = mesh
         self.surface = Raycaster(mesh.vertices, mesh.faces)
-        self.samples = surface_samples(mesh, spacing)
+        self.samples = surface_samples(mesh)
 
     def cast(self, starts: Array, directions: Array) -> tuple[Array, Array]:
         """Length of rays to their first hit (inf without) and outward normals there.
@@ -75,10 +74,6 @@ class TrueGrasps:
         """Nearest points of the surface to points (n, 3), and the outward normals there."""
         at, face = self.surface.closest(points)
         return at, self._normals(face)
-
-    def inside(self, points: Array) -> Mask:
-        """Which points (n, 3) are inside the solid, shape (n,)."""
-        return self.surface.inside(points)
 
     def close(self, X_OG: ArrayLike, opening: float) -> Closing:
         """Closes two pads along the x-axis of grasp frames (n, 4, 4) from an opening [m]."""
@@ -102,45 +97,27 @@ class TrueGrasps:
             cosine=np.where(held, cosine, -1.0),
         )
 
-    def truly_antipodal(self, X_OG: ArrayLike, opening: float, cone_deg: float = CONE_DEG) -> Mask:
+    def truly_antipodal(self, X_OG: ArrayLike, opening: float) -> Mask:
         """Whether pads that close from an opening [m] meet faces that hold each other, (n,)."""
-        return self.close(X_OG, opening).cosine >= np.cos(np.deg2rad(cone_deg))
+        return self.close(X_OG, opening).cosine >= np.cos(np.deg2rad(CONE_DEG))
 
-    def hand_free(
-        self,
-        X_OG: ArrayLike,
-        gripper: ParallelGripper,
-        opening: float | None = None,
-        margin: float = 0.0,
-    ) -> Mask:
-        """Whether the whole hand, as solid boxes, is clear of the object.
-
-        Args:
-            X_OG: Grasp frames, shape (n, 4, 4).
-            gripper: The hand.
-            opening: Distance between the pads [m]; fully open by default.
-            margin: Clearance that is kept all round [m].
-
-        Returns:
-            Shape (n,).
-        """
+    def hand_free(self, X_OG: ArrayLike, gripper: ParallelGripper) -> Mask:
+        """Whether the whole open hand, as solid boxes, is clear of the object, (n,)."""
         poses = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
-        boxes = hand_boxes(gripper, opening, margin)
+        boxes = hand_boxes(gripper)
         free: Mask = ~collides(self.samples, np.ascontiguousarray(poses), boxes)
         # A box that is wholly inside the object has none of its surface in it.
         maybe = np.flatnonzero(free)
-        middles = (
-            boxes.mean(axis=1) @ poses[maybe, :3, :3].swapaxes(1, 2) + poses[maybe, None, :3, 3]
-        )
-        free[maybe] &= ~self.surface.inside(middles.reshape(-1, 3)).reshape(-1, len(boxes)).any(
-            axis=1
-        )
+        X = poses[maybe]
+        middles = boxes.mean(axis=1) @ X[:, :3, :3].swapaxes(1, 2) + X[:, None, :3, 3]
+        inside = self.surface.inside(middles.reshape(-1, 3)).reshape(-1, len(boxes))
+        free[maybe] &= ~inside.any(axis=1)
         return free
 
-    def valid(self, X_OG: ArrayLike, gripper: ParallelGripper, cone_deg: float = CONE_DEG) -> Mask:
+    def valid(self, X_OG: ArrayLike, gripper: ParallelGripper) -> Mask:
         """Whether grasps (n, 4, 4) by the open hand are antipodal and free of collision, (n,)."""
         poses = np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)
-        good = self.truly_antipodal(poses, gripper.max_opening, cone_deg)
+        good = self.truly_antipodal(poses, gripper.max_opening)
         good[good] = self.hand_free(poses[good], gripper)
         return good
 
@@ -151,20 +128,13 @@ class TrueGrasps:
         return np.where(none[:, None], 0.0, normals)
 
 
-def hand_boxes(
-    gripper: ParallelGripper, opening: float | None = None, margin: float = 0.0
-) -> Array:
-    """The hand as boxes in the grasp frame: two fingers, palm and camera.
-
-    Args:
-        gripper: The hand.
-        opening: Distance between the pads [m]; fully open by default.
-        margin: How far every box is grown on all sides [m].
+def hand_boxes(gripper: ParallelGripper, margin: float = 0.0) -> Array:
+    """The open hand in the grasp frame as boxes, grown by a margin [m] on all sides.
 
     Returns:
-        Lower and upper corners, shape (4, 2, 3) [m].
+        Lower and upper corners of two fingers, palm and camera, shape (4, 2, 3) [m].
     """
-    inner = 0.5 * (gripper.max_opening if opening is None else opening)
+    inner = 0.5 * gripper.max_opening
     outer, side = inner + gripper.finger_thickness, 0.5 * gripper.finger_width
     palm, box = 0.5 * np.array(gripper.palm_size), 0.5 * np.array(gripper.camera_box)
     palm_center = np.array([0.0, 0.0, gripper.heel - palm[2]])

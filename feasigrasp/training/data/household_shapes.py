@@ -19,8 +19,7 @@ from feasigrasp.models.objects.rigid_object import RigidObject
 try:
     from manifold3d import Manifold
 
-    from feasigrasp.training.data import household_compounds as compounds
-    from feasigrasp.training.data import household_solids as solids
+    from feasigrasp.training.data import household_families as families
 except ImportError as error:
     raise MeshError(
         "household shapes need manifold3d; install feasigrasp[train] (or manifold3d>=3.5)"
@@ -28,24 +27,13 @@ except ImportError as error:
 
 Maker = Callable[[np.random.Generator], Manifold]
 
-FAMILIES: dict[str, Maker] = {
-    "box": solids.box,
-    "cylinder": solids.cylinder,
-    "capsule": solids.capsule,
-    "blob": solids.blob,
-    "prism": solids.prism,
-    "bottle": solids.bottle,
-    "cup": solids.cup,
-    "bowl": solids.bowl,
-    "bent": solids.bent,
-    "compound": compounds.compound,
-    "superquadric": solids.superquadric,
-    "mug": compounds.mug,
-    "tool": compounds.tool,
-}
+TRAINED = (
+    *("box", "cylinder", "capsule", "blob", "prism", "bottle", "cup", "bowl", "bent"),
+    "compound",
+)
 #: Families that are never trained on.
 HELD_OUT = ("superquadric", "mug", "tool")
-TRAINED = tuple(name for name in FAMILIES if name not in HELD_OUT)
+FAMILIES: dict[str, Maker] = {name: getattr(families, name) for name in (*TRAINED, *HELD_OUT)}
 
 #: Largest side of a shape, least and most [m].
 _LEAST, _MOST = 0.02, 0.26
@@ -76,32 +64,12 @@ def make_shape(family: str, seed: int) -> RigidObject:
         mesh.apply_scale(float(np.clip(largest, _LEAST, _MOST)) / largest)
     mass = float(np.clip(rng.uniform(*_DENSITY) * mesh.volume, *_MASS))
     color = (*rng.uniform(0.25, 0.9, 3).tolist(), 1.0)
-    return rigid_object(f"{family}_{seed}", mesh, mass, color)
+    return RigidObject.of_mesh(f"{family}_{seed}", mesh, mass, color=color)
 
 
-def shape_of(index: int, seed: int = 0, families: tuple[str, ...] = TRAINED) -> tuple[str, int]:
+def shape_of(index: int, seed: int = 0, among: tuple[str, ...] = TRAINED) -> tuple[str, int]:
     """Family and seed of the ``index``-th shape of an endless stream that visits them in turn."""
-    return families[index % len(families)], 1_000_003 * seed + index // len(families)
-
-
-def rigid_object(
-    name: str,
-    mesh: trimesh.Trimesh,
-    mass: float,
-    color: tuple[float, float, float, float] = (0.65, 0.65, 0.68, 1.0),
-) -> RigidObject:
-    """A closed mesh [m] as a rigid object of uniform density, its origin at the centre of mass."""
-    unit = mesh.mass_properties
-    center = np.asarray(unit.center_mass)
-    return RigidObject(
-        name=name,
-        vertices=np.asarray(mesh.vertices) - center,
-        faces=np.asarray(mesh.faces),
-        mass=mass,
-        p_MO=center,
-        inertia=np.asarray(unit.inertia) * mass / float(unit.volume),
-        color=color,
-    )
+    return among[index % len(among)], 1_000_003 * seed + index // len(among)
 
 
 def _mesh(body: Manifold) -> trimesh.Trimesh:

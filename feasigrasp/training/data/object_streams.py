@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +20,7 @@ from feasigrasp.training.data.acronym import acronym_labels, read_acronym
 from feasigrasp.training.data.grasp_examples import Labeller
 from feasigrasp.training.data.household_shapes import (
     HELD_OUT,
-    TRAINED,
     make_shape,
-    rigid_object,
     shape_of,
 )
 
@@ -79,38 +77,30 @@ class ObjectStream:
         entry = _entries(self.kind, self.path)[index]
         if self.kind == "acronym":
             recorded = read_acronym(entry)
-            category = Path(entry).stem.split("_")[0]
-            return StreamedObject(
-                recorded.obj,
-                f"acronym {category}",
-                index,
-                lambda points, normals: acronym_labels(recorded, points, normals),
-            )
-        if self.path.suffix == ".npz":
-            return StreamedObject(_from_npz(self.path, int(entry)), "mesh", index)
-        return StreamedObject(load_object(entry), "mesh", index)
+            family = f"acronym {entry.stem.split('_')[0]}"
+            return StreamedObject(recorded.obj, family, index, partial(acronym_labels, recorded))
+        obj = _from_npz(entry, index) if entry.suffix == ".npz" else load_object(entry)
+        return StreamedObject(obj, "mesh", index)
 
 
 def _shape(index: int, seed: int) -> StreamedObject:
     held, place = divmod(index, HELD_OUT_EVERY)
-    if place == HELD_OUT_EVERY - 1:
-        family, shape_seed = shape_of(held, seed, HELD_OUT)
-    else:
-        family, shape_seed = shape_of(index - held, seed, TRAINED)
-    return StreamedObject(make_shape(family, shape_seed), family, shape_seed)
+    of_held = place == HELD_OUT_EVERY - 1
+    family, number = shape_of(*((held, seed, HELD_OUT) if of_held else (index - held, seed)))
+    return StreamedObject(make_shape(family, number), family, number)
 
 
 @cache
-def _entries(kind: str, path: Path) -> tuple[str, ...]:
-    """What a finite stream consists of: files, or numbers within one file."""
+def _entries(kind: str, path: Path) -> list[Path]:
+    """The files of a finite stream, in order; one with several objects is there for each."""
     if kind == "acronym":
         files = sorted((path / "grasps").glob("*.h5"))
         if not files:
             raise MeshError(f"{path / 'grasps'}: no h5 files of ACRONYM")
-        return tuple(str(file) for file in files)
+        return files
     if path.suffix == ".npz":
-        return tuple(str(i) for i in range(len(_npz(path)["vertex_offsets"]) - 1))
-    return tuple(str(file) for file in find_objects(path).values())
+        return [path] * (len(_npz(path)["vertex_offsets"]) - 1)
+    return list(find_objects(path).values())
 
 
 @cache
@@ -127,11 +117,9 @@ def _npz(path: Path) -> dict[str, np.ndarray]:
 
 def _from_npz(path: Path, index: int) -> RigidObject:
     content = _npz(path)
-    (v0, v1), (f0, f1) = (
-        content[name][index : index + 2] for name in ("vertex_offsets", "face_offsets")
-    )
-    mesh = trimesh.Trimesh(
-        content["vertices"][v0:v1].astype(float), content["faces"][f0:f1].astype(np.int64)
-    )
+    v0, v1 = content["vertex_offsets"][index : index + 2]
+    f0, f1 = content["face_offsets"][index : index + 2]
+    faces = content["faces"][f0:f1].astype(np.int64)
+    mesh = trimesh.Trimesh(content["vertices"][v0:v1].astype(float), faces)
     mesh.fix_normals()
-    return rigid_object(f"mesh_{index}", mesh, DEFAULT_DENSITY * float(mesh.volume))
+    return RigidObject.of_mesh(f"mesh_{index}", mesh, DEFAULT_DENSITY * float(mesh.volume))

@@ -6,7 +6,7 @@ this, and ``manifold3d`` with it (the ``train`` and ``dev`` extras).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from manifold3d import Manifold, Mesh64
@@ -148,22 +148,3 @@ def ellipsoid(half: Sequence[float], *, rings: int = 14, segments: int = 24) -> 
     t = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[1:-1]
     arc = np.concatenate([[[0, -1]], np.column_stack([np.cos(t), np.sin(t)]), [[0, 1]]])
     return lathe(arc, segments=segments).scale(list(half))
-
-
-def blend(
-    field: Callable[[float, float, float], float], box: Sequence[float], cell: float
-) -> Manifold:
-    """The region where a field is negative, meshed with edges of about ``cell``.
-
-    Args:
-        field: A signed distance, negative inside [m].
-        box: xmin, ymin, zmin, xmax, ymax, zmax [m].
-        cell: Edge length [m].
-    """
-    return Manifold.level_set(lambda x, y, z: -field(x, y, z), list(box), cell, 0.0, 1e-5)
-
-
-def smooth_min(a: float, b: float, width: float) -> float:
-    """Minimum of two distances that rounds the crease between them off over ``width``."""
-    h = max(width - abs(a - b), 0.0) / width
-    return min(a, b) - h * h * width / 4.0

@@ -62,12 +62,8 @@ class ViewedObject:
     def __init__(self, obj: RigidObject) -> None:
         self.obj = obj
         self.surface = Raycaster(obj.vertices, obj.faces)
-
-    @property
-    def center(self) -> Array:
-        """Middle of the object's box, shape (3,) [m]."""
-        middle: Array = 0.5 * (self.obj.vertices.min(axis=0) + self.obj.vertices.max(axis=0))
-        return middle
+        #: Middle of the object's box, shape (3,) [m].
+        self.center: Array = 0.5 * (obj.vertices.min(axis=0) + obj.vertices.max(axis=0))
 
     def view(
         self,
@@ -125,10 +121,6 @@ class ViewedObject:
         row = np.clip(np.rint(fy * y / z + cy), 0, HEIGHT - 1).astype(int)
         return in_sight, in_sight & view.measured[row, column]
 
-    def distance(self, points: Array) -> Array:
-        """Unsigned distance of points (n, 3) to the true surface, shape (n,) [m]."""
-        return self.surface.distance(points)
-
     def _render(self, X_OC: Array) -> tuple[Array, tuple[int, int]]:
         """Depth image, infinite where nothing is hit, of the part of the picture with the object.
 
@@ -161,11 +153,8 @@ def look_at(p_OC: Array, roll: float = 0.0) -> Array:
     """Pose of a camera at ``p_OC`` whose z axis passes through the origin, shape (4, 4)."""
     z = -p_OC / np.linalg.norm(p_OC)
     x, y = perpendiculars(z)
-    X_OC = np.eye(4)
-    X_OC[:3, 0] = np.cos(roll) * x + np.sin(roll) * y
-    X_OC[:3, 1] = np.cos(roll) * y - np.sin(roll) * x
-    X_OC[:3, 2], X_OC[:3, 3] = z, p_OC
-    return X_OC
+    c, s = np.cos(roll), np.sin(roll)
+    return se3.make_pose(np.column_stack([c * x + s * y, c * y - s * x, z]), p_OC)
 
 
 def turning_views(
@@ -188,9 +177,7 @@ def turning_views(
     axis = first[:3, :3] @ np.array([0.0, np.cos(tilt), np.sin(tilt)])
     poses, angle = [], 0.0
     for _ in range(count):
-        X_OC = np.eye(4)
-        X_OC[:3, :3] = se3.exp(np.concatenate([angle * axis, np.zeros(3)]))[:3, :3]
-        X_OC = X_OC @ first
+        X_OC = se3.make_pose(se3.so3_exp(angle * axis), np.zeros(3)) @ first
         X_OC[:3, 3] += center
         poses.append(X_OC)
         angle += np.deg2rad(rng.uniform(*turn))

@@ -73,6 +73,11 @@ class LargeFit:
     warm_iterations: int = 150
     threads: int = 1
 
+    @property
+    def floor(self) -> Array:
+        """Standard deviations added, by direction of the tangent space, shape (6,)."""
+        return np.repeat([self.rotation_floor, self.translation_floor], 3)
+
 
 def em_pass(poses: PoseBlocks, mixture: RiemannianMixture, threads: int = 1) -> Moments:
     """The E step and the moments about the means, in one pass over the poses.
@@ -89,17 +94,12 @@ def em_pass(poses: PoseBlocks, mixture: RiemannianMixture, threads: int = 1) -> 
 
     def part(i: int) -> Moments:
         mass, first, second = np.zeros(k), np.zeros((k, 6)), np.zeros((k, 6, 6))
-        start, stop = int(edges[i]), int(edges[i + 1])
-        likelihood = moments_of_blocks(
-            poses.blocks, start, stop, poses.n, packed, mass, first, second
-        )
+        part_of = (int(edges[i]), int(edges[i + 1]), poses.n)
+        likelihood = moments_of_blocks(poses.blocks, *part_of, packed, mass, first, second)
         return Moments(mass, first, second, likelihood)
 
-    if threads == 1:
-        parts = [part(i) for i in range(len(edges) - 1)]
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            parts = list(pool.map(part, range(len(edges) - 1)))
+    with ThreadPoolExecutor(threads) as pool:
+        parts = list(pool.map(part, range(len(edges) - 1)))
     mass = np.sum([p.mass for p in parts], axis=0)
     first = np.sum([p.first for p in parts], axis=0)
     second = np.sum([p.second for p in parts], axis=0)
@@ -153,8 +153,7 @@ def maximization_step(
     mass = moments.mass[alive]
     step = moments.first[alive] / mass[:, None]
     covariances = moments.second[alive] / mass[:, None, None] - step[:, :, None] * step[:, None]
-    floor = [settings.rotation_floor] * 3 + [settings.translation_floor] * 3
-    covariances += np.diag(np.square(floor))
+    covariances += np.diag(settings.floor**2)
     return RiemannianMixture(mass, mixture.means[alive] @ se3.exp(step), covariances)
 
 
@@ -189,7 +188,6 @@ def _seeded(
     draws = rng.random((n_components, _SEEDING_CANDIDATES))
     seeds, spread = seed_means(q, p, np.ones(q.shape[1]), settings.length_scale, draws)
     scale = np.array([1.0] * 3 + [settings.length_scale] * 3)
-    floor = np.array([settings.rotation_floor] * 3 + [settings.translation_floor] * 3)
-    covariance = np.diag((spread * scale) ** 2 + floor**2)
+    covariance = np.diag((spread * scale) ** 2 + settings.floor**2)
     means = se3.make_pose(se3.rotations(q[:, seeds].T), p[:, seeds].T)
     return RiemannianMixture(np.ones(len(seeds)), means, np.tile(covariance, (len(seeds), 1, 1)))

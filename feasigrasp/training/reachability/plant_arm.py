@@ -1,10 +1,11 @@
-"""Takes a serial arm out of a Drake plant: its chain, and its self-collisions.
+"""Takes a serial arm out of a Drake plant: its chain of joints, and its self-collisions.
 
 Any model that Drake's parser reads will do: a model directives file, URDF, SDFormat or MJCF.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,78 @@ from pydrake.multibody.tree import Frame, Joint, PrismaticJoint, RevoluteJoint
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.models.arrays import Mask
+from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.geometry import se3
 from feasigrasp.resources import model_path
-from feasigrasp.training.reachability.serial_chain import SerialChain
+
+
+@dataclass(frozen=True, eq=False)
+class SerialChain(Frozen):
+    """A chain of n joints from a base frame to an end frame.
+
+    Attributes:
+        X_PJ: Frame of each joint at position 0 in the frame that the joint before it moves (in the
+            base frame for the first), shape (n, 4, 4) [m].
+        axes: Unit axes in these frames, shape (n, 3).
+        prismatic: Whether a joint slides along its axis instead of turning about it, shape (n,).
+        X_JE: End frame in the frame that the last joint moves, shape (4, 4) [m].
+        lower: Lower limits, shape (n,) [rad or m].
+        upper: Upper limits, shape (n,) [rad or m].
+
+    Raises:
+        ReachabilityError: A joint has no finite limits.
+    """
+
+    X_PJ: Array
+    axes: Array
+    prismatic: Mask
+    X_JE: Array
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays and checks the limits."""
+        self._freeze(**{name: np.array(array) for name, array in vars(self).items()})
+        bad = np.flatnonzero(~(np.isfinite(self.lower - self.upper) & (self.lower <= self.upper)))
+        if len(bad):
+            raise ReachabilityError(
+                f"SerialChain: joint {bad[0]} has limits {self.lower[bad[0]]} ... "
+                f"{self.upper[bad[0]]}; sampling needs finite ones, set them in the model file."
+            )
+
+    def forward_kinematics(self, q: ArrayLike) -> Array:
+        """Poses of the end frame in the base frame, shape (..., 4, 4), of positions (..., n)."""
+        return self.pose_and_jacobian(q)[0]
+
+    def manipulability(self, q: ArrayLike) -> Array:
+        """Yoshikawa's measure sqrt(det J J^T), shape (...); 0 with fewer than six joints."""
+        J = self.pose_and_jacobian(q)[1]
+        return np.asarray(np.sqrt(np.maximum(np.linalg.det(J @ J.swapaxes(-1, -2)), 0.0)))
+
+    def pose_and_jacobian(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Pose and geometric Jacobian of the end frame in the base frame.
+
+        Args:
+            q: Joint positions, shape (..., n) [rad or m].
+
+        Returns:
+            Poses, shape (..., 4, 4) [m], and Jacobians, shape (..., 6, n), with rows
+            [angular; linear] at the end frame's origin.
+        """
+        q, sliding = np.asarray(q, dtype=float), self.prismatic[:, None]
+        screws = np.concatenate([self.axes * ~sliding, self.axes * sliding], axis=1)
+        X = np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))
+        axes, points = np.empty((2, *q.shape, 3))
+        for k in range(len(self.axes)):
+            X = X @ self.X_PJ[k]
+            axes[..., k, :], points[..., k, :] = X[..., :3, :3] @ self.axes[k], X[..., :3, 3]
+            X = X @ se3.exp(q[..., k, None] * screws[k])
+        X = X @ self.X_JE
+        lever = X[..., None, :3, 3] - points
+        J = np.concatenate(
+            [np.where(sliding, 0.0, axes), np.where(sliding, axes, np.cross(axes, lever))], axis=-1
+        )
+        return X, J.swapaxes(-1, -2)
 
 
 class PlantArm:
@@ -125,40 +195,32 @@ def _joints_between(plant: MultibodyPlant, base: Frame, end: Frame) -> list[Join
 
 
 def _chain(base: Frame, end: Frame, joints: list[Joint]) -> SerialChain:
-    frames, axes, prismatic, lower, upper = [], [], [], [], []
+    rows = []
     X = base.GetFixedPoseInBodyFrame().inverse()
     for joint in joints:
         X = X @ joint.frame_on_parent().GetFixedPoseInBodyFrame()
-        if joint.num_positions() > 0:
-            if isinstance(joint, RevoluteJoint):
-                axis = joint.revolute_axis()
-            elif isinstance(joint, PrismaticJoint):
-                axis = joint.translation_axis()
-            else:
-                raise ReachabilityError(
-                    f"joint {joint.name()!r} is {joint.type_name()}; only revolute, prismatic and "
-                    "fixed joints are supported."
-                )
-            frames.append(X.GetAsMatrix4())
-            axes.append(axis)
-            prismatic.append(isinstance(joint, PrismaticJoint))
-            lower.append(joint.position_lower_limits()[0])
-            upper.append(joint.position_upper_limits()[0])
-            X = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
-        else:
+        after = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
+        if joint.num_positions() == 0:
             # Between its two frames, a weld may leave room.
             weld = joint.X_FM() if joint.type_name() == "weld" else RigidTransform()
-            X = X @ weld @ joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
-    if not axes:
+            X = X @ weld @ after
+            continue
+        if isinstance(joint, RevoluteJoint):
+            axis = joint.revolute_axis()
+        elif isinstance(joint, PrismaticJoint):
+            axis = joint.translation_axis()
+        else:
+            raise ReachabilityError(
+                f"joint {joint.name()!r} is {joint.type_name()}; only revolute, prismatic and "
+                "fixed joints are supported."
+            )
+        limits = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        rows.append((X.GetAsMatrix4(), axis, isinstance(joint, PrismaticJoint), *limits))
+        X = after
+    if not rows:
         raise ReachabilityError(
             f"nothing moves between frame {base.name()!r} and {end.name()!r}: name the arm's ends."
         )
-    X = X @ end.GetFixedPoseInBodyFrame()
-    return SerialChain(
-        np.array(frames),
-        np.array(axes),
-        np.array(prismatic),
-        X.GetAsMatrix4(),
-        np.array(lower),
-        np.array(upper),
-    )
+    X_JE = (X @ end.GetFixedPoseInBodyFrame()).GetAsMatrix4()
+    X_PJ, axes, prismatic, lower, upper = map(np.array, zip(*rows, strict=True))
+    return SerialChain(X_PJ, axes, prismatic, X_JE, lower, upper)

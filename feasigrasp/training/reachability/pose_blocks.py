@@ -9,7 +9,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.mixtures.float32_kernels import (
     BLOCK,
@@ -44,20 +43,10 @@ class PoseBlocks:
         Args:
             quaternions: Unit quaternions wxyz, shape (n, 4), n >= 1.
             positions: Positions, shape (n, 3) [m].
-
-        Raises:
-            GraspError: The shapes disagree, there is no pose, or a number is not finite.
         """
         q, p = np.asarray(quaternions, np.float32), np.asarray(positions, np.float32)
         n = len(q)
-        if n == 0 or q.shape != (n, 4) or p.shape != (n, 3):
-            raise GraspError(
-                f"PoseBlocks: quaternions {q.shape} and positions {p.shape} disagree; give (n, 4) "
-                "and (n, 3) with n >= 1."
-            )
         low, high = p.min(axis=0), p.max(axis=0)
-        if not (np.isfinite(low + high).all() and np.isfinite(q.sum())):
-            raise GraspError("PoseBlocks: NaN or infinity in the poses; drop them first.")
         keys = np.empty(n, np.uint16)
         _keys(q, p, low, np.float32(3.999) / np.maximum(high - low, np.float32(1e-9)), keys)
         order = np.argsort(keys, kind="stable")  # a radix sort, for 16 bits

@@ -15,9 +15,9 @@ from feasigrasp.evaluation.runs.hand_load import (
     load,
 )
 from feasigrasp.evaluation.studies.grasp_labels import sample_grasps, summary_rows
+from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.household_shapes import rigid_object
 
 
 def turned(angle_deg):
@@ -31,7 +31,7 @@ def turned(angle_deg):
 @pytest.fixture(scope="module")
 def plate():
     mesh = trimesh.creation.box((0.03, 0.09, 0.06)).subdivide()
-    return FloatingGripper(rigid_object("plate", mesh, 0.15), ParallelGripper())
+    return FloatingGripper(RigidObject.of_mesh("plate", mesh, 0.15), ParallelGripper())
 
 
 def test_firm_grasp_holds(plate):
@@ -49,7 +49,7 @@ def test_grasp_beside_the_object_misses(plate):
 def test_too_heavy_for_the_friction():
     """2 x 80 N x mu carry so much weight and no more; effort is shared by both pads."""
     mesh = trimesh.creation.box((0.03, 0.06, 0.06)).subdivide()
-    light, heavy = (rigid_object("block", mesh, mass) for mass in (0.3, 30.0))
+    light, heavy = (RigidObject.of_mesh("block", mesh, mass) for mass in (0.3, 30.0))
     assert hold_trials(light, turned(0.0))[0].held
     assert hold_trials(heavy, turned(0.0))[0].why == "dropped"
 
@@ -59,7 +59,7 @@ def test_finger_inside_a_cup():
     cup = trimesh.creation.annulus(r_min=0.046, r_max=0.050, height=0.06, sections=48)
     X = turned(0.0)
     X[:3, 3] = [0.048, 0.0, 0.02]
-    assert hold_trials(rigid_object("ring", cup, 0.1), X)[0].held
+    assert hold_trials(RigidObject.of_mesh("ring", cup, 0.1), X)[0].held
 
 
 def test_load_is_weight_lift_and_shakes_along_all_axes():
@@ -73,7 +73,7 @@ def test_load_is_weight_lift_and_shakes_along_all_axes():
 def test_another_hand_is_refused():
     mesh = trimesh.creation.box((0.03, 0.03, 0.03))
     with pytest.raises(GraspError, match="max_opening"):
-        FloatingGripper(rigid_object("block", mesh, 0.1), ParallelGripper(max_opening=0.11))
+        FloatingGripper(RigidObject.of_mesh("block", mesh, 0.1), ParallelGripper(max_opening=0.11))
 
 
 def test_sampled_grasps_are_free_and_half_valid():

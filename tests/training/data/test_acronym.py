@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.training.data.acronym import acronym_labels, read_acronym
 from feasigrasp.training.data.grasp_examples import object_examples
 
@@ -92,11 +91,10 @@ def test_same_examples_as_our_own(recorded):
         "acronym Box",
         0,
         1,
-        ParallelGripper(),
         np.random.default_rng(0),
         lambda points, normals: acronym_labels(recorded, points, normals),
     )
-    own = object_examples(recorded.obj, "box", 0, 1, ParallelGripper(), np.random.default_rng(0))
+    own = object_examples(recorded.obj, "box", 0, 1, np.random.default_rng(0))
     assert {k: np.shape(v) for k, v in made[0].items()} == {
         k: np.shape(v) for k, v in own[0].items()
     }

@@ -10,7 +10,6 @@ from feasigrasp.training.data.grasp_labels import (
     SLACK,
     best_labels,
     find_pairs,
-    label_points,
 )
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 
@@ -19,7 +18,8 @@ TWIN = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def labels_of(mesh, points, normals, seed=0):
-    return label_points(TrueGrasps(mesh), points, normals, GRIPPER, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    return best_labels(find_pairs(TrueGrasps(mesh), points, normals, GRIPPER, rng), len(points))
 
 
 def surface(mesh, count, seed=0):

@@ -19,15 +19,6 @@ def frame(x, z, origin=(0.0, 0.0, 0.0)):
     return X
 
 
-def posed_hand(X, opening=OPEN):
-    """The hand's boxes as one mesh in the object's frame: collision by other means."""
-    parts = []
-    for low, high in hand_boxes(GRIPPER, opening):
-        box = trimesh.creation.box(bounds=[low, high])
-        parts.append(box.apply_transform(X))
-    return parts
-
-
 @pytest.fixture(scope="module")
 def box():
     return TrueGrasps(trimesh.creation.box((0.05, 0.10, 0.16)))

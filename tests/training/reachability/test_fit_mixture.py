@@ -197,19 +197,6 @@ def test_starved_components_are_dropped(rng):
     assert len(maximization_step(starved, em_pass(blocks(X), starved), LargeFit())) == len(fit)
 
 
-@pytest.mark.parametrize(
-    ("quaternions", "positions", "message"),
-    [
-        (np.zeros((0, 4)), np.zeros((0, 3)), "n >= 1"),
-        (np.ones((2, 4)) / 2, np.zeros((3, 3)), "disagree"),
-        (np.ones((2, 4)) / 2, np.full((2, 3), np.nan), "NaN"),
-    ],
-)
-def test_bad_poses_are_named(quaternions, positions, message):
-    with pytest.raises(GraspError, match=message):
-        PoseBlocks.of(quaternions, positions)
-
-
 def test_more_components_than_poses_are_refused(rng):
     with pytest.raises(GraspError, match="3 components for 2 poses"):
         fit_large_mixture(blocks(se3.random_pose(rng, 2)), 3, rng)
