@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
 from feasigrasp.models.grasps.network.contact_features import contact_features
 from feasigrasp.models.grasps.network.network import GraspNetwork
@@ -43,10 +44,9 @@ def proposal_measures(
     at = np.flatnonzero(labels.contact)
     some = at[:: -(-len(at) // TRIED)] if len(at) else at
     b, width = proposals.closing[some], proposals.width[some]
-    X_OG = np.tile(np.eye(4), (len(some), 1, 1))
     z = proposals.approach[some, 0]
-    X_OG[:, :3, :3] = np.stack([b, np.cross(z, b), z], axis=2)
-    X_OG[:, :3, 3] = points[some] + 0.5 * width[:, None] * b
+    R = np.stack([b, np.cross(z, b), z], axis=2)
+    X_OG = se3.make_pose(R, points[some] + 0.5 * width[:, None] * b)
     free = truth.hand_free(X_OG, gripper) | truth.hand_free(X_OG @ FLIP, gripper)
     return {
         "contact": proposals.contact.round(5).tolist(),
