@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,9 @@ def finish_all(
     missing = [n for n in items if read_finished(files[n], {"key": made_with() | keys[n]}) is None]
     report_reuse(len(items) - len(missing), len(items), folder)
     work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        joblib.delayed(_finish_item)(files[name], keys[name], measure, name, items[name], settings)
+        joblib.delayed(finish)(
+            files[name], keys[name], partial(measure, name, items[name], **settings)
+        )
         for name in missing
     )
     with tqdm(total=len(items), initial=len(items) - len(missing), desc=desc) as bar:
@@ -135,17 +138,6 @@ def report_reuse(kept: int, total: int, folder: Path) -> None:
         print(f"{kept} of {total} are finished already in {folder}")
         if (git_revision() or "").endswith("-dirty"):
             print("  uncommitted changes cannot be told apart: use a new --out after changing code")
-
-
-def _finish_item(
-    filename: Path,
-    key: Mapping[str, Any],
-    measure: Callable[..., Sequence[Record]],
-    name: str,
-    item: Any,
-    settings: Mapping[str, Any],
-) -> None:
-    finish(filename, key, lambda: measure(name, item, **settings))
 
 
 def _plain(value: Any) -> Any:

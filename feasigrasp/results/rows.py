@@ -11,9 +11,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, SupportsFloat
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from feasigrasp.results.arguments import command_line
 from feasigrasp.results.provenance import git_revision, machine, versions
-from feasigrasp.results.statistics import Estimate
+from feasigrasp.results.statistics import Estimate, proportion
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,12 @@ class Row:
         )
         return cls(name, preset, factor * estimate.value, low, high, unit, estimate.n)
 
+    @classmethod
+    def percent(cls, name: str, preset: str, outcomes: ArrayLike) -> Row:
+        """A row of how many percent of some outcomes are true, with Wilson's interval."""
+        true = np.asarray(outcomes, dtype=bool)
+        return cls.of(name, preset, proportion(int(true.sum()), len(true)), "%", 100.0)
+
 
 def write_json(content: dict[str, Any], filename: Path) -> None:
     """Writes JSON, whole or not at all: a killed process leaves no half a file.
@@ -86,11 +95,9 @@ def write_csv(
         writer.writerow(columns)
         for row in table:
             cells = [row[head] for head in columns] if isinstance(row, Mapping) else row
-            writer.writerow(
-                [format(cell, floats) if isinstance(cell, float) else cell for cell in cells]
-                if floats
-                else cells
-            )
+            if floats:
+                cells = [format(c, floats) if isinstance(c, float) else c for c in cells]
+            writer.writerow(cells)
 
 
 def write_summary(

@@ -1,15 +1,23 @@
-"""Intervals for what repeated runs show."""
+"""Figures of repeated runs and of scores, with their intervals."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
-from scipy.stats import norm, t
+from numpy.typing import ArrayLike
+from scipy.stats import norm, rankdata, t
+
+from feasigrasp.models.arrays import Array, Mask
 
 CONFIDENCE = 0.95
+_RESAMPLES = 500
+
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True)
@@ -29,6 +37,14 @@ class Estimate:
     n: int
 
 
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Items by their keys, both in the order in which they come."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
 def proportion(successes: int, n: int) -> Estimate:
     """A share of runs in [0, 1], with Wilson's score interval.
 
@@ -37,8 +53,10 @@ def proportion(successes: int, n: int) -> Estimate:
 
     Args:
         successes: Number of successes.
-        n: Number of runs, at least 1.
+        n: Number of runs; the share of none is 0, without an interval.
     """
+    if n == 0:
+        return Estimate(0.0, None, None, 0)
     z = float(norm.ppf(0.5 + 0.5 * CONFIDENCE))
     share = successes / n
     center = (share + z**2 / (2 * n)) / (1 + z**2 / n)
@@ -47,7 +65,7 @@ def proportion(successes: int, n: int) -> Estimate:
     return Estimate(share, min(share, max(0.0, center - half)), max(share, center + half), n)
 
 
-def mean(values: Sequence[float], lower: float = -math.inf, upper: float = math.inf) -> Estimate:
+def mean(values: ArrayLike, lower: float = -math.inf, upper: float = math.inf) -> Estimate:
     """The mean of runs, with Student's t interval.
 
     Args:
@@ -61,3 +79,62 @@ def mean(values: Sequence[float], lower: float = -math.inf, upper: float = math.
         return Estimate(average, None, None, len(x))
     half = float(t.ppf(0.5 + 0.5 * CONFIDENCE, len(x) - 1) * x.std(ddof=1) / math.sqrt(len(x)))
     return Estimate(average, max(average - half, lower), min(average + half, upper), len(x))
+
+
+def resampled(
+    items: Sequence[Item], statistic: Callable[[Sequence[Item]], float], seed: int = 0
+) -> Estimate:
+    """A statistic of items (objects), with the interval that resampling the items gives."""
+    rng = np.random.default_rng(seed)
+    value, n = statistic(items), len(items)
+    if n < 2:
+        return Estimate(value, None, None, n)
+    drawn = [statistic([items[i] for i in rng.integers(0, n, n)]) for _ in range(_RESAMPLES)]
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    low, high = np.nanpercentile(drawn, [tail, 100.0 - tail])
+    return Estimate(value, float(low), float(high), n)
+
+
+def roc_curve(score: Array, positive: Mask) -> tuple[Array, Array]:
+    """Shares of false and of true positives as the threshold falls, from (0, 0) to (1, 1).
+
+    Args:
+        score: Higher means more likely positive, shape (n,).
+        positive: The truth, shape (n,).
+    """
+    order = np.argsort(-score, kind="stable")
+    true = np.concatenate([[0.0], np.cumsum(positive[order])])
+    false = np.concatenate([[0.0], np.cumsum(~positive[order])])
+    # Between equal scores there is no threshold.
+    keep = np.concatenate([[True], np.diff(score[order]) != 0.0, [True]])
+    return false[keep] / max(false[-1], 1.0), true[keep] / max(true[-1], 1.0)
+
+
+def area_under_curve(score: Array, positive: Mask) -> Estimate:
+    """Probability that a positive scores higher than a negative; ties count half.
+
+    The interval is that of Hanley and McNeil (1982), "The meaning and use of the area under a
+    receiver operating characteristic (ROC) curve".
+
+    Args:
+        score: Shape (n,).
+        positive: The truth, shape (n,), with at least one of each class.
+    """
+    n, m = int(positive.sum()), int((~positive).sum())
+    area = float((rankdata(score)[positive].sum() - n * (n + 1) / 2) / (n * m))
+    q1, q2 = area / (2.0 - area), 2.0 * area**2 / (1.0 + area)
+    variance = area * (1.0 - area) + (n - 1) * (q1 - area**2) + (m - 1) * (q2 - area**2)
+    half = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * math.sqrt(max(variance, 0.0) / (n * m))
+    return Estimate(area, max(area - half, 0.0), min(area + half, 1.0), n + m)
+
+
+def average_precision(score: Array, positive: Mask) -> float:
+    """Mean of the precision at every positive as the threshold falls; ties in any order.
+
+    The area under the precision-recall curve without interpolation; NaN without a positive.
+    """
+    hits = positive[np.argsort(-score, kind="stable")].astype(float)
+    if not hits.any():
+        return float("nan")
+    precision = np.cumsum(hits) / np.arange(1, len(hits) + 1)
+    return float((precision * hits).sum() / hits.sum())

@@ -9,11 +9,11 @@ import pytest
 
 from feasigrasp import cli
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.measures.roc import area_under_curve, roc_curve
 from feasigrasp.evaluation.peers.reachability import FlatMixture, VoxelMap, flatten
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.results.statistics import area_under_curve, roc_curve
 from feasigrasp.training.fit_reachability import parse_components, parse_tool
 from feasigrasp.training.reachability.plant_arm import PlantArm
 

@@ -20,10 +20,8 @@ from functools import partial
 
 import numpy as np
 import torch
-from threadpoolctl import threadpool_limits
-from tqdm import tqdm
 
-from feasigrasp.evaluation.measures.timing import Case, Timing, cpu_time, report_bench
+from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
 from feasigrasp.evaluation.peers.control import ArrayJointStep, ArrayTaskStep
 from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
 from feasigrasp.evaluation.runs.controller_probe import V_WO, ControllerProbe, grasps_in_reach
@@ -53,24 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    seconds = 0.1 if args.quick else 2.0
-    threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    try:
-        with threadpool_limits(1):
-            rows = [
-                frequency_row(name, preset, cpu_time(function, seconds))
-                for name, preset, function in tqdm(cases(args.seed), desc="control")
-            ]
-    finally:
-        torch.set_num_threads(threads)
+    rows = time_cases(cases(args.seed), 0.1 if args.quick else 2.0)
     report_bench(args, "control", rows, f"{format_rows(rows)}\n{format_table_3(rows)}")
     return 0
-
-
-def frequency_row(name: str, preset: str, timing: Timing) -> Row:
-    """A row in steps per second."""
-    return Row(name, preset, 1 / timing.median, 1 / timing.high, 1 / timing.low, "Hz", timing.n)
 
 
 def cases(seed: int) -> Iterator[Case]:
@@ -80,28 +64,29 @@ def cases(seed: int) -> Iterator[Case]:
         seed: Seed of the grasps and of the inputs that follow one another.
     """
     reachability = Reachability()
+    X_FG = reachability.gripper.X_FG
     for K in TABLE_3_TASK:
-        probe = task_probe(reachability, K, "paper", seed)
-        yield f"bench.task_hz.{K}", "default", probe.step
+        name, probe = f"bench.task_hz.{K}", task_probe(reachability, K, "paper", seed)
+        yield Case(name, "default", probe.step)
         if K in _PEERS_TASK:
             mixture = probe.controller.memory(probe.context).mixture.targets
             for xp in (np, torch):
-                step = ArrayTaskStep(xp, mixture, reachability.gripper.X_FG)
-                yield f"bench.task_hz.{K}", f"peer:{xp.__name__}", partial(_fed, step, probe, V_WO)
+                step = partial(_fed, ArrayTaskStep(xp, mixture, X_FG), probe, V_WO)
+                yield Case(name, f"peer:{xp.__name__}", step)
     for N in TABLE_3_JOINT:
-        probe = joint_probe(reachability, N, "paper", seed)
-        yield f"bench.joint_hz.{N}", "default", probe.step
+        name, probe = f"bench.joint_hz.{N}", joint_probe(reachability, N, "paper", seed)
+        yield Case(name, "default", probe.step)
         if N in _PEERS_JOINT:
             renewed = joint_probe(reachability, N, "paper", seed, period=_STEP)
-            yield f"bench.joint_hz.{N}", "new solutions", partial(_renewed_step, renewed)
+            yield Case(name, "new solutions", partial(_renewed_step, renewed))
             X_OG = probe.controller.memory(probe.context).X_OG
             for xp in (np, torch):
-                peer = ArrayJointStep(xp, X_OG, reachability.gripper.X_FG)
-                yield f"bench.joint_hz.{N}", f"peer:{xp.__name__}", partial(_fed, peer, probe)
+                step = partial(_fed, ArrayJointStep(xp, X_OG, X_FG), probe)
+                yield Case(name, f"peer:{xp.__name__}", step)
     safe = task_probe(reachability, SAFE_COMPONENTS, "safe", seed)
-    yield f"bench.task_safe_hz.{SAFE_COMPONENTS}", "default", safe.step
+    yield Case(f"bench.task_safe_hz.{SAFE_COMPONENTS}", "default", safe.step)
     safe = joint_probe(reachability, SAFE_SOLUTIONS, "safe", seed)
-    yield f"bench.joint_safe_hz.{SAFE_SOLUTIONS}", "default", safe.step
+    yield Case(f"bench.joint_safe_hz.{SAFE_SOLUTIONS}", "default", safe.step)
 
 
 def task_probe(reachability: Reachability, K: int, mode: str, seed: int) -> ControllerProbe:
@@ -165,16 +150,11 @@ def format_table_3(rows: list[Row]) -> str:
     """Our figures beside the paper's, one line per size."""
     found = {(row.name, row.preset): row.value for row in rows}
     lines = [f"{'':18s}{'paper Hz':>10s}{'ours Hz':>10s}{'times':>8s}{'numpy':>9s}{'torch':>9s}"]
-    for space, table in (("task", TABLE_3_TASK), ("joint", TABLE_3_JOINT)):
+    for space, letter, table in (("task", "K", TABLE_3_TASK), ("joint", "N", TABLE_3_JOINT)):
         for size, paper in table.items():
             name = f"bench.{space}_hz.{size}"
             ours = found[name, "default"]
-            peers = "".join(
-                f"{found[name, f'peer:{peer}']:9.0f}" if (name, f"peer:{peer}") in found else ""
-                for peer in ("numpy", "torch")
-            )
-            lines.append(
-                f"{space:6s}{'KN'[space == 'joint']} = {size:<7d}{paper:10.1f}{ours:10.0f}"
-                f"{ours / paper:8.0f}{peers}"
-            )
+            line = f"{space:6s}{letter} = {size:<7d}{paper:10.1f}{ours:10.0f}{ours / paper:8.0f}"
+            peers = [found.get((name, f"peer:{peer}")) for peer in ("numpy", "torch")]
+            lines.append(line + "".join(f"{hz:9.0f}" for hz in peers if hz is not None))
     return "\n".join(lines)

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from importlib.util import find_spec
 
 import numpy as np
 from numba import njit
 
-from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
+from feasigrasp.evaluation.measures.timing import Case, installed, report_bench, time_cases
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
 from feasigrasp.models.ik.flow import IkFlow
@@ -32,7 +31,8 @@ COLLISION_BATCH = 4096
 #: From where the nearest solution is looked for [rad].
 HOME = np.array([0.0, -0.846, 0.0, -1.582, 0.0, 1.446, 0.0])
 
-_ROW_NAMES = ("bench.fk_jacobian_us.100", "bench.self_collision_us", "bench.ik_100x16_ms")
+_FK, _COLLISION = "bench.fk_jacobian_us.100", "bench.self_collision_us"
+_INVERSE = "bench.ik_100x16_ms"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,8 +47,8 @@ def _one_by_one(Q, model, hit):
         hit[k] = in_collision_kernel(Q[k], model, 0.0)
 
 
-def cases(seed: int) -> Iterator[tuple[Case, str, float]]:
-    """What is timed, the unit of its row, and the factor from seconds per call to it.
+def cases(seed: int) -> Iterator[Case]:
+    """What is timed.
 
     Args:
         seed: Seed of the random configurations, uniform inside the joint limits.
@@ -62,43 +62,29 @@ def cases(seed: int) -> Iterator[tuple[Case, str, float]]:
     )
     X_WG = X_WF @ reachability.gripper.X_FG
     drake = DrakeArm()
-    fk, collision, inverse = _ROW_NAMES
     hit = np.empty(len(Q), dtype=bool)
-    per_configuration = 1e6 / len(Q)
-    yield (fk, "default", lambda: pose_and_jacobian(batch)), "us", 1e6
-    yield (fk, "peer:drake", lambda: drake.pose_and_jacobian(batch)), "us", 1e6
-    yield (collision, "default", lambda: in_collision(Q)), "us", per_configuration
-    yield (
-        (collision, "one by one", lambda: _one_by_one(Q, IIWA_CAPSULES, hit)),
-        "us",
-        per_configuration,
-    )
-    yield (collision, "peer:drake", lambda: drake.in_collision(Q)), "us", per_configuration
-    yield (inverse, "default", lambda: reachability.nearest(X_WG, HOME)), "ms", 1e3
-    if find_spec("pinocchio"):
+    yield Case(_FK, "default", lambda: pose_and_jacobian(batch))
+    yield Case(_FK, "peer:drake", lambda: drake.pose_and_jacobian(batch))
+    yield Case(_COLLISION, "default", lambda: in_collision(Q), len(Q))
+    yield Case(_COLLISION, "one by one", lambda: _one_by_one(Q, IIWA_CAPSULES, hit), len(Q))
+    yield Case(_COLLISION, "peer:drake", lambda: drake.in_collision(Q), len(Q))
+    yield Case(_INVERSE, "default", lambda: reachability.nearest(X_WG, HOME))
+    if installed("pinocchio", "pinocchio (PyPI: pin)"):
         pinocchio = pinocchio_kinematics()
-        yield (fk, "peer:pinocchio", lambda: pinocchio(batch)), "us", 1e6
-    else:
-        print("pinocchio is not installed (PyPI: pin): its row is left out")
-    if find_spec("eaik"):
-        eaik = eaik_nearest(
-            np.linspace(-IIWA_7.position_limits[2], IIWA_7.position_limits[2], ARM_ANGLES)
-        )
-        yield (inverse, "peer:eaik", lambda: eaik(X_WF, HOME)), "ms", 1e3
-    else:
-        print("EAIK is not installed (PyPI: eaik): its row is left out")
+        yield Case(_FK, "peer:pinocchio", lambda: pinocchio(batch))
+    if installed("eaik", "EAIK (PyPI: eaik)"):
+        limit = IIWA_7.position_limits[2]
+        eaik = eaik_nearest(np.linspace(-limit, limit, ARM_ANGLES))
+        yield Case(_INVERSE, "peer:eaik", lambda: eaik(X_WF, HOME))
     try:
         flow = IkFlow.load_default()
-        yield ("bench.ik_flow_ms.100", "default", lambda: flow.solve(X_WF)), "ms", 1e3
+        yield Case("bench.ik_flow_ms.100", "default", lambda: flow.solve(X_WF))
     except WeightsError as error:
         print(f"bench.ik_flow_ms.100 is left out: {error}")
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    seconds = 0.2 if args.quick else 2.0
-    rows = []
-    for case, unit, factor in cases(args.seed):
-        rows += time_cases([case], seconds, unit, factor)
+    rows = time_cases(cases(args.seed), 0.2 if args.quick else 2.0)
     report_bench(args, "kinematics", rows)
     return 0

@@ -19,15 +19,22 @@ import sys
 import time
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.measures.timing import Case, Timing, report_bench, time_cases, timing_row
+from feasigrasp.evaluation.measures.timing import (
+    Case,
+    Timing,
+    installed,
+    report_bench,
+    time_cases,
+    timing_row,
+)
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
@@ -47,8 +54,6 @@ V_WO = np.array([0.0, 0.0, 0.2, 0.05, 0.05, 0.0])
 OBJECT_SIZE = 0.05
 #: The peer's memory is n x K: it gets this share of the poses, and its time is divided by it.
 _PEER_SHARE = 0.1
-
-_FILTER = "bench.reachability_filter_ms"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -83,11 +88,11 @@ def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
     reachability, X_WG = Reachability(), X_WO @ grasps.X_OG
     cases: list[Case] = []
     for method in JudgeMethod:
-        judge, name = PoseJudge(reachability, method), f"{_FILTER}.{method}"
+        judge, name = PoseJudge(reachability, method), f"bench.reachability_filter_ms.{method}"
         whole = partial(judge_grasps, n_best=2 * GRASPS, score_share=0.0)
-        cases.append((name, "default", partial(judge.verdicts, X_WG)))
-        cases.append((name, "whole filter", partial(whole, grasps, X_WO, V_WO, judge)))
-    return time_cases(cases, seconds, "ms", 1e3)
+        cases.append(Case(name, "default", partial(judge.verdicts, X_WG)))
+        cases.append(Case(name, "whole filter", partial(whole, grasps, X_WO, V_WO, judge)))
+    return time_cases(cases, seconds)
 
 
 def _em_rows(seed: int, quick: bool) -> list[Row]:
@@ -97,44 +102,32 @@ def _em_rows(seed: int, quick: bool) -> list[Row]:
     poses = PoseBlocks.of(quaternions, positions)
     start = LargeFit(max_iterations=10)
     mixture, _ = fit_large_mixture(poses.subset(rng, 200_000), COMPONENTS, rng, start)
-    size = f"N = {n:,}" if quick else ""
-    repetitions = 5 if quick else 7
-
-    def wall(threads: int) -> list[float]:
-        times = []
-        for _ in tqdm(range(repetitions + 1), desc=f"EM pass, {threads} threads"):
-            begin = time.perf_counter(), time.process_time()
-            em_pass(poses, mixture, threads)
-            # Of one thread, processor time: it leaves out what other processes take away.
-            times.append(
-                time.process_time() - begin[1] if threads == 1 else time.perf_counter() - begin[0]
-            )
-        return sorted(times[1:])
-
+    size = f", N = {n:,}" if quick else ""
     rows = []
     for threads, preset in ((1, "default"), (2, "2 threads")):
-        times = wall(threads)
-        timing = Timing(float(np.median(times)), times[0], times[-1], repetitions)
-        preset = ", ".join(filter(None, (preset, size)))
-        rows.append(timing_row("bench.em_pass_s", preset, timing, "s", 1.0))
-    if find_spec("sklearn"):
+        # Of one thread, processor time: it leaves out what other processes take away.
+        clock = time.process_time if threads == 1 else time.perf_counter
+        times = []
+        for _ in tqdm(range(6 if quick else 8), desc=f"EM pass, {threads} threads"):
+            begin = clock()
+            em_pass(poses, mixture, threads)
+            times.append(clock() - begin)
+        times = sorted(times[1:])
+        timing = Timing(float(np.median(times)), times[0], times[-1], len(times))
+        rows.append(timing_row("bench.em_pass_s", preset + size, timing))
+    if installed("sklearn", "scikit-learn"):
         seconds = _scikit_learn_iteration(quaternions, positions, n, seed)
-        preset = ", ".join(filter(None, ("peer:scikit-learn", size)))
-        rows.append(Row.plain("bench.em_pass_s", preset, seconds, "s", 1))
-    else:
-        print("scikit-learn is not installed: its row is left out")
+        rows.append(Row.plain("bench.em_pass_s", f"peer:scikit-learn{size}", seconds, "s", 1))
     return rows
 
 
 def _reached(n: int, rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Quaternions (n, 4) and positions (n, 3) of reached flange poses, single precision."""
-    arm, parts, count = IiwaArm(), [], 0
+    arm, parts = IiwaArm(), []
     with tqdm(total=n, desc="poses", unit_scale=True) as bar:
-        while count < n:
-            part = sample_reachable_poses(arm, 250_000, rng)
-            parts.append(part)
-            count += len(part.positions)
-            bar.update(len(part.positions))
+        while bar.n < n:
+            parts.append(sample_reachable_poses(arm, 250_000, rng))
+            bar.update(len(parts[-1].positions))
     quaternions = np.concatenate([part.quaternions for part in parts])[:n]
     return quaternions, np.concatenate([part.positions for part in parts])[:n]
 
@@ -147,11 +140,8 @@ def _scikit_learn_iteration(
     What three iterations take more than one, halved, so that initialisation does not count.
     """
     few = int(_PEER_SHARE * n)
-    w = np.clip(np.abs(quaternions[:few, :1]), 0.0, 1.0)
-    v = quaternions[:few, 1:] * np.sign(quaternions[:few, :1])
-    angle = 2.0 * np.arccos(w)
-    axis = v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-9)
-    X = np.hstack([angle * axis, positions[:few]]).astype(float)
+    turns = Rotation.from_quat(quaternions[:few], scalar_first=True).as_rotvec()
+    X = np.hstack([turns, positions[:few]])
 
     def fit(iterations: int) -> float:
         mixture = import_module("sklearn.mixture").GaussianMixture(
@@ -176,8 +166,7 @@ def _fit_row(args: argparse.Namespace) -> Row:
     shutil.rmtree(folder, ignore_errors=True)
     command = [sys.executable, "-m", "feasigrasp.cli", "fit", "reachability"]
     command += ["--out", str(folder), "--seed", str(args.seed), "--jobs", str(args.jobs)]
-    command += ["--components", str(COMPONENTS)]
-    command += ["--samples", "300000"] if args.quick else []
+    command += ["--components", str(COMPONENTS), *(["--samples", "300000"] if args.quick else [])]
     begin = time.perf_counter()
     done = subprocess.run(command, check=False)
     seconds = time.perf_counter() - begin

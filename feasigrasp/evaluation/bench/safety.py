@@ -15,6 +15,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache, partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -66,8 +67,7 @@ def ticks(n: int, seed: int, safety: Safety) -> list[State]:
         safety: The QP that the arm is under.
     """
     rng = np.random.default_rng(seed)
-    free: list[State] = []
-    close: list[State] = []
+    free, close = list[State](), list[State]()
     while len(close) < n // 2:
         q, last, V = _start(rng), np.zeros(IIWA_7.joints), np.zeros(6)
         for k in range(RUN):
@@ -118,7 +118,7 @@ def judge(
     """
     outcome = {key: np.full(len(states), np.nan) for key in (*KINDS, "error")}
     options = safety.options
-    weights = np.array([options.rotation_weight] * 3 + [1.0] * 3)
+    weights = _weights(options)
     change = options.acceleration_scale * options.period * IIWA_7.acceleration_limits
     for k, (s, qd) in enumerate(zip(states, commands, strict=True)):
         if qd is None or not np.isfinite(qd).all():
@@ -134,16 +134,16 @@ def judge(
 def rows_of(name: str, preset: str, outcome: dict[str, Array]) -> list[Row]:
     """The rows about one law or solver, all but the first over the ticks that have a command."""
     answered = np.isfinite(outcome["error"])
-    silent = 100 * float(np.mean(~answered))
     n = int(answered.sum())
-    found = [Row.plain(f"{name}_no_answer_percent", preset, silent, "%", len(answered))]
-    for kind in KINDS if n else ():
-        broken = 100 * float(np.mean(outcome[kind][answered] > TOLERANCE))
-        found.append(Row.plain(f"{name}_{kind}_broken_percent", preset, broken, "%", n))
+    silent = 100 * np.mean(~answered)
+    rows = [Row.plain(f"{name}_no_answer_percent", preset, silent, "%", len(answered))]
     if n:
-        mean = 1e3 * float(outcome["error"][answered].mean())
-        found.append(Row.plain(f"{name}_error_mm_s", preset, mean, "mm/s", n))
-    return found
+        for kind in KINDS:
+            broken = 100 * np.mean(outcome[kind][answered] > TOLERANCE)
+            rows.append(Row.plain(f"{name}_{kind}_broken_percent", preset, broken, "%", n))
+        error = 1e3 * outcome["error"][answered].mean()
+        rows.append(Row.plain(f"{name}_error_mm_s", preset, error, "mm/s", n))
+    return rows
 
 
 @contextmanager
@@ -161,18 +161,26 @@ def _quiet() -> Iterator[None]:
         os.close(kept)
 
 
-def solve_law(solver: Solver, weights: Array, damping: float) -> Law:
+def solve_law(solver: Solver, options: SafetyOptions) -> Law:
     """A law out of a solver of the QP; its matrices are made beforehand."""
-    made: dict[int, tuple[Array, Array]] = {}
+    weights, damping = _weights(options), options.damping
 
-    def law(s: State) -> Array | None:
-        if id(s) not in made:
-            WJ = weights[:, None] * s.J
-            H = WJ.T @ WJ + damping * np.eye(IIWA_7.joints)
-            made[id(s)] = H, -(WJ.T @ (weights * s.V)) - damping * s.qd_preferred
-        return solver(*made[id(s)], s.rows, s.lower, s.upper)
+    @cache
+    def problem(s: State) -> tuple[Array, Array]:
+        WJ = weights[:, None] * s.J
+        H = WJ.T @ WJ + damping * np.eye(IIWA_7.joints)
+        return H, -(WJ.T @ (weights * s.V)) - damping * s.qd_preferred
 
-    return law
+    return lambda s: solver(*problem(s), s.rows, s.lower, s.upper)
+
+
+def _weights(options: SafetyOptions) -> Array:
+    """Of the rows of a twist, angular and linear."""
+    return np.array([options.rotation_weight] * 3 + [1.0] * 3)
+
+
+def _all_of(law: Law, states: Sequence[State]) -> list[Array | None]:
+    return [law(s) for s in states]
 
 
 def main(args: argparse.Namespace) -> int:
@@ -180,7 +188,6 @@ def main(args: argparse.Namespace) -> int:
     options = SafetyOptions()
     safety = Safety(options)
     states = ticks(QUICK_TICKS if args.quick else TICKS, args.seed, safety)
-    weights = np.array([options.rotation_weight] * 3 + [1.0] * 3)
     laws: dict[tuple[str, str], Law] = {
         ("bench.safety", "default"): package(safety),
         ("bench.safety", "peer:saturation-in-null-space"): saturation_in_the_null_space,
@@ -189,22 +196,18 @@ def main(args: argparse.Namespace) -> int:
         ("bench.safety", "peer:drake-system"): drake_system(options),
     }
     for preset, solver in solvers().items():
-        laws["bench.safety_qp", preset] = solve_law(solver, weights, options.damping)
-    rows: list[Row] = []
-    raw: list[list[object]] = []
+        laws["bench.safety_qp", preset] = solve_law(solver, options)
+    rows, raw = list[Row](), list[tuple[object, ...]]()
     with threadpool_limits(1):
         for (name, preset), law in tqdm(laws.items(), desc="safety"):
             with _quiet():
-                commands = [law(s) for s in states]
-                timing = cpu_time(
-                    lambda law=law: [law(s) for s in states],  # type: ignore[misc]
-                    0.5 if args.quick else 4.0,
-                )
-            rows.append(timing_row(f"{name}_us", preset, timing, "us", 1e6 / len(states)))
+                commands = _all_of(law, states)
+                timing = cpu_time(partial(_all_of, law, states), 0.5 if args.quick else 4.0)
+            rows.append(timing_row(f"{name}_us", preset, timing, len(states)))
             outcome = judge(states, commands, safety)
             rows += rows_of(name, preset, outcome)
-            for k in range(len(states)):
-                raw.append([name, preset, k, *(float(column[k]) for column in outcome.values())])
+            figures = np.column_stack(list(outcome.values())).tolist()
+            raw += [(name, preset, k, *line) for k, line in enumerate(figures)]
     write_csv(args.out / "ticks.csv", raw, ("name", "preset", "tick", *KINDS, "error"))
     report_bench(args, "safety", rows)
     return 0

@@ -28,7 +28,6 @@ from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
 
@@ -42,22 +41,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def cases(view: PartialView) -> Iterator[Case]:
-    """What is timed on one view: row name, preset, function."""
+    """What is timed on one view."""
     network = load_grasp_network()
-    sampler, antipodal = NetworkSampler(network=network, n_points=POINTS), AntipodalSampler()
+    sampler = NetworkSampler(network=network, n_points=POINTS)
     cloud = fused([view])
     field = complete_shape(cloud, max_points=POINTS)
     surface = grasp_input(field, POINTS)
+    forward = f"bench.network_forward_ms.{NETWORK_POINTS}"
     for preset in ("default", "paper"):
         other, large = load_grasp_network(preset), grasp_input(field, NETWORK_POINTS)
-        yield f"bench.network_ms.{NETWORK_POINTS}", preset, partial(other.propose, large)
+        yield Case(f"bench.network_ms.{NETWORK_POINTS}", preset, partial(other.propose, large))
         features = contact_features(large.points, large.normals, large.scalars)
-        forward = f"bench.network_forward_ms.{NETWORK_POINTS}"
-        yield forward, preset, partial(other.propose_at, features)
-    yield forward, "peer:torch", partial(network.heads, features)
-    yield forward, "peer:torch.jit", traced_heads(network.network, features)
-    yield "bench.perception_ms", "default", lambda: cloud_to_grasps(view, sampler)
-    yield "bench.perception_ms", "antipodal", lambda: cloud_to_grasps(view, antipodal)
+        yield Case(forward, preset, partial(other.propose_at, features))
+    yield Case(forward, "peer:torch", partial(network.heads, features))
+    yield Case(forward, "peer:torch.jit", traced_heads(network.network, features))
+    for preset, used in (("default", sampler), ("antipodal", AntipodalSampler())):
+        yield Case("bench.perception_ms", preset, partial(cloud_to_grasps, view, used))
     X_OG, width, prior = sampler.candidates(field)
     parts: dict[str, Callable[[], object]] = {
         "smoothing": lambda: fused([view]),
@@ -69,7 +68,7 @@ def cases(view: PartialView) -> Iterator[Case]:
         "filter": lambda: filter_grasps(field, X_OG, width, sampler.gripper, prior=prior),
     }
     for part, function in parts.items():
-        yield f"bench.perception_part_ms.{part}", "default", function
+        yield Case(f"bench.perception_part_ms.{part}", "default", function)
 
 
 def traced_heads(network: nn.Module, features: ContactFeatures) -> Callable[[], object]:
@@ -94,8 +93,7 @@ def traced_heads(network: nn.Module, features: ContactFeatures) -> Callable[[], 
 
 def cloud_to_grasps(view: PartialView, sampler: GraspSamplerFn) -> object:
     """Everything between a camera's points and filtered grasps."""
-    field: Gpdf = complete_shape(fused([view]), max_points=POINTS)
-    return sampler(field)
+    return sampler(complete_shape(fused([view]), max_points=POINTS))
 
 
 def main(args: argparse.Namespace) -> int:
@@ -104,6 +102,6 @@ def main(args: argparse.Namespace) -> int:
     rng = np.random.default_rng(args.seed)
     view = viewed.view(turning_views(rng, viewed.center, 1)[0], rng)
     torch.set_num_threads(1)
-    rows = time_cases(cases(view), 0.5 if args.quick else 3.0, "ms", 1e3)
+    rows = time_cases(cases(view), 0.5 if args.quick else 3.0)
     report_bench(args, "sampler", rows)
     return 0

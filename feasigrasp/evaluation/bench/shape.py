@@ -10,7 +10,6 @@ import argparse
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 
 import numpy as np
 import torch
@@ -18,7 +17,14 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.measures.timing import Case, Timing, cpu_time, report_bench, timing_row
+from feasigrasp.evaluation.measures.timing import (
+    Case,
+    Timing,
+    cpu_time,
+    installed,
+    report_bench,
+    timing_row,
+)
 from feasigrasp.evaluation.peers.shape import (
     PRESETS,
     ValidationStep,
@@ -47,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def cases(cloud: Array, seed: int) -> Iterator[Case]:
-    """What is timed: row name, preset, function.
+    """What is timed.
 
     Args:
         cloud: Cloud of one object, shape (n, 3) [m].
@@ -55,38 +61,34 @@ def cases(cloud: Array, seed: int) -> Iterator[Case]:
     """
     rng = np.random.default_rng(seed)
     for n in SIZES:
-        points = cloud[farthest_points(cloud, n)]
-        yield f"bench.gpdf_fit_ms.{n}", "default", partial(fit_from_points, points)
+        name, points = f"bench.gpdf_fit_ms.{n}", cloud[farthest_points(cloud, n)]
+        yield Case(name, "default", partial(fit_from_points, points))
         factorize, copy = potrf_with_copy(points)
-        yield f"bench.gpdf_fit_ms.{n}", "potrf and copy", factorize
-        yield f"bench.gpdf_fit_ms.{n}", "copy", copy
-        for peer, fit in peer_fits(points):
-            yield f"bench.gpdf_fit_ms.{n}", peer, fit
+        yield Case(name, "potrf and copy", factorize)
+        yield Case(name, "copy", copy)
+        if installed("sklearn", "scikit-learn"):
+            process = import_module("sklearn.gaussian_process")
+            kernel = process.kernels.Matern(PAPER["length_scale"], "fixed", nu=0.5)
+            regressor = process.GaussianProcessRegressor(
+                kernel, alpha=PAPER["noise_variance"], optimizer=None
+            )
+            targets = np.ones(len(points))
+            yield Case(name, "peer:scikit-learn", partial(regressor.fit, points, targets))
         for preset in PRESETS:
-            yield f"bench.gpdf_fit_whole_ms.{n}", preset, partial(whole_fit, cloud, preset, n)
-            yield f"bench.validation_ms.{n}", preset, ValidationStep.of(cloud, preset, n, seed)
+            whole = partial(whole_fit, cloud, preset, n)
+            yield Case(f"bench.gpdf_fit_whole_ms.{n}", preset, whole)
+            step = ValidationStep.of(cloud, preset, n, seed)
+            yield Case(f"bench.validation_ms.{n}", preset, step)
     field = fit_from_points(points)
     low, high = field.bounds + [[-0.1], [0.1]]
     x = rng.uniform(low, high, (QUERIES, 3))
-    yield "bench.gpdf_query_ms", "default", lambda: field.distance_and_gradient(x)
-    in_numpy, in_torch = numpy_query(field), torch_query(field)
-    yield "bench.gpdf_query_ms", "peer:numpy", lambda: _in_parts(in_numpy, x)
     single = torch.as_tensor(x, dtype=torch.float32)
-    yield "bench.gpdf_query_ms", "peer:torch", lambda: _in_parts(in_torch, single)
-
-
-def peer_fits(points: Array) -> Iterator[tuple[str, Callable[[], object]]]:
-    """The same fit by other packages, where they are installed."""
-    targets = np.ones(len(points))
-    if find_spec("sklearn"):
-        process = import_module("sklearn.gaussian_process")
-        kernel = process.kernels.Matern(PAPER["length_scale"], "fixed", nu=0.5)
-        regressor = process.GaussianProcessRegressor(
-            kernel, alpha=PAPER["noise_variance"], optimizer=None
-        )
-        yield "peer:scikit-learn", lambda: regressor.fit(points, targets)
-    else:
-        print("scikit-learn is not installed: its rows are left out")
+    for preset, query in (
+        ("default", partial(field.distance_and_gradient, x)),
+        ("peer:numpy", partial(_in_parts, numpy_query(field), x)),
+        ("peer:torch", partial(_in_parts, torch_query(field), single)),
+    ):
+        yield Case("bench.gpdf_query_ms", preset, query)
 
 
 def _in_parts(query: Callable, x: NDArray | torch.Tensor) -> list:  # type: ignore[type-arg]
@@ -98,13 +100,13 @@ def timed(cloud: Array, seed: int, seconds: float) -> dict[tuple[str, str], Timi
     """Times all cases, by row name and preset; LAPACK's factorization without the copying."""
     found = {
         (name, preset): cpu_time(function, seconds)
-        for name, preset, function in tqdm(cases(cloud, seed), desc="shape", unit="case")
+        for name, preset, function, _ in tqdm(cases(cloud, seed), desc="shape", unit="case")
     }
     for n in SIZES:
         name = f"bench.gpdf_fit_ms.{n}"
-        both, copy = found.pop((name, "potrf and copy")), found.pop((name, "copy")).median
+        both, copy = found.pop((name, "potrf and copy")), found.pop((name, "copy")).value
         found[name, "peer:potrf"] = Timing(
-            both.median - copy, both.low - copy, both.high - copy, both.n
+            both.value - copy, both.low - copy, both.high - copy, both.n
         )
     return found
 
@@ -115,10 +117,10 @@ def main(args: argparse.Namespace) -> int:
     torch.set_num_threads(1)
     with threadpool_limits(1):
         timings = timed(partial_cloud(name, args.seed), args.seed, 0.2 if args.quick else 2.0)
-    rows = [timing_row(name, preset, t, "ms", 1e3) for (name, preset), t in sorted(timings.items())]
+    rows = [timing_row(name, preset, t) for (name, preset), t in sorted(timings.items())]
     for n in SIZES:
         own, peer = (timings[f"bench.gpdf_fit_ms.{n}", of] for of in ("default", "peer:potrf"))
-        ratio = own.median / peer.median
+        ratio = own.value / peer.value
         rows.append(Row.plain(f"bench.gpdf_fit_over_potrf.{n}", "default", ratio, "", own.n))
     report_bench(args, "shape", rows)
     return 0

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
 from feasigrasp.models.grasps.network.contact_features import contact_features
 from feasigrasp.models.grasps.network.network import GraspNetwork
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.finished import Record
-from feasigrasp.results.statistics import CONFIDENCE, Estimate
 from feasigrasp.training.data.grasp_labels import best_labels, find_pairs
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 
@@ -24,7 +19,6 @@ from feasigrasp.training.data.grasp_truth import TrueGrasps
 TRIED = 128
 #: An object can be grasped if valid grasps start at so many of the points of its true surface.
 GRASPABLE = 10
-_RESAMPLES = 500
 #: Modes of approach whose scores differ by less are in any order.
 _SAME_SCORE = 1e-7
 
@@ -50,15 +44,17 @@ def proposal_measures(
     at = np.flatnonzero(labels.contact)
     some = at[:: -(-len(at) // TRIED)] if len(at) else at
     b, width = proposals.closing[some], proposals.width[some]
-    X_OG = np.tile(np.eye(4), (len(some), 1, 1))
     z = proposals.approach[some, 0]
-    X_OG[:, :3, :3] = np.stack([b, np.cross(z, b), z], axis=2)
-    X_OG[:, :3, 3] = points[some] + 0.5 * width[:, None] * b
+    R = np.stack([b, np.cross(z, b), z], axis=2)
+    X_OG = se3.make_pose(R, points[some] + 0.5 * width[:, None] * b)
     free = truth.hand_free(X_OG, gripper) | truth.hand_free(X_OG @ FLIP, gripper)
     return {
         "contact": proposals.contact.round(5).tolist(),
         "is_contact": labels.contact.astype(int).tolist(),
-        "width_error": _nearest_width(pairs.point, pairs.width, at, proposals.width[at]),
+        "width_error": [
+            round(float(np.abs(pairs.width[pairs.point == i] - proposals.width[i]).min()), 6)
+            for i in at
+        ],
         "closing_error": pairs.closing_error_deg(at, proposals.closing[at]).round(4).tolist(),
         "approach_free": free.astype(int).tolist(),
     }
@@ -119,40 +115,3 @@ def equivariance_error(network: GraspNetwork, surface: GraspInput, seed: int) ->
     clear = np.abs(np.diff(moved.approach_score, axis=1)).min(axis=1, initial=1.0) > _SAME_SCORE
     errors.append((still.approach[order] @ R.T - moved.approach)[clear])
     return max(float(np.abs(error).max(initial=0.0)) for error in errors)
-
-
-def average_precision(score: Array, positive: Mask) -> float:
-    """Mean of the precision at every positive as the threshold falls; ties in any order.
-
-    The area under the precision-recall curve without interpolation; NaN without a positive.
-    """
-    hits = positive[np.argsort(-score, kind="stable")].astype(float)
-    if not hits.any():
-        return float("nan")
-    precision = np.cumsum(hits) / np.arange(1, len(hits) + 1)
-    return float((precision * hits).sum() / hits.sum())
-
-
-def resampled(
-    items: Sequence[Any], statistic: Callable[[Sequence[Any]], float], seed: int = 0
-) -> Estimate:
-    """A statistic of items (objects), with the interval that resampling the items gives."""
-    rng = np.random.default_rng(seed)
-    value, n = statistic(items), len(items)
-    if n < 2:
-        return Estimate(value, None, None, n)
-    drawn = [statistic([items[i] for i in rng.integers(0, n, n)]) for _ in range(_RESAMPLES)]
-    tail = 50.0 * (1.0 - CONFIDENCE)
-    low, high = np.nanpercentile(drawn, [tail, 100.0 - tail])
-    return Estimate(value, float(low), float(high), n)
-
-
-def _nearest_width(
-    point: Indices, width: Array, at: NDArray[np.intp], predicted: Array
-) -> list[float]:
-    """Least error of widths predicted at points among the valid ones there [m]."""
-    errors = [
-        float(np.abs(width[point == index] - w).min())
-        for index, w in zip(at, predicted, strict=True)
-    ]
-    return [round(error, 6) for error in errors]

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.spatial.distance import pdist
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -26,7 +27,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.results.markdown import markdown_table
 from feasigrasp.results.rows import Row
-from feasigrasp.results.statistics import Estimate, mean, proportion
+from feasigrasp.results.statistics import Estimate, mean
 
 #: Draws one configuration (n, 7) of each pose (n, 4, 4); NaN where it finds none.
 Source = Callable[[Array, int], Array]
@@ -34,7 +35,7 @@ Source = Callable[[Array, int], Array]
 #: A solution reaches its pose below these errors.
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 1e-3, np.deg2rad(1.0)
 #: Arm angles that the closed form tries for a pose before it gives up.
-LARGEST_TRIES = 1000
+LARGEST_TRIES, _TRIES_AT_ONCE = 1000, 16
 #: Steps of damped least squares from a random seed before it gives up, and their damping.
 LARGEST_STEPS, DAMPING = 100, 0.05
 #: Steps between two looks at which poses are reached.
@@ -48,8 +49,7 @@ _REPEATS = 5
 _STREAM = (0, 1)
 
 
-@dataclass(frozen=True)
-class Sizes:
+class Sizes(NamedTuple):
     """How many poses errors are taken from, diversity is taken from, and are timed at once."""
 
     errors: int
@@ -84,14 +84,12 @@ def from_closed_form(X_WF: Array, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     q = np.full((len(X_WF), IIWA_7.joints), np.nan)
     missing = np.arange(len(X_WF))
-    tries, left = 16, LARGEST_TRIES
-    while len(missing) and left > 0:
-        psi = rng.uniform(-np.pi, np.pi, (len(missing), tries))
+    for _ in range(0, LARGEST_TRIES, _TRIES_AT_ONCE):
+        psi = rng.uniform(-np.pi, np.pi, (len(missing), _TRIES_AT_ONCE))
         found = q[missing]
         _closed_form_kernel(X_WF[missing], psi, rng.random(psi.shape), found)
         q[missing] = found
         missing = missing[np.isnan(found[:, 0])]
-        left -= tries
     return q
 
 
@@ -103,9 +101,7 @@ def from_random_seeds(X_WF: Array, seed: int) -> Array:
         q[active], position, angle = refine(
             X_WF[active], q[active], _STEPS_AT_ONCE, DAMPING, limit_margin=0.0
         )
-        active = active[~_reached(position, angle)]
-        if len(active) == 0:
-            break
+        active = active[~_close(position, angle)]
     return q
 
 
@@ -151,21 +147,21 @@ def ik_source_rows(seed: int, quick: bool) -> list[Row]:
     poses = reachable_poses(sizes.errors, seed)
     rows: list[Row] = []
     with threadpool_limits(1):
-        exact_diversity = None
+        diversity: dict[str, float] = {}
         for name, source in tqdm(SOURCES.items(), desc="sources", leave=False):
             rows += _error_rows(name, source(poses, seed), poses)
             if name == "flow_unrefined":
                 continue
-            rows.append(_speed_row(name, source, poses[: sizes.timed], seed))
+            speed = _solutions_per_second(source, poses[: sizes.timed], seed)
             distance, branches = _diversity(source, poses[: sizes.diversity], seed)
-            if exact_diversity is None:
-                exact_diversity = distance.value
-            ratio = distance.value / exact_diversity
+            diversity[name] = distance.value
+            ratio = distance.value / diversity["closed_form"]
             rows += [
+                Row.plain("kinematics.solutions_per_s", name, speed, "1/s", _REPEATS),
                 Row.of("kinematics.diversity_rad", name, distance, "rad"),
                 Row.plain("kinematics.diversity_ratio", name, ratio, "1", sizes.diversity),
                 Row.of("kinematics.branches", name, branches, "1"),
-                Row.of("kinematics.jump_percent", name, _jumps(source, poses, seed), "%", 100.0),
+                Row.percent("kinematics.jump_percent", name, _jumps(source, poses, seed)),
             ]
     return rows
 
@@ -188,59 +184,57 @@ def format_source_table(rows: Sequence[Row]) -> str:
     values = {(row.name, row.preset): row.value for row in rows}
     lines = []
     for source in SOURCES:
-        found = [values.get((f"kinematics.{name}", source)) for _, name, _ in columns]
-        forms = zip(found, (form for _, _, form in columns), strict=True)
-        lines.append([source, *("-" if v is None else format(v, form) for v, form in forms)])
+        line = [source]
+        for _, name, form in columns:
+            value = values.get((f"kinematics.{name}", source))
+            line.append("-" if value is None else format(value, form))
+        lines.append(line)
     return markdown_table(["source", *(head for head, _, _ in columns)], lines)
 
 
-def _reached(position: Array, angle: Array) -> Mask:
+def _close(position: Array, angle: Array) -> Mask:
     return (position < POSITION_TOLERANCE) & (angle < ANGLE_TOLERANCE)
+
+
+def _reached(X_WF: Array, q: Array) -> Mask:
+    """Which configurations (n, 7) reach their poses (n, 4, 4)."""
+    return _close(*refine(X_WF, q, 0)[1:])
 
 
 def _error_rows(name: str, q: Array, X_WF: Array) -> list[Row]:
     _, position, angle = refine(X_WF, q, 0)
-    found, n = np.isfinite(position), len(q)
-    reached = found & _reached(position, angle)
-    inside = np.asarray((np.abs(q[reached]) <= IIWA_7.position_limits).all(axis=1))
-    free = ~in_collision(q[reached])
+    found, reached = np.isfinite(position), _close(position, angle)
     mm, deg = 1e3 * position[found], np.rad2deg(angle[found])
-
-    def percent(figure: str, yes: Mask, preset: str = name) -> Row:
-        estimate = proportion(int(yes.sum()), len(yes))
-        return Row.of(f"kinematics.{figure}", preset, estimate, "%", 100.0)
-
-    rows = [
-        Row.plain("kinematics.position_error_mm_median", name, np.median(mm), "mm", len(mm)),
-        Row.of("kinematics.position_error_mm_mean", name, mean(list(mm), lower=0.0), "mm"),
-        Row.plain("kinematics.angle_error_deg_median", name, np.median(deg), "deg", len(deg)),
-        Row.of("kinematics.angle_error_deg_mean", name, mean(list(deg), lower=0.0), "deg"),
-        percent("reached_percent", reached),
-    ]
+    rows = []
+    for figure, errors, unit in (("position", mm, "mm"), ("angle", deg, "deg")):
+        row, average = f"kinematics.{figure}_error_{unit}", mean(errors, lower=0.0)
+        rows.append(Row.plain(f"{row}_median", name, np.median(errors), unit, len(errors)))
+        rows.append(Row.of(f"{row}_mean", name, average, unit))
+    rows.append(Row.percent("kinematics.reached_percent", name, reached))
     if reached.any():
-        rows += [percent("inside_limits_percent", inside), percent("collision_free_percent", free)]
+        inside = (np.abs(q[reached]) <= IIWA_7.position_limits).all(axis=1)
+        free = ~in_collision(q[reached])
+        rows.append(Row.percent("kinematics.inside_limits_percent", name, inside))
+        rows.append(Row.percent("kinematics.collision_free_percent", name, free))
     if name == "flow":
-        below = np.zeros(n, dtype=bool)
-        below[found] = position[found] < POSITION_TOLERANCE
-        rows.append(percent("flow_refined_percent", below, "default"))
+        below = position < POSITION_TOLERANCE
+        rows.append(Row.percent("kinematics.flow_refined_percent", "default", below))
     return rows
 
 
-def _speed_row(name: str, source: Source, X_WF: Array, seed: int) -> Row:
+def _solutions_per_second(source: Source, X_WF: Array, seed: int) -> float:
     source(X_WF[:10], seed)  # compiles
     speeds = []
     for repeat in range(_REPEATS):
         started = time.process_time()
         q = source(X_WF, seed + repeat)
         spent = time.process_time() - started
-        _, position, angle = refine(X_WF, q, 0)
-        speeds.append(float(_reached(position, angle).sum()) / spent)
-    value = float(np.median(speeds))
-    return Row.plain("kinematics.solutions_per_s", name, value, "1/s", _REPEATS)
+        speeds.append(float(_reached(X_WF, q).sum()) / spent)
+    return float(np.median(speeds))
 
 
-def _jumps(source: Source, X_WF: Array, seed: int) -> Estimate:
-    """Share of solutions that do not follow a small motion of their pose."""
+def _jumps(source: Source, X_WF: Array, seed: int) -> Mask:
+    """Which of the solutions that reach their poses do not follow a small motion of them."""
     rng = np.random.default_rng([seed, len(X_WF)])
     along, about = rng.normal(size=(2, len(X_WF), 3))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -248,24 +242,20 @@ def _jumps(source: Source, X_WF: Array, seed: int) -> Estimate:
     moved = X_WF.copy()
     moved[:, :3, 3] += MOVE * along
     moved[:, :3, :3] = se3.so3_exp(TURN * about) @ X_WF[:, :3, :3]
-    solutions = [source(poses, seed) for poses in (X_WF, moved)]
-    errors = [refine(poses, q, 0)[1:] for poses, q in zip((X_WF, moved), solutions, strict=True)]
-    both = _reached(*errors[0]) & _reached(*errors[1])
-    step = np.abs(solutions[1][both] - solutions[0][both]).max(axis=1)
-    return proportion(int((step > JUMP).sum()), len(step))
+    before, after = source(X_WF, seed), source(moved, seed)
+    both = _reached(X_WF, before) & _reached(moved, after)
+    return np.asarray(np.abs(after[both] - before[both]).max(axis=1) > JUMP)
 
 
 def _diversity(source: Source, X_WF: Array, seed: int) -> tuple[Estimate, Estimate]:
     """Mean distance [rad] of two configurations of a pose, and number of branches among them."""
-    q = source(np.repeat(X_WF, PER_POSE, axis=0), seed)
-    _, position, angle = refine(np.repeat(X_WF, PER_POSE, axis=0), q, 0)
-    reached = _reached(position, angle).reshape(-1, PER_POSE)
+    X_WF = np.repeat(X_WF, PER_POSE, axis=0)
+    q = source(X_WF, seed)
+    reached = _reached(X_WF, q).reshape(-1, PER_POSE)
     distances, branches = [], []
     for configurations, valid in zip(q.reshape(-1, PER_POSE, IIWA_7.joints), reached, strict=True):
         some = configurations[valid]
-        if len(some) < 2:
-            continue
-        pairs = np.linalg.norm(some[:, None] - some, axis=2)[np.triu_indices(len(some), 1)]
-        distances.append(float(pairs.mean()))
-        branches.append(float(len(np.unique(some[:, [1, 3, 5]] > 0.0, axis=0))))
+        if len(some) >= 2:
+            distances.append(pdist(some).mean())
+            branches.append(len(np.unique(some[:, [1, 3, 5]] > 0.0, axis=0)))
     return mean(distances, lower=0.0), mean(branches, lower=0.0, upper=8.0)

@@ -9,9 +9,9 @@ import numpy as np
 import trimesh
 
 from feasigrasp.evaluation.measures.level_set import sample_level_set
-from feasigrasp.evaluation.measures.roc import area_under_curve
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.results.statistics import area_under_curve
 from feasigrasp.training.data.views import PartialView, ViewedObject
 
 #: Points on the true surface that a shape is judged by.

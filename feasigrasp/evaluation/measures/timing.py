@@ -7,35 +7,36 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from importlib.util import find_spec
+from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.results.rows import Row, report_rows, write_csv
-
-#: What is timed: row name, preset, function.
-Case = tuple[str, str, Callable[[], object]]
+from feasigrasp.results.statistics import Estimate
 
 #: A repetition is this long, so that the clock's steps do not matter [s].
 REPETITION_S = 2e-3
+#: Units that names of rows end in, and how many are a second.
+_PER_SECOND = {"us": 1e6, "ms": 1e3, "s": 1.0}
+
+
+class Case(NamedTuple):
+    """What is timed: row name, preset, function, and with how many things a call deals."""
+
+    name: str
+    preset: str
+    function: Callable[[], object]
+    items: int = 1
 
 
 @dataclass(frozen=True)
-class Timing:
-    """Processor time of one call.
+class Timing(Estimate):
+    """Processor time of one call: the median of n repetitions and its 95 % interval [s]."""
 
-    Attributes:
-        median: Over the repetitions [s].
-        low: Lower end of the median's 95 % interval, from the order of the repetitions [s].
-        high: Upper end [s].
-        n: Number of repetitions.
-    """
-
-    median: float
     low: float
     high: float
-    n: int
 
 
 def cpu_time(function: Callable[[], object], seconds: float = 1.0) -> Timing:
@@ -67,19 +68,37 @@ def _elapsed(function: Callable[[], object], calls: int) -> float:
     return time.process_time() - start
 
 
-def timing_row(name: str, preset: str, timing: Timing, unit: str, factor: float) -> Row:
-    """A row of a timing; ``factor`` converts seconds per call to ``unit``."""
-    low, high = factor * timing.low, factor * timing.high
-    return Row(name, preset, factor * timing.median, low, high, unit, timing.n)
+def timing_row(name: str, preset: str, timing: Timing, items: int = 1) -> Row:
+    """A row of a timing, in the unit that its name ends in (before a dot and a size).
+
+    Args:
+        name: E.g. ``bench.network_ms.512``; with ``hz``, the row is that of calls per second.
+        preset: What was timed.
+        timing: Of one call.
+        items: The row is the time of one of so many things that a call deals with.
+    """
+    unit = name.split(".")[1].rpartition("_")[2]
+    if unit == "hz":
+        low, high = 1 / timing.high, 1 / timing.low
+        return Row(name, preset, 1 / timing.value, low, high, "Hz", timing.n)
+    return Row.of(name, preset, timing, unit, _PER_SECOND[unit] / items)
 
 
-def time_cases(cases: Iterable[Case], seconds: float, unit: str, factor: float) -> list[Row]:
-    """Times cases on one thread, a row for each; ``factor`` converts seconds to ``unit``."""
+def time_cases(cases: Iterable[Case], seconds: float) -> list[Row]:
+    """Times cases on one thread, a row for each."""
     with threadpool_limits(1):
         return [
-            timing_row(name, preset, cpu_time(function, seconds), unit, factor)
-            for name, preset, function in tqdm(cases, desc="cases", leave=False)
+            timing_row(name, preset, cpu_time(function, seconds), items)
+            for name, preset, function, items in tqdm(cases, desc="cases", leave=False)
         ]
+
+
+def installed(module: str, package: str) -> bool:
+    """Whether a peer's module can be imported; says so if not."""
+    found = find_spec(module) is not None
+    if not found:
+        print(f"{package} is not installed: its rows are left out")
+    return found
 
 
 def report_bench(

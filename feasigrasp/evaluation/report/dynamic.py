@@ -107,23 +107,18 @@ def _ours(found: Rows, trajectory: str) -> list[tuple[str, str]]:
 
 
 def _table_2(found: Rows) -> str:
-    lines = []
+    lines, digits_of = [], [digits for _, digits, _ in TABLE_2_COLUMNS.values()]
     for trajectory, methods in TABLE_2.items():
         entries: list[tuple[str, list[float], list[str]]] = []
         for method, figures in methods.items():
             texts = [
-                f"{mean:.{digits}f} ({deviation:.{digits}f})"
-                for (mean, deviation), (_, digits, _) in zip(
-                    figures, TABLE_2_COLUMNS.values(), strict=True
-                )
+                f"{mean:.{d}f} ({deviation:.{d}f})"
+                for (mean, deviation), d in zip(figures, digits_of, strict=True)
             ]
             entries.append((f"paper: {method}", [mean for mean, _ in figures], texts))
         for label, preset in _ours(found, trajectory):
             ours = [found[preset, name] for name in TABLE_2_COLUMNS]
-            texts = [
-                _figure(row, digits)
-                for row, (_, digits, _) in zip(ours, TABLE_2_COLUMNS.values(), strict=True)
-            ]
+            texts = [_figure(row, d) for row, d in zip(ours, digits_of, strict=True)]
             entries.append((f"**{label}**", [row.value for row in ours], texts))
         for column, (_, digits, more) in enumerate(TABLE_2_COLUMNS.values()):
             values = [round(entry[1][column], digits) for entry in entries]

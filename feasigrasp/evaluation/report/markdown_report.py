@@ -80,11 +80,8 @@ def _section(file: Path) -> str:
 
 
 def _origin(summary: dict[str, Any]) -> str:
-    versions = ", ".join(
-        f"{name} {summary['versions'][name]}"
-        for name in ("python", "drake", "numpy")
-        if name in summary["versions"]
-    )
+    found = summary["versions"]
+    versions = ", ".join(f"{n} {found[n]}" for n in ("python", "drake", "numpy") if n in found)
     quick = " A quick sample, no result to rely on." if summary.get("quick") else ""
     return f"Revision {summary['git']}, seed {summary['seed']}; {versions}.{quick}"
 

@@ -31,13 +31,10 @@ TABLE_2: dict[str, dict[str, tuple[tuple[float, float], ...]]] = {
 
 #: Components of the mixture -> frequency of the task-space controller [Hz].
 TABLE_3_TASK = dict(
-    zip(range(1, 11), (106.6, 99.4, 95.7, 90.2, 88.6, 85.2, 83.1, 81.1, 79.4, 78.2), strict=True)
+    enumerate((106.6, 99.4, 95.7, 90.2, 88.6, 85.2, 83.1, 81.1, 79.4, 78.2), start=1)
 )
 #: Samples of the Gaussian process -> frequency of the joint-space controller [Hz].
-TABLE_3_JOINT = dict(
-    zip(
-        range(10, 101, 10),
-        (22.4, 18.3, 16.7, 17.2, 16.0, 15.1, 15.8, 14.8, 14.1, 13.9),
-        strict=True,
-    )
-)
+TABLE_3_JOINT = {
+    10: 22.4, 20: 18.3, 30: 16.7, 40: 17.2, 50: 16.0,
+    60: 15.1, 70: 15.8, 80: 14.8, 90: 14.1, 100: 13.9,
+}  # fmt: skip

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import zlib
+from collections.abc import Mapping
 
 import numpy as np
 import trimesh
@@ -21,7 +22,6 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import proportion
 from feasigrasp.training.data.grasp_labels import find_pairs
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.household_shapes import FAMILIES, make_shape
@@ -55,12 +55,9 @@ def sample_grasps(
     pairs = find_pairs(truth, np.asarray(points), normals, gripper, rng)
     some = rng.permutation(len(pairs.point))[: count - count // 2]
     turned = pairs.turned()
+    middle = pairs.contact + 0.5 * pairs.width[:, None] * pairs.closing
     valid = [
-        _frame(
-            pairs.closing[i],
-            turned[i, rng.choice(np.flatnonzero(pairs.free[i]))],
-            pairs.contact[i] + 0.5 * pairs.width[i] * pairs.closing[i],
-        )
+        _frame(pairs.closing[i], turned[i, rng.choice(np.flatnonzero(pairs.free[i]))], middle[i])
         for i in some
     ]
     skew = _skew_lines(truth, np.asarray(points), normals, gripper, rng)
@@ -68,11 +65,10 @@ def sample_grasps(
     free = truth.hand_free(candidates, gripper)
     closed = truth.close(candidates, gripper.max_opening)
     is_valid = free & truth.truly_antipodal(candidates, gripper.max_opening)
-    good = np.flatnonzero(is_valid[: len(valid)])
-    bad = len(valid) + np.flatnonzero(
-        free[len(valid) :] & ~is_valid[len(valid) :] & np.isfinite(closed.width[len(valid) :])
-    )
-    chosen = np.concatenate([good, bad[: count // 2]]).astype(int)
+    is_skew = np.arange(len(candidates)) >= len(valid)
+    good = np.flatnonzero(is_valid & ~is_skew)
+    bad = np.flatnonzero(free & ~is_valid & np.isfinite(closed.width) & is_skew)
+    chosen = np.concatenate([good, bad[: count // 2]])
     return candidates[chosen], is_valid[chosen], closed.cosine[chosen]
 
 
@@ -95,32 +91,31 @@ def summary_rows(records: list[Record]) -> list[Row]:
     for preset, wanted in (("valid", True), ("not antipodal", False)):
         group = [r["held"] for r in records if r["valid"] == wanted]
         if group:
-            share = proportion(sum(group), len(group))
-            rows.append(Row.of("labels.held_percent", preset, share, "%", 100.0))
+            rows.append(Row.percent("labels.held_percent", preset, group))
     agree = [r["held"] == r["valid"] for r in records]
     if agree:
-        share = proportion(sum(agree), len(agree))
-        rows.append(Row.of("labels.agreement_percent", "all", share, "%", 100.0))
+        rows.append(Row.percent("labels.agreement_percent", "all", agree))
     return rows
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     shapes, grasps = (1, 4) if args.quick else (args.shapes, args.grasps)
-    objects: dict[str, tuple[str, int] | str] = {
-        f"{family}_{i}": (family, FIRST_SEED + 1000 * args.seed + i)
-        for family in FAMILIES
-        for i in range(shapes)
-    }
+    objects: Mapping[str, tuple[str, int] | str]
     if args.objects is not None:
-        objects = {**select_objects(args.objects)}
+        objects = select_objects(args.objects)
+    else:
+        objects = {
+            f"{family}_{i}": (family, FIRST_SEED + 1000 * args.seed + i)
+            for family in FAMILIES
+            for i in range(shapes)
+        }
     settings = {"grasps": grasps, "seed": args.seed}
     finished = finish_all(
         objects, args.out / "objects", settings, try_object, jobs=args.jobs, desc="grasp labels"
     )
     records = [r for name in objects for r in finished[name]]
-    heads = ("object", "valid", "cosine", "held", "why")
-    write_csv(args.out / "grasps.csv", records, heads)
+    write_csv(args.out / "grasps.csv", records, ("object", "valid", "cosine", "held", "why"))
     report_rows(args, "evaluate grasp-labels", summary_rows(records))
     return 0
 

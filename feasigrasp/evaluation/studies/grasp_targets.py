@@ -9,6 +9,8 @@ A pose passes if it does with the width of any grasp of the set.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from operator import itemgetter
 
 import numpy as np
 import trimesh
@@ -16,18 +18,17 @@ from tqdm import tqdm
 
 from feasigrasp.evaluation.runs.rollout import object_grasps
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
+from feasigrasp.models.control.task.grasp_mixture import fit_grasp_mixture
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.mixtures.ascent import ascent_direction
 from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
-from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import mean
+from feasigrasp.results.statistics import grouped, mean
 
 _STARTS = 32  # hand poses from which the ascent is followed
 _STEPS = 300
@@ -50,15 +51,10 @@ def main(args: argparse.Namespace) -> int:
     for name, model in tqdm(objects.items(), unit="object"):
         parts += [(name, what, share) for what, share in _shares(model, args).items()]
     write_csv(args.out / "objects.csv", parts, ("object", "target", "valid_percent"))
-    rows = [
-        Row.of(
-            "targets.valid_percent",
-            what,
-            mean([share for _, other, share in parts if other == what], 0.0, 100.0),
-            "%",
-        )
-        for what in dict.fromkeys(what for _, what, _ in parts)
-    ]
+    rows = []
+    for what, group in grouped(parts, itemgetter(1)).items():
+        average = mean([share for _, _, share in group], 0.0, 100.0)
+        rows.append(Row.of("targets.valid_percent", what, average, "%"))
     report_rows(args, "evaluate grasp-targets", rows)
     return 0
 
@@ -79,27 +75,23 @@ def _shares(model: str, args: argparse.Namespace) -> dict[str, float]:
     targets = {
         f"mean, K = {args.components}": plain.means,
         "mean, K by BIC": best.mixture.means,
-        "ascent to means": _climb(best.mixture, X_OH),
+        "ascent to means": _climb(X_OH, lambda X: 0.05 * ascent_direction(best.mixture, X)),
         "medoid": best.targets.means,
-        "ascent to medoids": _climb(best.targets, X_OH),
-        "gradient to means": _climb_gradient(best.mixture, X_OH),
+        "ascent to medoids": _climb(X_OH, lambda X: 0.05 * ascent_direction(best.targets, X)),
+        "gradient to means": _climb(
+            X_OH, lambda X: _NARROWEST * best.mixture.log_density_gradient(X)
+        ),
     }
-    return {what: _valid_percent(field, X, best, grasps.width) for what, X in targets.items()}
+    return {what: _valid_percent(field, X, grasps.width) for what, X in targets.items()}
 
 
-def _climb(mixture: RiemannianMixture, X: Array) -> Array:
+def _climb(X: Array, step: Callable[[Array], Array]) -> Array:
     for _ in range(_STEPS):
-        X = X @ se3.exp(0.05 * ascent_direction(mixture, X))
+        X = X @ se3.exp(step(X))
     return X
 
 
-def _climb_gradient(mixture: RiemannianMixture, X: Array) -> Array:
-    for _ in range(_STEPS):
-        X = X @ se3.exp(_NARROWEST * mixture.log_density_gradient(X))
-    return X
-
-
-def _valid_percent(field: Gpdf, X_OG: Array, mixture: GraspMixture, widths: Array) -> float:
+def _valid_percent(field: Gpdf, X_OG: Array, widths: Array) -> float:
     """Share of poses that are a grasp with one of the widths."""
     gripper = ParallelGripper()
     tried = np.quantile(widths, np.linspace(0.0, 1.0, 12))

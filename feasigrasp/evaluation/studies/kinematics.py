@@ -25,7 +25,6 @@ from feasigrasp.models.robot.self_collision import in_collision, min_distance
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.finished import finish
 from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
-from feasigrasp.results.statistics import proportion
 
 #: A configuration counts as found again within this [rad].
 SAME_CONFIGURATION = 1e-6
@@ -40,14 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser, out="out/evaluate_kinematics", objects="builtin")
 
 
-def random_configurations(n: int, rng: np.random.Generator) -> Array:
-    """Configurations uniform inside the joint limits, shape (n, 7) [rad]."""
-    return IIWA_7.random_positions(rng, n)
-
-
 def folded_configurations(n: int, rng: np.random.Generator) -> Array:
     """Configurations bent back towards the base, of which a quarter is in collision, (n, 7)."""
-    Q = random_configurations(n, rng)
+    Q = IIWA_7.random_positions(rng, n)
     side = np.sign(Q[:, :1])
     Q[:, [2, 4]] *= 0.2
     Q[:, [1, 3, 5]] = side * np.abs(Q[:, [1, 3, 5]]) * (1, -1, 1)
@@ -57,7 +51,7 @@ def folded_configurations(n: int, rng: np.random.Generator) -> Array:
 
 def forward_rows(n: int, seed: int, folder: Path) -> list[Row]:
     """Largest differences from Drake's plant over ``n`` random configurations."""
-    Q = random_configurations(n, np.random.default_rng([seed, 0]))
+    Q = IIWA_7.random_positions(np.random.default_rng([seed, 0]), n)
     X, J = pose_and_jacobian(Q)
     X_drake, J_drake = DrakeArm().pose_and_jacobian(Q)
     position = np.linalg.norm((X - X_drake)[:, :3, 3], axis=1)
@@ -74,7 +68,7 @@ def forward_rows(n: int, seed: int, folder: Path) -> list[Row]:
 def inverse_rows(n: int, seed: int, folder: Path) -> list[Row]:
     """Closed form: residual of all its solutions, and configurations found again."""
     rng = np.random.default_rng([seed, 1])
-    Q = random_configurations(n, rng)
+    Q = IIWA_7.random_positions(rng, n)
     X_WF = forward_kinematics(Q)
     psis = rng.uniform(-np.pi, np.pi, n)
     position, rotation, away = np.empty(n), np.empty(n), np.empty(n)
@@ -89,11 +83,10 @@ def inverse_rows(n: int, seed: int, folder: Path) -> list[Row]:
     # Without solutions they are NaN.
     position, rotation, away = (np.nan_to_num(x, nan=np.inf) for x in (position, rotation, away))
     _write(folder / "inverse.csv", "position_m,rotation_rad,away_rad", position, rotation, away)
-    found = proportion(int((away <= SAME_CONFIGURATION).sum()), n)
-    residual = float(max(position.max(), rotation.max()))
+    residual = max(position.max(), rotation.max())
     return [
         Row.plain("kinematics.ik_residual_max", "default", residual, "m|rad", n),
-        Row.of("kinematics.ik_recovered_percent", "default", found, "%", 100.0),
+        Row.percent("kinematics.ik_recovered_percent", "default", away <= SAME_CONFIGURATION),
     ]
 
 
@@ -108,7 +101,7 @@ def collision_rows(n: int, seed: int, folder: Path) -> list[Row]:
     drake = DrakeArm()
     rows, disagreements = [], []
     for kind, Q in (
-        ("uniform", random_configurations(n, rng)),
+        ("uniform", IIWA_7.random_positions(rng, n)),
         ("folded", folded_configurations(n // 10, rng)),
     ):
         ours = in_collision(Q)
@@ -120,9 +113,8 @@ def collision_rows(n: int, seed: int, folder: Path) -> list[Row]:
         checker, simple = verdicts.values()
         odd = np.flatnonzero((ours != checker) | (ours != simple))
         distance = np.array([min_distance(q) for q in Q[odd]])
-        disagreements.append(
-            np.column_stack((Q[odd], distance.reshape(-1, 1), ours[odd], checker[odd], simple[odd]))
-        )
+        verdicts_of_odd = np.column_stack((ours, checker, simple))[odd]
+        disagreements.append(np.column_stack((Q[odd], distance, verdicts_of_odd)))
     header = "q1,q2,q3,q4,q5,q6,q7,distance_m,ours,checker,has_collisions"
     _write(folder / "collision_disagreements.csv", header, np.concatenate(disagreements))
     return rows

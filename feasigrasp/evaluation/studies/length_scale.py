@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 from zlib import crc32
 
@@ -18,12 +19,11 @@ from matplotlib.figure import Figure
 from feasigrasp.evaluation.measures.shape import measure, true_samples
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.shape.gpdf_fit import Gpdf
-from feasigrasp.results import statistics
 from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
+from feasigrasp.results.statistics import grouped, mean
+from feasigrasp.training.data.views import ViewedObject, fused, turning_views
 
 #: Length scales of the study [m].
 LENGTH_SCALES = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6)
@@ -47,59 +47,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=positive, default=4, help="views per object, one at a time")
 
 
-def fit_view(preset: str, view: PartialView, length_scale: float) -> Gpdf:
-    """The field that a preset makes of one view with a length scale [m].
-
-    Without the network of the hidden side, which was trained for one length scale.
-    """
-    return complete_shape(
-        fused([view], smooth=preset == "default"),
-        preset=preset,
-        length_scale=length_scale,
-        max_points=_POINTS,
-        learnt=False,
-    )
-
-
 def study_object(
     name: str, model: str, length_scales: Sequence[float], views: int, seed: int
 ) -> list[Record]:
     """Completes one object from several views, each alone, with every preset and length scale."""
     viewed = ViewedObject(load_object(model))
+    points, normals = true_samples(viewed, seed, _SAMPLES)
     records = []
     for index in range(views):
         rng = np.random.default_rng([seed, crc32(name.encode()), index])
         (X_OC,) = turning_views(rng, np.zeros(3), 1)
         view = viewed.view(X_OC, rng)
-        points, normals = true_samples(viewed, seed, _SAMPLES)
         for preset in PRESETS:
+            cloud = fused([view], smooth=preset == "default")
             for length_scale in length_scales:
-                field = fit_view(preset, view, length_scale)
+                # The network of the hidden side was trained for one length scale: without it.
+                about: Record = {"preset": preset, "length_scale": length_scale}
+                field = complete_shape(cloud, **about, max_points=_POINTS, learnt=False)
                 found = measure(viewed, field, [view], points, normals)
-                records.append(
-                    {"object": name, "view": index, "preset": preset, "length_scale": length_scale}
-                    | {key: found[key] for key in MEASURES}
-                )
+                measured = {key: found[key] for key in MEASURES}
+                records.append({"object": name, "view": index} | about | measured)
     return records
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     objects = select_objects(args.objects)
-    length_scales: Sequence[float] = LENGTH_SCALES
-    views = args.views
+    settings = {"length_scales": LENGTH_SCALES, "views": args.views, "seed": args.seed}
     if args.quick:
-        objects, length_scales, views = (
-            dict(list(objects.items())[::3]),
-            QUICK_LENGTH_SCALES,
-            1,
-        )
-    settings = {"length_scales": length_scales, "views": views, "seed": args.seed}
+        objects = dict(list(objects.items())[::3])
+        settings |= {"length_scales": QUICK_LENGTH_SCALES, "views": 1}
     finished = finish_all(
         objects, args.out / "objects", settings, study_object, jobs=args.jobs, desc="length scale"
     )
     records = [record for found in finished.values() for record in found]
-    records.sort(key=lambda r: (r["object"], r["view"], r["preset"], r["length_scale"]))
+    records.sort(key=itemgetter("object", "view", "preset", "length_scale"))
     rows = summary_rows(records)
     write_csv(args.out / "views.csv", records)
     write_csv(
@@ -122,23 +104,16 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     The views of one object resemble each other, so the objects are the independent repeats.
     """
     rows = []
-    keys = sorted({(r["preset"], r["length_scale"]) for r in records})
-    for preset, length_scale in keys:
-        chosen = [r for r in records if (r["preset"], r["length_scale"]) == (preset, length_scale)]
+    for (preset, scale), chosen in sorted(
+        grouped(records, itemgetter("preset", "length_scale")).items()
+    ):
         for measured in MEASURES:
-            by_object: dict[str, list[float]] = {}
-            for r in chosen:  # what could not be measured (nothing unseen, say) is None
-                if r[measured] is not None:
-                    by_object.setdefault(r["object"], []).append(r[measured])
-            per_object = [float(np.mean(by_object[name])) for name in sorted(by_object)]
-            rows.append(
-                Row.of(
-                    f"length_scale.{measured}",
-                    f"{preset}/{length_scale:g}",
-                    statistics.mean(per_object, lower=0.0),
-                    "mm",
-                )
-            )
+            # What could not be measured (nothing unseen, say) is None.
+            present = [r for r in chosen if r[measured] is not None]
+            by_object = sorted(grouped(present, itemgetter("object")).items())
+            means = [np.mean([r[measured] for r in group]) for _, group in by_object]
+            name, estimate = f"length_scale.{measured}", mean(means, lower=0.0)
+            rows.append(Row.of(name, f"{preset}/{scale:g}", estimate, "mm"))
     return rows
 
 
@@ -149,7 +124,7 @@ def curves(rows: Sequence[Row]) -> dict[tuple[str, str], list[tuple[float, Row]]
         preset, length_scale = row.preset.split("/")
         measured = row.name.removeprefix("length_scale.")
         found.setdefault((measured, preset), []).append((float(length_scale), row))
-    return {key: sorted(points, key=lambda point: point[0]) for key, points in found.items()}
+    return {key: sorted(points, key=itemgetter(0)) for key, points in found.items()}
 
 
 def draw_curve(rows: Sequence[Row], filename: Path) -> None:
@@ -158,19 +133,20 @@ def draw_curve(rows: Sequence[Row], filename: Path) -> None:
     axes = dict(zip(MEASURES, figure.subplots(1, len(MEASURES)), strict=True))
     colors = {"paper": "#c2571a", "default": "#1f5fa8"}
     for (measured, preset), points in curves(rows).items():
-        ax, x = axes[measured], [length_scale for length_scale, _ in points]
-        ax.plot(x, [row.value for _, row in points], "o-", ms=3, color=colors[preset], label=preset)
+        ax, color = axes[measured], colors[preset]
+        values = [(x, row.value) for x, row in points]
+        ax.plot(*zip(*values, strict=True), "o-", ms=3, color=color, label=preset)
         band = [(x, row.low, row.high) for x, row in points if row.low is not None]
         if band:
-            ax.fill_between(*zip(*band, strict=True), color=colors[preset], alpha=0.15, lw=0)
+            ax.fill_between(*zip(*band, strict=True), color=color, alpha=0.15, lw=0)
     for measured, ax in axes.items():
         ax.set_title(MEASURES[measured], fontsize=10)
-        ax.set_xlabel("length scale l [m]")
-        ax.set_ylim(bottom=0.0)
+        ax.set(xlabel="length scale l [m]", ylim=(0.0, None))
         ax.axvline(0.3, color="0.6", ls=":", lw=1)
         ax.grid(alpha=0.25)
-    next(iter(axes.values())).set_ylabel("distance true → completed [mm]")
-    next(iter(axes.values())).legend(frameon=False)
+    first = axes[next(iter(MEASURES))]
+    first.set_ylabel("distance true → completed [mm]")
+    first.legend(frameon=False)
     figure.savefig(filename, dpi=110)
 
 

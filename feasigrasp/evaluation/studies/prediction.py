@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import add_common_arguments, names, positive
 from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import mean
+from feasigrasp.results.statistics import grouped, mean
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
 
@@ -37,18 +38,10 @@ AHEAD = (0.5, 1.0, 2.0, 4.0)
 _START = 6.0
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """How poses are measured: standard deviations [m], [rad], and age when they arrive [s]."""
-
-    position: float
-    rotation: float
-    latency: float
-
-
+#: How poses are measured: noise [m], [rad], and age when they arrive [s].
 MEASUREMENTS = {
-    "perfect": Measurement(0.0, 0.0, 0.0),
-    "noisy": Measurement(0.002, float(np.deg2rad(1.0)), 0.05),
+    "perfect": (Noise(0.0, 0.0), 0.0),
+    "noisy": (Noise(0.002, float(np.deg2rad(1.0))), 0.05),
 }
 
 
@@ -62,35 +55,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def motion_errors(
-    motion: HarmonicMotion, measurement: Measurement, seed: int, duration: float
+    motion: HarmonicMotion, noise: Noise, latency: float, seed: int, duration: float
 ) -> dict[str, float]:
     """Root mean square errors of the filter, of a difference, and of the predictions.
 
     Args:
-        motion: The true motion.
-        measurement: How it is measured, 200 times a second.
+        motion: The true motion, which is measured 200 times a second.
+        noise: Of the measurements.
+        latency: Age of the measurements when they arrive [s].
         seed: Seed of the noise.
         duration: How long [s].
     """
     rng = np.random.default_rng(seed)
-    noise = Noise(measurement.position, measurement.rotation)
     state, window = empty_state(), round(WINDOW / PERIOD)
     measured: list[Array] = []
-    errors: dict[str, list[float]] = {}
-
-    def add(name: str, value: float) -> None:
-        errors.setdefault(name, []).append(value)
-
+    errors: defaultdict[str, list[float]] = defaultdict(list)
     for k in range(round(duration / PERIOD)):
         t = k * PERIOD
         X, z = motion.pose(t).copy(), rng.standard_normal(6)
-        X[:3, :3] = se3.so3_exp(measurement.rotation * z[:3]) @ X[:3, :3]
-        X[:3, 3] += measurement.position * z[3:]
+        X[:3, :3] = se3.so3_exp(noise.rotation * z[:3]) @ X[:3, :3]
+        X[:3, 3] += noise.position * z[3:]
         measured = [*measured[-window:], X]
         measure_kernel(state, t, X, noise)
         if t < _START or k % 10:
             continue
-        now = t + measurement.latency
+        now = t + latency
         V_true, X_now, V_now = motion.velocity(now), np.empty((4, 4)), np.empty(6)
         pose_kernel(state, now, X_now)
         twist_kernel(state, now, V_now)
@@ -99,25 +88,25 @@ def motion_errors(
             np.concatenate([se3.so3_log(new[:3, :3] @ old[:3, :3].T), new[:3, 3] - old[:3, 3]])
             / WINDOW
         )
-        pose = se3.extrapolate(new, V_difference, measurement.latency)
+        pose = se3.extrapolate(new, V_difference, latency)
         for preset, X_found, V in (
             ("filter", X_now, V_now),
             ("difference over 20 ms", pose, V_difference),
         ):
             position, angle = _apart(X_found, motion.pose(now))
-            add(f"position_mm/{preset}", 1e3 * position)
-            add(f"angle_deg/{preset}", np.rad2deg(angle))
-            add(f"velocity_mm_s/{preset}", 1e3 * float(np.linalg.norm((V - V_true)[3:])))
-            turning = float(np.linalg.norm((V - V_true)[:3]))
-            add(f"angular_velocity_deg_s/{preset}", np.rad2deg(turning))
+            turning, moving = np.linalg.norm((V - V_true).reshape(2, 3), axis=1)
+            errors[f"position_mm/{preset}"].append(1e3 * position)
+            errors[f"angle_deg/{preset}"].append(np.rad2deg(angle))
+            errors[f"velocity_mm_s/{preset}"].append(1e3 * moving)
+            errors[f"angular_velocity_deg_s/{preset}"].append(np.rad2deg(turning))
         estimate = MotionEstimate(state.copy(), now)
         for s, predicted in zip(AHEAD, estimate.predict(AHEAD), strict=True):
             position, angle = _apart(predicted, motion.pose(now + s))
-            add(f"ahead_{s:g}s_cm/predictor", 100.0 * position)
-            add(f"ahead_{s:g}s_deg/predictor", np.rad2deg(angle))
+            errors[f"ahead_{s:g}s_cm/predictor"].append(100.0 * position)
+            errors[f"ahead_{s:g}s_deg/predictor"].append(np.rad2deg(angle))
             straight = se3.extrapolate(motion.pose(now), V_true, s)
             position, _ = _apart(straight, motion.pose(now + s))
-            add(f"ahead_{s:g}s_cm/true twist held", 100.0 * position)
+            errors[f"ahead_{s:g}s_cm/true twist held"].append(100.0 * position)
     return {name: float(np.sqrt(np.mean(np.square(x)))) for name, x in errors.items()}
 
 
@@ -133,31 +122,26 @@ def _measure(args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     for name, kind, seed in tqdm(runs, unit="run", desc="prediction"):
         scenario = load_scenario(filename, name, f"{{random_seed: {seed}}}")
         duration = 10.0 if args.quick else 21.0
-        errors = motion_errors(make_motion(scenario), MEASUREMENTS[kind], seed, duration)
+        errors = motion_errors(make_motion(scenario), *MEASUREMENTS[kind], seed, duration)
         for key, value in errors.items():
             figure, method = key.split("/")
             preset = f"{name}/{kind}/{method}"
             yield {"figure": figure, "preset": preset, "seed": seed, "value": value}
 
 
-_UNITS = {"mm": "mm", "deg": "deg", "cm": "cm", "mm_s": "mm/s", "deg_s": "deg/s"}
-
-
 def _unit(figure: str) -> str:
-    ending = "_".join(figure.split("_")[-2:])
-    return _UNITS[ending] if ending in _UNITS else _UNITS[figure.split("_")[-1]]
+    """The unit that the name of a figure ends in."""
+    *_, before, last = figure.split("_")
+    return f"{before}/s" if last == "s" else last
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     raw = list(_measure(args))
     write_csv(args.out / "errors.csv", raw)
-    groups: dict[tuple[str, str], list[float]] = {}
-    for item in raw:
-        groups.setdefault((item["figure"], item["preset"]), []).append(item["value"])
-    rows = [
-        Row.of(f"prediction.{figure}", preset, mean(values, 0.0), _unit(figure))
-        for (figure, preset), values in groups.items()
-    ]
+    rows = []
+    for (figure, preset), group in grouped(raw, itemgetter("figure", "preset")).items():
+        average = mean([run["value"] for run in group], 0.0)
+        rows.append(Row.of(f"prediction.{figure}", preset, average, _unit(figure)))
     report_rows(args, "evaluate prediction", rows)
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.measures.roc import area_under_curve, roc_curve
 from feasigrasp.evaluation.peers.reachability import FlatMixture, VoxelMap
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
@@ -21,7 +20,7 @@ from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.results.arguments import add_common_arguments, positive
 from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import proportion
+from feasigrasp.results.statistics import area_under_curve, proportion, roc_curve
 from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
 from feasigrasp.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp.training.reachability.reachable_poses import (
@@ -41,19 +40,6 @@ LABELS = {
     "gmm-paper": "GMM, uniform draws",
     "voxel": "voxel map",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Judge:
-    """A score of poses, and from which value on a pose counts as reachable.
-
-    Attributes:
-        score: Scores of poses (n, 4, 4), shape (n,).
-        threshold: 99 % of reached poses score at least that.
-    """
-
-    score: Callable[[Array], Array]
-    threshold: float
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,26 +71,27 @@ def main(args: argparse.Namespace) -> int:
     reachable = exact(X)
     out: Path = args.out
     out.mkdir(parents=True, exist_ok=True)
-    scores: dict[str, Array] = {}
-    thresholds: dict[str, float] = {}
+    scores, verdicts = dict[str, Array](), dict[str, Mask]()
     for name in tqdm(LABELS, desc="judges"):
         # A finished judge is kept: the same command goes on where it was interrupted.
         key = f"{name}-{args.seed}-{args.poses}-{args.peer_poses}-{args.voxel_draws}"
         file = out / "judges" / f"{key}.npz"
         if name != "rmm" and file.is_file():
             with np.load(file) as stored:
-                scores[name], thresholds[name] = stored["score"], float(stored["threshold"])
-            continue
-        judge = _judge(name, space, args)
-        scores[name], thresholds[name] = judge.score(X), judge.threshold
-        if name != "rmm":
-            file.parent.mkdir(exist_ok=True)
-            np.savez(file, score=scores[name], threshold=thresholds[name])
-    rows = [
-        row for name in LABELS for row in _rows(name, scores[name], thresholds[name], reachable)
-    ]
-    _write_poses(X, reachable, scores, out / "poses.csv")
-    _write_curves(scores, thresholds, reachable, out)
+                score, threshold = stored["score"], float(stored["threshold"])
+        else:
+            score, threshold = _score(name, X, space, args)
+            if name != "rmm":
+                file.parent.mkdir(exist_ok=True)
+                np.savez(file, score=score, threshold=threshold)
+        scores[name] = score
+        # A count of zero in the voxel map is no evidence of reach.
+        verdicts[name] = (score >= threshold) & ((score > 0.0) | (name != "voxel"))
+    rows = [row for name in LABELS for row in _rows(name, scores[name], verdicts[name], reachable)]
+    heads = ("qw", "qx", "qy", "qz", "x", "y", "z", "reachable", *scores)
+    table = np.column_stack([se3.quaternions(X), X[:, :3, 3], reachable, *scores.values()])
+    write_csv(out / "poses.csv", table.tolist(), heads, ".7g")
+    _write_curves(scores, verdicts, reachable, out)
     share = float(reachable.mean())
     print(f"{share:.1%} of {len(X)} random poses are reachable")
     report_rows(args, "evaluate reachability", rows, reachable_share=share)
@@ -124,27 +111,29 @@ def exact(X_WF: Array) -> Mask:
     return np.asarray(judge.flange_verdicts(X_WF) == REACHABLE)
 
 
-def _judge(name: str, space: ReachableSpace, args: argparse.Namespace) -> Judge:
+def _score(
+    name: str, X: Array, space: ReachableSpace, args: argparse.Namespace
+) -> tuple[Array, float]:
+    """Scores (n,) of poses (n, 4, 4), and what 99 % of reached poses score at least."""
     rng = np.random.default_rng([args.seed, list(LABELS).index(name)])
     if name == "rmm":
-        return Judge(space.log_density, space.threshold)
+        return space.log_density(X), space.threshold
+    score: Callable[[Array], Array]
     if name == "voxel":
-        voxels = VoxelMap(_reached(rng, args.voxel_draws, thin=False))
-        return _with_threshold(voxels.score, _reached(rng, args.peer_poses, thin=False))
-    X = _reached(rng, 4 * args.peer_poses, thin=not name.endswith("paper"))[: args.peer_poses]
-    held_out, X = X[: len(X) // 5], X[len(X) // 5 :]
-    if name.startswith("gmm"):
-        flat = FlatMixture.fit(X, len(space.mixture), rng)
-        return _with_threshold(flat.log_density, held_out)
-    q = se3.quaternions(X)
-    fit = LargeFit(threads=args.jobs)
-    mixture, _ = fit_large_mixture(PoseBlocks.of(q, X[:, :3, 3]), PAPER_COMPONENTS, rng, fit)
-    packed = pack(mixture)
-    return _with_threshold(lambda poses: log_densities(poses, packed), held_out)
-
-
-def _with_threshold(score: Callable[[Array], Array], held_out: Array) -> Judge:
-    return Judge(score, float(np.quantile(score(held_out), 0.01)))
+        score = VoxelMap(_reached(rng, args.voxel_draws, thin=False)).score
+        held_out = _reached(rng, args.peer_poses, thin=False)
+    else:
+        known = _reached(rng, 4 * args.peer_poses, thin=not name.endswith("paper"))
+        known = known[: args.peer_poses]
+        held_out, known = np.split(known, [len(known) // 5])
+        if name.startswith("gmm"):
+            score = FlatMixture.fit(known, len(space.mixture), rng).log_density
+        else:
+            blocks = PoseBlocks.of(se3.quaternions(known), known[:, :3, 3])
+            fit = LargeFit(threads=args.jobs)
+            mixture, _ = fit_large_mixture(blocks, PAPER_COMPONENTS, rng, fit)
+            score = partial(log_densities, packed=pack(mixture))
+    return score(X), float(np.quantile(score(held_out), 0.01))
 
 
 def _reached(rng: np.random.Generator, draws: int, thin: bool) -> Array:
@@ -157,41 +146,24 @@ def _reached(rng: np.random.Generator, draws: int, thin: bool) -> Array:
     return np.concatenate(parts)
 
 
-def _judged(name: str, score: Array, threshold: float) -> Mask:
-    """Which poses count as reachable; of the voxel map, a count of zero is no evidence of reach."""
-    verdict: Mask = (score >= threshold) & ((score > 0.0) | (name != "voxel"))
-    return verdict
-
-
-def _rows(name: str, score: Array, threshold: float, reachable: Mask) -> list[Row]:
-    judged = _judged(name, score, threshold)
-    auc = area_under_curve(score, reachable)
+def _rows(name: str, score: Array, judged: Mask, reachable: Mask) -> list[Row]:
     family, _, variant = name.partition("-")
+    auc = area_under_curve(score, reachable)
     rows = [Row.of(f"reachability.auc.{family}", variant or "default", auc, "1")]
-    for figure, hits, n in (
-        ("accuracy", judged == reachable, len(reachable)),
-        ("precision", (judged & reachable)[judged], int(judged.sum())),
-        ("recall", judged[reachable], int(reachable.sum())),
-        ("false_positive_percent", judged[~reachable], int((~reachable).sum())),
+    for figure, hits in (
+        ("accuracy", judged == reachable),
+        ("precision", reachable[judged]),
+        ("recall", judged[reachable]),
     ):
-        percent = figure.endswith("percent")
-        estimate = proportion(int(np.sum(hits)), max(n, 1))
-        unit, factor = ("%", 100.0) if percent else ("1", 1.0)
-        rows.append(Row.of(f"reachability.{figure}", name, estimate, unit, factor))
+        share = proportion(int(hits.sum()), len(hits))
+        rows.append(Row.of(f"reachability.{figure}", name, share, "1"))
+    wrong = judged[~reachable]
+    rows.append(Row.percent("reachability.false_positive_percent", name, wrong))
     return rows
 
 
-def _write_poses(X: Array, reachable: Mask, scores: dict[str, Array], filename: Path) -> None:
-    heads = ("qw", "qx", "qy", "qz", "x", "y", "z", "reachable", *scores)
-    table = np.column_stack([se3.quaternions(X), X[:, :3, 3], reachable, *scores.values()])
-    write_csv(filename, table.tolist(), heads, ".7g")
-
-
 def _write_curves(
-    scores: dict[str, Array],
-    thresholds: dict[str, float],
-    reachable: Mask,
-    out: Path,
+    scores: dict[str, Array], verdicts: dict[str, Mask], reachable: Mask, out: Path
 ) -> None:
     figure, lines = Figure(figsize=(5.2, 4.4), layout="constrained"), []
     axes = figure.subplots()
@@ -199,7 +171,7 @@ def _write_curves(
         false, true = roc_curve(score, reachable)
         label = f"{LABELS[name]}: {area_under_curve(score, reachable).value:.3f}"
         axes.plot(false, true, label=label, color=f"C{index}")
-        judged = _judged(name, score, thresholds[name])
+        judged = verdicts[name]
         axes.plot(judged[~reachable].mean(), judged[reachable].mean(), "o", color=f"C{index}")
         lines += [(name, float(f), float(t)) for f, t in zip(false, true, strict=True)]
     write_csv(

@@ -52,16 +52,13 @@ class Panel:
     Attributes:
         name: Of the object.
         surface: The completed surface.
-        poses: Grasps before and after the filter, shapes (n, 4, 4).
-        scores: Their scores, shapes (n,).
-        valid: Which are truly valid, shapes (n,).
+        stages: Grasps before and after the filter, by `STAGES`: their poses (n, 4, 4), their
+            scores (n,), and which are truly valid (n,).
     """
 
     name: str
     surface: SurfacePoints
-    poses: tuple[Array, Array]
-    scores: tuple[Array, Array]
-    valid: tuple[Mask, Mask]
+    stages: dict[str, tuple[Array, Array, Mask]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,7 +79,7 @@ def main(args: argparse.Namespace) -> int:
     rows = [
         Row.plain(f"sampler_figures.valid_share.{when}", panel.name, valid.mean(), "1", len(valid))
         for panel in panels
-        for when, valid in zip(STAGES, panel.valid, strict=True)
+        for when, (_, _, valid) in panel.stages.items()
         if len(valid)
     ]
     report_rows(args, "evaluate sampler-figures", rows)
@@ -97,13 +94,14 @@ def make_panel(name: str, model: str, seed: int) -> Panel:
     truth = TrueGrasps(viewed.obj.mesh)
     X_OG, _, prior = sampler.candidates(field)
     kept = sampler(field)
-    return Panel(
-        name,
-        dense_surface(field),
-        (X_OG, kept.X_OG),
-        (prior.prod(axis=1), kept.score),
-        (truth.valid(X_OG, sampler.gripper), truth.valid(kept.X_OG, sampler.gripper)),
-    )
+    stages = {
+        when: (poses, scores, truth.valid(poses, sampler.gripper))
+        for when, poses, scores in (
+            (STAGES[0], X_OG, prior.prod(axis=1)),
+            (STAGES[1], kept.X_OG, kept.score),
+        )
+    }
+    return Panel(name, dense_surface(field), stages)
 
 
 def draw_grasps(panels: list[Panel], gripper: ParallelGripper, filename: Path) -> None:
@@ -112,10 +110,10 @@ def draw_grasps(panels: list[Panel], gripper: ParallelGripper, filename: Path) -
     viewer = Viewer.at(_DIRECTION, [0.0, 0.0, 1.0], turn=0.35, raised=0.1)
     hand = gripper_outline(gripper)
     for column, panel in enumerate(panels):
-        reach = _lines(panel.poses[1] if len(panel.poses[1]) else panel.poses[0], hand)
+        proposed, filtered = (poses for poses, _, _ in panel.stages.values())
+        reach = _lines(filtered if len(filtered) else proposed, hand)
         everything = np.concatenate([panel.surface.points, reach.reshape(-1, 3)])
-        stages = zip(axes[:, column], panel.poses, panel.scores, panel.valid, strict=True)
-        for ax, poses, scores, valid in stages:
+        for ax, (poses, scores, valid) in zip(axes[:, column], panel.stages.values(), strict=True):
             _draw_panel(ax, viewer, panel.surface, poses, scores, hand)
             frame(ax, viewer, everything, margin=0.02)
             share = f"{valid.sum()} of {len(valid)} valid"
@@ -144,8 +142,7 @@ def _lines(poses: Array, hand: Array) -> Array:
 
 def lines_of(panel: Panel) -> Iterator[tuple[object, ...]]:
     """Score, truth and position of every grasp, as lines of a table."""
-    stages = zip(STAGES, panel.poses, panel.scores, panel.valid, strict=True)
-    for when, poses, scores, valid in stages:
+    for when, (poses, scores, valid) in panel.stages.items():
         for X, score, good in zip(poses, scores, valid, strict=True):
             place = (f"{value:.5f}" for value in X[:3, 3])
             yield panel.name, when, f"{score:.4f}", int(good), *place

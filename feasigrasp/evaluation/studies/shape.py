@@ -8,25 +8,30 @@ means is written in docs/shape.md. A command that was interrupted goes on after 
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 import zlib
 from collections.abc import Sequence
+from operator import itemgetter
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from feasigrasp.evaluation.measures.reliability import write_reliability
 from feasigrasp.evaluation.measures.shape import measure, true_samples
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.surface_error import surface_deviation
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import mean
-from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
+from feasigrasp.results.statistics import grouped, mean
+from feasigrasp.training.data.views import ViewedObject, fused, turning_views
 
 PRESETS = ("paper", "default")
+#: Groups of equally many completed points, by predicted deviation.
+_BINS = 12
 #: Standard deviation of the tracked pose in the ``3views_tracked`` condition: [m] and [rad].
 TRACKING = (0.002, float(np.deg2rad(1.0)))
 #: What is looked at how: number of views and tracking noise.
@@ -58,11 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--views", type=positive, default=4, help="first views of every object")
 
 
-def complete(views: Sequence[PartialView], preset: str) -> Gpdf:
-    """Merges views and completes the shape, as perception does."""
-    return complete_shape(fused(views, smooth=preset == "default"), preset=preset)
-
-
 def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]:
     """Measures all views, conditions and presets of one object.
 
@@ -81,7 +81,7 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
             seen = [viewed.view(X_OC, rng, tracking) for X_OC in cameras[:count]]
             for preset in PRESETS:
                 start = time.process_time()
-                field = complete(seen, preset)
+                field = complete_shape(fused(seen, smooth=preset == "default"), preset=preset)
                 surface = field.completion
                 cpu = 1e3 * (time.process_time() - start) / count
                 record: Record = {"object": name, "view": index, "condition": condition}
@@ -108,8 +108,7 @@ def main(args: argparse.Namespace) -> int:
     records = [record for name in objects for record in finished[name]]
     columns = [name for name, value in records[0].items() if not isinstance(value, list)]
     write_csv(args.out / "views.csv", records, columns, ".6g")
-    rows = summary_rows(records)
-    rows += write_reliability(records, set(builtin_objects()), args.out)
+    rows = summary_rows(records) + write_reliability(records, args.out)
     report_rows(args, "evaluate shape", rows)
     return 0
 
@@ -124,14 +123,52 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
         groups |= {"/builtin": inside, "/others": outside}
     rows = []
     for group, members in groups.items():
-        for condition, column, unit, name in FIGURES:
-            for preset in PRESETS:
-                values = [
-                    r[column]
-                    for r in members
-                    if (r["condition"], r["preset"]) == (condition, preset)
-                    and r[column] is not None
-                ]
-                if values:
-                    rows.append(Row.of(name, preset + group, mean(values, lower=0.0), unit))
+        found = grouped(members, itemgetter("condition", "preset"))
+        for (condition, column, unit, name), preset in itertools.product(FIGURES, PRESETS):
+            measured = [r[column] for r in found[condition, preset] if r[column] is not None]
+            if measured:
+                rows.append(Row.of(name, preset + group, mean(measured, lower=0.0), unit))
     return rows
+
+
+def write_reliability(records: Sequence[Record], folder: Path) -> list[Row]:
+    """Does the field know what it does not know? Predicted deviation against actual error.
+
+    Writes ``reliability.csv`` and ``reliability.png`` of one-view completions.
+
+    Returns:
+        For the built-in objects, on which the prediction was calibrated, and for others, the mean
+        difference between predicted deviation and mean error of the bins.
+    """
+    figure = Figure(figsize=(5.0, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    rows, lines, top, built_in = [], [], 0.0, set(builtin_objects())
+    one_view = [r for r in records if (r["condition"], r["preset"]) == ("1view", "default")]
+    for label, group in (("calibrated on", "builtin"), ("held out", "others")):
+        chosen = [r for r in one_view if (r["object"] in built_in) == (group == "builtin")]
+        if not chosen:
+            continue
+        error = 1e3 * np.concatenate([r["error"] for r in chosen])
+        table = _binned(1e3 * np.concatenate([r["deviation"] for r in chosen]), error)
+        lines += [(label, *figures, int(n)) for *figures, n in table.tolist()]
+        axes.plot(table[:, 0], table[:, 1], "o-", label=f"mean error, objects {label}")
+        axes.plot(table[:, 0], table[:, 2], ":", color=axes.lines[-1].get_color(), label="90 %")
+        top = max(top, table[:, :2].max())
+        gap = float(np.abs(table[:, 0] - table[:, 1]).mean())
+        name = "shape.calibration_error_mm"
+        rows.append(Row.plain(name, f"default/{group}", gap, "mm", len(error)))
+    axes.plot([0, top], [0, top], color="0.6", lw=1, label="perfect")
+    axes.set(xlabel="predicted deviation [mm]", ylabel="distance to the true surface [mm]")
+    axes.legend(fontsize=8)
+    figure.savefig(folder / "reliability.png", dpi=150)
+    heads = ("group", "predicted_mm", "mean_error_mm", "p90_error_mm", "points")
+    write_csv(folder / "reliability.csv", lines, heads, ".3f")
+    return rows
+
+
+def _binned(predicted: Array, error: Array) -> Array:
+    """Mean prediction, mean and 90 % quantile of the error, and count of each bin, (b, 4)."""
+    parts = [part for part in np.array_split(np.argsort(predicted), _BINS) if len(part)]
+    return np.array(
+        [[predicted[p].mean(), error[p].mean(), np.quantile(error[p], 0.9), len(p)] for p in parts]
+    )

@@ -7,11 +7,10 @@ import torch
 from feasigrasp.evaluation.bench import control as bench_control
 from feasigrasp.evaluation.bench.control import (
     format_table_3,
-    frequency_row,
     joint_probe,
     task_probe,
 )
-from feasigrasp.evaluation.measures.timing import Timing
+from feasigrasp.evaluation.measures.timing import Timing, timing_row
 from feasigrasp.evaluation.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
 from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
 from feasigrasp.evaluation.runs.controller_probe import V_WO
@@ -77,7 +76,7 @@ def test_the_peer_of_the_joint_step_solves_and_descends(xp):
 
 
 def test_frequencies_turn_the_interval_round():
-    row = frequency_row("bench.task_hz.1", "default", Timing(0.01, 0.008, 0.02, 7))
+    row = timing_row("bench.task_hz.1", "default", Timing(0.01, 0.008, 0.02, 7))
     assert (row.value, row.low, row.high) == pytest.approx((100.0, 50.0, 125.0))
     assert (row.unit, row.n) == ("Hz", 7)
 

@@ -53,9 +53,8 @@ def test_a_broken_limit_and_a_missing_answer_are_seen(states, safety):
 
 
 def test_all_solvers_agree_with_each_other_and_with_the_package(states, safety):
-    weights = np.array([OPTIONS.rotation_weight] * 3 + [1.0] * 3)
     found = {
-        name: np.array([bench.solve_law(solver, weights, OPTIONS.damping)(s) for s in states])
+        name: np.array([bench.solve_law(solver, OPTIONS)(s) for s in states])
         for name, solver in solvers().items()
     }
     ours = np.array([laws.package(safety)(s) for s in states])

@@ -63,5 +63,5 @@ def test_a_pose_passes_with_the_width_of_any_grasp():
     beside = se3.make_pose(np.eye(3), np.array([0.06, 0.0, 0.0]))
     poses = np.array([np.eye(4), beside, beside, np.eye(4)])
     for widths, expected in (([0.0, 0.06], 50.0), ([0.0, 0.01], 0.0)):
-        share = study_grasp_targets._valid_percent(field, poses, None, np.array(widths))
+        share = study_grasp_targets._valid_percent(field, poses, np.array(widths))
         assert share == expected

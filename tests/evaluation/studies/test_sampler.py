@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.evaluation.measures.grasps import average_precision, resampled, set_measures
-from feasigrasp.evaluation.measures.sampler_rows import summary_rows, write_records
+from feasigrasp.evaluation.measures.grasps import set_measures
+from feasigrasp.evaluation.studies.sampler import summary_rows, write_records
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.results.statistics import average_precision, resampled
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.unseen_objects import FIRST_SEED, make_object, unseen_objects

@@ -8,8 +8,8 @@ import pytest
 
 from feasigrasp.cli import main
 from feasigrasp.evaluation.measures.level_set import sample_level_set
-from feasigrasp.evaluation.measures.reliability import _binned
 from feasigrasp.evaluation.measures.shape import auc, measure, true_samples
+from feasigrasp.evaluation.studies.shape import _binned
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
