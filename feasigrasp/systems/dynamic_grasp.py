@@ -10,6 +10,7 @@ from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.search import SolutionOptions
+from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
@@ -76,7 +77,7 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> LeafSyste
         solutions = SolutionOptions(source=scenario.control.source)
         options = JointControlOptions(solutions=solutions, safety=safety)
         return GPJointController(reachability, options, solution_period=period, mode=mode)
-    choice = ChoiceOptions.to_grasp_soon() if scenario.grasp.close else ChoiceOptions()
+    choice = ChoiceOptions(Prices.to_grasp_soon() if scenario.grasp.close else Prices())
     return RMMTaskController(
         reachability,
         TaskControlOptions(choice=choice, safety=safety),

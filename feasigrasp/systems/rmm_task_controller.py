@@ -119,7 +119,7 @@ class RMMTaskController(LeafSystem):
         if not self._safe:
             return memory
         choice = self._options.choice
-        ahead = future_poses(motion, X_WO, V_WO, choice.instants)
+        ahead = future_poses(motion, X_WO, V_WO, choice.prices.instants)
         return memory.with_choice(time, q, ahead, self._reachability, choice)
 
     def _calc_safe(self, context: Context, output) -> None:

@@ -9,9 +9,9 @@ from feasigrasp.models.control.joint.law import (
     JointControlOptions,
     JointSpaceControl,
 )
-from feasigrasp.models.control.joint.outlook import Outlook
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
+from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -173,7 +173,9 @@ def test_turning_everything_about_the_base_axis_changes_nothing(ring_of_grasps, 
     grasps = in_reach(ring_of_grasps)
     # Joint limits and obstacles on the way apart, which are not the same all round.
     options = replace(
-        NO_FUNNEL, outlook=Outlook.free(), solutions=SolutionOptions(per_grasp=1, n_solutions=8)
+        NO_FUNNEL,
+        prices=Prices(times=(0.0,)),
+        solutions=SolutionOptions(per_grasp=1, n_solutions=8),
     )
     R = se3.so3_exp([0.0, 0.0, turn])
     velocities = []
@@ -234,8 +236,10 @@ def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
     assert moved > 100
 
 
-def test_paper_mode_has_the_papers_field():
+def test_paper_mode_has_the_papers_field(ring_of_grasps):
     options = JointSpaceControl(REACHABILITY, OPTIONS, PERIOD, "paper").options
     assert options.funnel.max_standoff == 0.0 and options.solutions.glide == 0.0
-    prices = options.outlook.prices._asdict()
-    assert not any(prices[key] for key in ("limit", "manipulability", "offset", "end", "way"))
+    assert options.prices.times == (0.0,)
+    _, solutions = solutions_of(in_reach(ring_of_grasps), mode="paper")
+    assert len(solutions) > 0
+    np.testing.assert_array_equal(solutions.cost, 0.0)
