@@ -75,7 +75,8 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> LeafSyste
     safety = SafetyOptions(period=scenario.control.period)
     if scenario.control.controller == "joint":
         solutions = SolutionOptions(source=scenario.control.source)
-        options = JointControlOptions(solutions=solutions, safety=safety)
+        prices = Prices.of_a_field(1.5 if scenario.grasp.close else 3.0)
+        options = JointControlOptions(solutions=solutions, prices=prices, safety=safety)
         return GPJointController(reachability, options, solution_period=period, mode=mode)
     choice = ChoiceOptions(Prices.to_grasp_soon() if scenario.grasp.close else Prices())
     return RMMTaskController(

@@ -66,12 +66,13 @@ class Prices:
         return cls(times=times, outlook=3.0, waiting=3.0)
 
     @classmethod
-    def of_a_field(cls) -> Prices:
-        """For many strands at once, none of which is left for another later on.
+    def of_a_field(cls, horizon: float = 1.5) -> Prices:
+        """For many strands at once, each followed by itself up to a horizon [s].
 
-        Farther ahead than this none of them would last.
+        What comes after an end is not looked at. A hand that closes soon needs to look less far
+        than one that follows for ever, and has to unwind in time.
         """
-        return cls(times=tuple(np.linspace(0.0, 1.5, 9).tolist()), outlook=1.5)
+        return cls(times=tuple(np.linspace(0.0, horizon, 9).tolist()), outlook=horizon)
 
     @cached_property
     def instants(self) -> Array:
