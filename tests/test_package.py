@@ -30,6 +30,7 @@ ORDER = (
     ("models.grasps",),
     ("models.reach",),
     ("models.control.safety",),
+    ("models.control.planning",),
     ("models.control.task", "models.control.joint"),
     ("scenario",),
     ("systems.ports",),

@@ -9,6 +9,7 @@ from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
@@ -67,9 +68,10 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
     space = parse_choice(ControlSpace, config.controller, "control.controller", ScenarioError)
     if space is ControlSpace.JOINT:
         solutions = SolutionOptions(source=config.source)
-        options = JointControlOptions(solutions=solutions, safety=safety)
+        prices = Prices.of_a_field(1.5 if scenario.grasp.close else 3.0)
+        options = JointControlOptions(solutions=solutions, prices=prices, safety=safety)
         return GPJointController(reachability, options, period=period, mode=config.mode)
-    choice = ChoiceOptions.to_grasp_soon() if scenario.grasp.close else ChoiceOptions()
+    choice = ChoiceOptions(Prices.to_grasp_soon() if scenario.grasp.close else Prices())
     return RMMTaskController(
         reachability,
         TaskControlOptions(choice=choice, safety=safety),

@@ -53,7 +53,7 @@ class RMMTaskController(GraspController):
         if self.safety is None:
             return memory
         choice = self._options.choice
-        ahead = future_poses(inputs.motion, inputs.X_WO, inputs.V_WO, choice.instants)
+        ahead = future_poses(inputs.motion, inputs.X_WO, inputs.V_WO, choice.prices.instants)
         return memory.with_choice(inputs.time, inputs.q, ahead, self.reachability, choice)
 
     def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:

@@ -23,10 +23,10 @@ from feasigrasp.models.control.joint.field import (
     evaluate_kernel,
     fit_kernel,
 )
-from feasigrasp.models.control.joint.outlook import Outlook
 from feasigrasp.models.control.joint.search import SolutionOptions, SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
 from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
@@ -46,7 +46,7 @@ class JointControlOptions:
         max_speed: Largest share of the velocity limits used for it.
         feed_forward: Whether the solutions' own velocity is added; not in the paper.
         solutions: Which solutions the field is fitted to.
-        outlook: What they cost.
+        prices: What they cost, and how far is looked ahead.
         funnel: The way into a grasp.
         safety: Margins of the QP.
     """
@@ -55,7 +55,7 @@ class JointControlOptions:
     max_speed: float = 0.8
     feed_forward: bool = True
     solutions: SolutionOptions = field(default_factory=SolutionOptions)
-    outlook: Outlook = field(default_factory=Outlook)
+    prices: Prices = field(default_factory=Prices.of_a_field)
     funnel: Funnel = field(default_factory=lambda: Funnel(closing_axis_share=0.3))
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
@@ -64,7 +64,7 @@ class JointControlOptions:
         return replace(
             self,
             solutions=replace(self.solutions, glide=0.0),
-            outlook=Outlook.free(),
+            prices=Prices(times=(0.0,)),
             funnel=self.funnel._replace(max_standoff=0.0),
         )
 
@@ -161,7 +161,7 @@ class JointSpaceControl:
             object.__setattr__(self, "options", self.options.as_in_the_paper())
         options, gripper = self.options, self.reachability.gripper
         search = SolutionSearch(
-            self.reachability, options.funnel, options.outlook, options.solutions, self.period
+            self.reachability, options.funnel, options.prices, options.solutions, self.period
         )
         object.__setattr__(self, "search", search)
         safety = None if paper else Safety(options.safety, gripper)
@@ -193,7 +193,7 @@ class JointSpaceControl:
         """
         if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
             return previous
-        times = self.options.outlook.times(motion is not None and motion.known)
+        times = self.options.prices.instants
         ahead = np.ascontiguousarray(future_poses(motion, X_WO, V_WO, times))
         q = np.ascontiguousarray(q, dtype=float)
         return self.search.update(previous, time, np.asarray(X_OG), ahead, q)

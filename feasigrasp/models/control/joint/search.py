@@ -1,10 +1,9 @@
 """Keeps a set of inverse-kinematics solutions up to date while grasps and object change.
 
 Between two updates solutions move by themselves (`feasigrasp.models.control.joint.solutions`). An
-update matches them with the grasps that are offered now, lets arm angles glide to where the outlook
-is better, looks for new ones, and drops those that do not count. Nothing that counts appears or
-vanishes at
-once: a new solution starts at a cost at which it has no influence, and costs change at a bounded
+update matches them with the grasps that are offered now, lets arm angles glide to where they cost
+less, looks for new ones, and drops those that do not count. Nothing that counts appears or vanishes
+at once: a new solution starts at a cost at which it has no influence, and costs change at a bounded
 rate; one whose grasp is gone rises in cost until it has none.
 """
 
@@ -20,21 +19,24 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.joint.field import distances_kernel, length_scale_kernel
-from feasigrasp.models.control.joint.outlook import Outlook, outlook_kernel, way_cost_kernel
-from feasigrasp.models.control.joint.solutions import (
-    Solutions,
-    branches_of,
+from feasigrasp.models.control.joint.solutions import Solutions
+from feasigrasp.models.control.joint.sources import Source, new_configurations
+from feasigrasp.models.control.planning.continuation import (
+    branch_kernel,
     flange_pose_kernel,
     solve_kernel,
 )
-from feasigrasp.models.control.joint.sources import Source, new_configurations
+from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.planning.strands import strand_cost_kernel
+from feasigrasp.models.control.planning.transfers import way_kernel
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
-from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_jacobian_kernel
 
 #: A solution counts nothing if going there is so many length scales longer than the best.
 IRRELEVANT = 12.0
@@ -42,8 +44,8 @@ IRRELEVANT = 12.0
 GRASPS_AT_ONCE = 12
 #: Grasps count as the same if no entry of their poses differs by more.
 SAME_GRASP = 1e-9
-# Step of arm angle at which the outlook is compared [rad]; how far its lowest point may be away, in
-# steps; and the least that it counts as bent between them [rad].
+# Step of arm angle at which costs are compared [rad]; how far their lowest point may be away, in
+# steps; and the least that they count as bent between them [s].
 _STEP, _MOST_STEPS, _LEAST_BEND = 0.08, 4.0, 1e-3
 # Largest rate of the length scale [rad/s].
 _LENGTH_SCALE_RATE = 0.2
@@ -62,6 +64,7 @@ class SolutionOptions:
         glide: Largest rate of an arm angle [rad/s].
         glide_acceleration: Its largest change [rad/s^2].
         glide_gain: Rate per distance to the arm angle of least cost [1/s].
+        radians_per_second: How far it is worth going for a solution that costs a second less.
     """
 
     source: str = Source.CLOSED_FORM
@@ -71,6 +74,7 @@ class SolutionOptions:
     glide: float = 0.6
     glide_acceleration: float = 3.0
     glide_gain: float = 2.0
+    radians_per_second: float = 1.0
 
     def __post_init__(self) -> None:
         """Checks the choice."""
@@ -118,28 +122,34 @@ class _Items(NamedTuple):
 
 
 @njit(cache=True)
-def _outlook(
-    q_now, X_FG, X_WO, X_OG, standoffs, X_GF, branch, psi, search, prices, q, reached, cost, better
+def _judge(
+    q_now, X_FG, X_WO, X_OG, standoffs, branch, psi, times, search, prices, q, reached, cost, better
 ):
-    """Writes configuration now, outlook, and the way to a better arm angle, of every solution.
+    """Writes configuration now, cost [s], and the way to a better arm angle, of every solution.
 
-    ``X_WO`` (k, 4, 4) are the object's poses ahead, the first one that of now.
+    ``X_WO`` (k, 4, 4) are the object's poses at ``times`` from now on. Beside what it costs to be
+    there, which is the strand's cost, the way there costs what the hand is farther away meanwhile.
+    Without a horizon nothing costs anything.
     """
-    X_WF, scratch, values = np.empty((4, 4)), np.empty(IIWA_7.joints), np.empty(3)
-    p_WO = X_WO[0, :3, 3].copy()
+    X_WF, scratch, values, price = np.empty((4, 4)), np.empty(IIWA_7.joints), np.empty(3), prices[0]
+    X_GF = inverse_kernel(X_FG)
+    pose_jacobian_kernel(q_now, X_FG, X_WF, None)
+    start = np.linalg.norm(X_WF[:3, 3] - X_WO[0, :3, 3])
     for i in range(len(branch)):
         flange_pose_kernel(X_WO[0], X_OG[i], standoffs[i], X_GF, X_WF)
         reached[i] = solve_kernel(X_WF, branch[i], psi[i], q[i]) and inside_limits_kernel(q[i], 0.0)
-        if not reached[i]:
+        if not reached[i] or len(times) == 1:
             continue
         for j in range(3):
-            angle = psi[i] + (j - 1) * _STEP
-            values[j] = outlook_kernel(
-                *(X_WO, X_OG[i], standoffs[i], X_GF, branch[i], angle),
-                *(search, prices, X_WF, scratch),
+            values[j] = strand_cost_kernel(
+                *(X_WO, times, X_OG[i], standoffs[i], X_GF, branch[i], psi[i] + (j - 1) * _STEP),
+                *(search, price, X_WF, scratch),
             )
-        way = way_cost_kernel(q_now, q[i], X_FG, p_WO, search, prices, scratch, X_WF)
-        cost[i] = values[1] + way
+        travel = travel_time_kernel(q_now, q[i]) / price.speed_share
+        way = way_kernel(
+            *(q_now, q[i], 0, 0, travel, X_WO, times, start, standoffs[i], search, X_FG, price)
+        )
+        cost[i] = values[1] + max(0.0, way - travel * np.linalg.norm(X_OG[i, :3, 3]) / price.lost)
         # To the lowest point of the parabola through the three, a few steps at most.
         bend = max(values[2] - 2.0 * values[1] + values[0], _LEAST_BEND)
         steps = 0.5 * (values[0] - values[2]) / bend
@@ -153,14 +163,14 @@ class SolutionSearch:
     Attributes:
         reachability: Limits, clearances and the hand.
         funnel: The way into a grasp.
-        outlook: Prices.
+        prices: What solutions cost.
         options: Which solutions are kept.
         period: Time between updates [s].
     """
 
     reachability: Reachability
     funnel: Funnel
-    outlook: Outlook
+    prices: Prices
     options: SolutionOptions
     period: float
 
@@ -178,7 +188,7 @@ class SolutionSearch:
             previous: Those until now.
             time: Now [s].
             X_OG: Grasps on offer, in the object frame, shape (m, 4, 4).
-            X_WO: Poses of the object at the outlook's instants, now first, shape (k, 4, 4).
+            X_WO: Poses of the object at the prices' instants, now first, shape (k, 4, 4).
             q: Joint positions [rad], shape (7,).
         """
         angles, costs, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
@@ -233,16 +243,17 @@ class SolutionSearch:
         X_WO: Array,
         q: Array,
     ) -> _Items:
-        """Solutions with their configurations and their outlook; cost: the outlook if None."""
+        """Solutions with their configurations; cost: what it should be, if None."""
         n, X_FG = len(branch), self.reachability.gripper.X_FG
         standoffs = self._standoffs(X_OG, X_WO[0], q)
         configurations, reached = np.empty((n, IIWA_7.joints)), np.zeros(n, dtype=bool)
         target, better = np.zeros(n), np.zeros(n)
-        _outlook(
-            *(q, X_FG, X_WO, X_OG, standoffs, se3.inverse(X_FG), branch, psi),
-            *(self.reachability.search, self.outlook.prices),
+        _judge(
+            *(q, X_FG, X_WO, X_OG, standoffs, branch, psi, self.prices.instants),
+            *(self.reachability.search, self.prices.record),
             *(configurations, reached, target, better),
         )
+        target *= self.options.radians_per_second
         cost = target.copy() if cost is None else cost
         return _Items(X_OG, grasp, branch, psi, rate, cost, target, better, configurations, reached)
 
@@ -262,14 +273,14 @@ class SolutionSearch:
             [old.q[old.grasp == g] for g in looked_at],
             self.options.per_grasp,
             self.reachability.search,
-            self.outlook.prices,
+            self.prices,
+            self.options.radians_per_second,
         )
         grasp = np.repeat(looked_at, [len(one) for one in found])
         configurations = np.concatenate([*found, np.empty((0, IIWA_7.joints))])
         psi = np.array([arm_angle_kernel(one) for one in configurations])
-        items = self._items(
-            X_OG[grasp], grasp, branches_of(configurations), psi, np.zeros(len(psi)), None, X_WO, q
-        )
+        branch = np.array([branch_kernel(one) for one in configurations], dtype=np.int64)
+        items = self._items(X_OG[grasp], grasp, branch, psi, np.zeros(len(psi)), None, X_WO, q)
         return items.select(items.reached)
 
     def _ranked(self, old: _Items, new: _Items, q: Array, relevant: float) -> tuple[_Items, int]:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.joint.outlook import Prices, posture_cost_kernel
+from feasigrasp.models.control.planning.prices import Prices, rate_kernel
 from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
     arm_circle_kernel,
@@ -76,7 +76,7 @@ def _select(candidates, scores, known, search, found):
 
 
 @njit(cache=True)
-def _closed_form(X_WF, q_now, known, search, prices, found):
+def _closed_form(X_WF, q_now, known, search, prices, worth, found):
     """All branches at the arm angles of the search and at that of now; returns how many."""
     circle = arm_circle_kernel(X_WF)
     if not circle.reached or len(found) == 0:
@@ -91,18 +91,18 @@ def _closed_form(X_WF, q_now, known, search, prices, found):
             q = candidates[count]
             configuration_kernel(circle, s, c, branch, q)
             if inside_limits_kernel(q, search.limit_margin):
-                scores[count] = distance_kernel(q, q_now) + posture_cost_kernel(q, prices)
+                scores[count] = distance_kernel(q, q_now) + worth * rate_kernel(q, 0.0, prices[0])
                 count += 1
     return _select(candidates, scores[:count], known, search, found) if count > 0 else 0
 
 
 @njit(cache=True)
-def _drawn(q, q_now, known, search, prices, found):
+def _drawn(q, q_now, known, search, prices, worth, found):
     """Of drawn configurations (n, 7), those that are any good; returns how many."""
     scores = np.full(len(q), np.inf)
     for i in range(len(q)):
         if inside_limits_kernel(q[i], search.limit_margin):
-            scores[i] = distance_kernel(q[i], q_now) + posture_cost_kernel(q[i], prices)
+            scores[i] = distance_kernel(q[i], q_now) + worth * rate_kernel(q[i], 0.0, prices[0])
     return _select(q, scores, known, search, found) if len(q) > 0 else 0
 
 
@@ -137,6 +137,7 @@ def new_configurations(
     per_pose: int,
     search: Search,
     prices: Prices,
+    radians_per_second: float,
 ) -> list[Array]:
     """Configurations of flange poses that are not known yet.
 
@@ -147,7 +148,8 @@ def new_configurations(
         known: Configurations of each pose that are known, shape (k, 7) each.
         per_pose: How many there may be of each pose, the known ones counted.
         search: Limits and clearances.
-        prices: Those of an `Outlook`.
+        prices: What a posture costs, over their horizon.
+        radians_per_second: How far it is worth going for a second.
 
     Returns:
         For each pose, shape (j, 7), best first.
@@ -155,12 +157,13 @@ def new_configurations(
     drawn = (
         drawn_configurations(source, X_WF) if source != Source.CLOSED_FORM and len(X_WF) else None
     )
+    record, worth = prices.record, radians_per_second * prices.times[-1]
     result = []
     for i, (X, taken) in enumerate(zip(X_WF, known, strict=True)):
         found = np.empty((max(per_pose - len(taken), 0), 7))
         if drawn is None:
-            count = _closed_form(X, q_now, taken, search, prices, found)
+            count = _closed_form(X, q_now, taken, search, record, worth, found)
         else:
-            count = _drawn(drawn[i], q_now, taken, search, prices, found)
+            count = _drawn(drawn[i], q_now, taken, search, record, worth, found)
         result.append(found[:count])
     return result

@@ -19,13 +19,13 @@ time, takes the way round that is shorter in the long run, and unwinds before a 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.control.task.strands import Costs, strands_kernel
-from feasigrasp.models.control.task.transfers import stay_kernel, transfer_kernel
+from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.planning.strands import strands_kernel
+from feasigrasp.models.control.planning.transfers import Plan, stay_kernel, transfer_kernel
 from feasigrasp.models.grasps.funnel import Funnel, grasp_errors
 from feasigrasp.models.reach.reachability import Reachability
 
@@ -35,78 +35,23 @@ SAME_GRASP = np.array([0.012, 0.25])
 
 @dataclass(frozen=True)
 class ChoiceOptions:
-    """How far a plan looks ahead, and what it charges.
+    """When another grasp is chosen.
 
     Attributes:
-        times: Instants that are looked at, from now on [s].
+        prices: How far is looked ahead, and what is charged.
         hysteresis: A grasp is kept at least so long [s].
-        advantage: Another strand must be better by this much [m s].
-        commitment: The same, on the way to a strand [m s].
-        speed_share: Share of the joints' speed limits that a plan counts on.
-        regrip_time: Time that going round the object takes at most, beside that of the joints [s].
-        manipulability: Manipulability below which there is a price.
-        manipulability_weight: Price of no manipulability at all [m].
-        limit_zone: Distance to a joint limit below which there is a price [rad].
-        limit_weight: Price of being at a limit [m].
-        end: Price of a strand that ends at once [m s]; it falls to zero over `outlook`.
-        outlook: A strand that lasts this long counts as lasting for ever [s].
-        collision: Price of every point of the straight way to a strand that collides [m s].
-        motion: Price of joint motion, per second of it at the speed limits [m].
-        waiting: Price of being at a place before the grasp is, per second [m].
+        advantage: Another strand must be better by this much [s].
+        commitment: The same, on the way to a strand [s].
         smoothing: Share of the way to a new arm angle that is gone when a choice is confirmed.
         funnel: The way into a grasp.
     """
 
-    times: tuple[float, ...] = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0, 9.0)
+    prices: Prices = field(default_factory=Prices)
     hysteresis: float = 0.3
-    advantage: float = 0.02
-    commitment: float = 0.10
-    speed_share: float = 0.7
-    regrip_time: float = 0.5
-    manipulability: float = 0.12
-    manipulability_weight: float = 0.05
-    limit_zone: float = 0.2
-    limit_weight: float = 0.02
-    end: float = 1.0
-    outlook: float = 16.0
-    collision: float = 0.2
-    motion: float = 0.02
-    waiting: float = 0.05
+    advantage: float = 0.2
+    commitment: float = 1.0
     smoothing: float = 0.25
     funnel: Funnel = field(default_factory=Funnel)
-
-    @classmethod
-    def to_grasp_soon(cls) -> ChoiceOptions:
-        """For a hand that closes as soon as it is there.
-
-        Then it does not matter where a strand ends later on, only that it lasts until the object is
-        held; and to wait for a better one is worth less.
-        """
-        times = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
-        return cls(times=times, outlook=3.0, waiting=0.3)
-
-    @cached_property
-    def instants(self) -> Array:
-        """``times`` as an array."""
-        return np.array(self.times)
-
-    @cached_property
-    def costs(self) -> Costs:
-        """What the kernels need to know."""
-        return Costs(
-            self.speed_share,
-            self.regrip_time,
-            self.funnel.max_standoff,
-            self.manipulability,
-            self.manipulability_weight,
-            self.limit_zone,
-            self.limit_weight,
-            self.end,
-            self.outlook,
-            self.collision,
-            self.motion,
-            self.waiting,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +66,7 @@ class GraspChoice(Frozen):
         due: When that is [s].
         since: When this strand was chosen [s].
         count: How many times another strand was chosen.
-        cost: Of the plan [m s].
+        cost: Of the plan [s].
     """
 
     X_OG: Array = field(default_factory=lambda: np.eye(4))
@@ -153,7 +98,7 @@ def choose_grasp(
         t: Time [s].
         q: Joint positions [rad], shape (7,).
         X_OG: Hand poses to choose from, flips included, in the object frame, shape (n, 4, 4) [m].
-        X_WO: Predicted poses of the object at ``options.times`` from now, shape (K + 1, 4, 4).
+        X_WO: Predicted poses of the object at the instants of the prices, shape (K + 1, 4, 4).
         reachability: Tells which configurations are admissible.
         options: Horizon and prices.
 
@@ -164,20 +109,20 @@ def choose_grasp(
     if len(X_OG) == 0 or not (np.isfinite(X_WO).all() and np.isfinite(q).all()):
         return GraspChoice(count=choice.count)
     X_FG, X_GF = reachability.gripper.X_FG, np.linalg.inv(reachability.gripper.X_FG)
-    times, costs, search = options.instants, options.costs, reachability.search
+    times, prices, search = options.prices.instants, options.prices.record, reachability.search
     poses = np.ascontiguousarray(X_WO, dtype=float)
     grasps = np.ascontiguousarray(X_OG, dtype=float)
-    strands = strands_kernel(q, poses, times, grasps, X_GF, search, costs)
-    scene = (strands, poses, times, grasps, X_FG, options.funnel.parameters, search, costs)
+    strands = strands_kernel(q, poses, times, grasps, X_GF, search, prices)
+    ways = Plan(strands, poses, times, grasps, X_FG, options.funnel.parameters, search, prices)
     nobody, present = (-1, -1), _present(choice, grasps)
     plan, margin = None, 0.0
     if present >= 0:
-        plan, _ = stay_kernel(q, present, choice.branch, *scene)
+        plan, _ = stay_kernel(q, present, choice.branch, ways)
         margin = options.advantage if t >= choice.due else options.commitment
         if plan.grasp >= 0 and t - choice.since < options.hysteresis:
             margin = np.inf
     skipped = nobody if plan is None else (present, choice.branch)
-    other = transfer_kernel(q, 0, nobody, skipped, *scene)
+    other = transfer_kernel(q, 0, nobody, skipped, ways)
     if plan is None or plan.grasp < 0 or other.cost < plan.cost - margin:
         if other.grasp < 0:
             return GraspChoice(count=choice.count)

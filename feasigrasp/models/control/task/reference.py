@@ -12,14 +12,16 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
-from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_exp_kernel
-from feasigrasp.models.grasps.funnel import standoff_kernel
-from feasigrasp.models.ik.arm_circle import (
-    arm_angle_kernel,
-    arm_circle_kernel,
-    configuration_kernel,
+from feasigrasp.models.control.planning.continuation import (
+    branch_kernel,
+    flange_pose_kernel,
+    solve_kernel,
+    strand_velocity_kernel,
 )
+from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
+from feasigrasp.models.grasps.funnel import standoff_kernel
+from feasigrasp.models.ik.arm_circle import arm_angle_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -27,8 +29,8 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: The arm angle changes no faster than this [rad/s], and in no less time than this [s].
 _ARM_ANGLE_SPEED, _SHORTEST = 0.8, 0.6
-#: The reference's velocity is a difference over this time [s]; over 3 times the joints' is none.
-_MOMENT, _TOO_FAST = 0.002, 3.0
+#: So many times the joints' limits are no velocity to follow.
+_TOO_FAST = 3.0
 #: In so many steps the way back from a grasp is shortened until no limit is in the way.
 _BACKS = 4
 
@@ -99,26 +101,17 @@ def strand_reference(
 
 
 @njit(cache=True)
-def _continue(X_WF, branch, psi, q):
-    """Writes the configuration of a branch and arm angle; whether there is one."""
-    circle = arm_circle_kernel(X_WF)
-    if circle.reached:
-        configuration_kernel(circle, np.sin(psi), np.cos(psi), branch, q)
-    return circle.reached
-
-
-@njit(cache=True)
 def _reference_kernel(
     q, X_WO, V_WO, X_OG, branch, psi, remaining, X_FG, margin, funnel, q_ref, qd_ref, X_OT
 ):
     """Writes what `strand_reference` returns: 1 on the strand, 0 on the way, -1 if nowhere."""
     if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
         return -1
-    X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
-    pose_jacobian_kernel(q, X_FG, X_WH, J)
+    X_WH, X_WF = np.empty((4, 4)), np.empty((4, 4))
+    pose_jacobian_kernel(q, X_FG, X_WH, None)
     X_OH = inverse_kernel(X_WO) @ X_WH
     X_GF = inverse_kernel(X_FG)
-    on_strand = 4 * (q[3] < 0.0) + 2 * (q[1] < 0.0) + (q[5] < 0.0) == branch
+    on_strand = branch_kernel(q) == branch
     angle, rate = psi, 0.0
     if on_strand:
         angle = arm_angle_kernel(q)
@@ -128,28 +121,21 @@ def _reference_kernel(
     reached = False
     for step in range(_BACKS + 1):
         back = standoff * (1.0 - step / _BACKS)
-        X_OT[:] = X_OG
-        for i in range(3):
-            X_OT[i, 3] -= back * X_OG[i, 2]
-        reached = _continue(X_WO @ X_OT @ X_GF, branch, angle, q_ref)
+        flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
+        reached = solve_kernel(X_WF, branch, angle, q_ref)
         if reached and inside_limits_kernel(q_ref, margin):
             break
     if not reached:
         return -1
-    # A moment later, as object and arm angle move on.
-    X_next = X_WO.copy()
-    X_next[:3, :3] = so3_exp_kernel(V_WO[:3] * _MOMENT) @ np.ascontiguousarray(X_WO[:3, :3])
+    X_OT[:] = X_OG
     for i in range(3):
-        X_next[i, 3] += V_WO[3 + i] * _MOMENT
-    qd_ref[:] = 0.0
-    if _continue(X_next @ X_OT @ X_GF, branch, angle + rate * _MOMENT, qd_ref):
-        fastest = 0.0
-        for i in range(IIWA_7.joints):
-            qd_ref[i] = (qd_ref[i] - q_ref[i]) / _MOMENT
-            fastest = max(fastest, abs(qd_ref[i]) / IIWA_7.velocity_limits[i])
-        for i in range(IIWA_7.joints):
-            # Next to a singularity, or where an angle wraps, there is no velocity to follow.
-            qd_ref[i] = 0.0 if fastest > _TOO_FAST else qd_ref[i] / max(1.0, fastest)
-    else:
-        qd_ref[:] = 0.0
+        X_OT[i, 3] -= back * X_OG[i, 2]
+    fastest = np.inf
+    if strand_velocity_kernel(
+        X_WF, V_WO, X_WO[:3, 3], branch, angle, rate, q_ref, np.eye(4), qd_ref
+    ):
+        fastest = np.max(np.abs(qd_ref) / IIWA_7.velocity_limits)
+    # Next to a singularity, or where an angle wraps, there is no velocity to follow.
+    for i in range(IIWA_7.joints):
+        qd_ref[i] = 0.0 if fastest > _TOO_FAST else qd_ref[i] / max(1.0, fastest)
     return 1 if on_strand else 0

@@ -9,9 +9,9 @@ from feasigrasp.models.control.joint.law import (
     JointControlOptions,
     JointSpaceControl,
 )
-from feasigrasp.models.control.joint.outlook import Outlook
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
+from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -101,7 +101,10 @@ def test_it_follows_the_papers_line_without_lag(ring_of_grasps, roll_out):
 
 @pytest.mark.parametrize("feed_forward", [True, False])
 def test_without_feed_forward_it_lags_by_speed_over_gain(ring_of_grasps, roll_out, feed_forward):
-    """v/k = 12.5 mm at 0.1 m/s and k = 8/s; the first 1.5 s are the transient."""
+    """v/k = 12.5 mm at 0.1 m/s and k = 8/s; the first 1.5 s are the transient.
+
+    Of one solution: to change to another one, or to glide along, lags as well.
+    """
     motion = uniform_motion([0.5, -0.1, 0.5], np.array([0, 0, 0, 0, 0.1, 0.0]))
     X_WO = motion(0.0)[0]
     grasps = judge_grasps(ring_of_grasps, *motion(0.0), REACHABILITY, horizon=2.0).grasps
@@ -109,7 +112,8 @@ def test_without_feed_forward_it_lags_by_speed_over_gain(ring_of_grasps, roll_ou
     one = grasps.select(np.array([soonest]))
     close = X_WO @ one.X_OG[0] @ se3.exp([0, 0.05, 0, 0.01, 0, -0.02])
     q = REACHABILITY.nearest(close, HOME)[0][0]
-    options = replace(NO_FUNNEL, feed_forward=feed_forward)
+    still = SolutionOptions(per_grasp=1, glide=0.0)
+    options = replace(NO_FUNNEL, feed_forward=feed_forward, solutions=still)
     lag = roll_out(Controller(one, options), motion, one, q, 2.0).worst_after(1.5)[0]
     if feed_forward:
         assert lag < 0.5
@@ -173,7 +177,9 @@ def test_turning_everything_about_the_base_axis_changes_nothing(ring_of_grasps, 
     grasps = in_reach(ring_of_grasps)
     # Joint limits and obstacles on the way apart, which are not the same all round.
     options = replace(
-        NO_FUNNEL, outlook=Outlook.free(), solutions=SolutionOptions(per_grasp=1, n_solutions=8)
+        NO_FUNNEL,
+        prices=Prices(times=(0.0,)),
+        solutions=SolutionOptions(per_grasp=1, n_solutions=8),
     )
     R = se3.so3_exp([0.0, 0.0, turn])
     velocities = []
@@ -234,8 +240,10 @@ def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
     assert moved > 100
 
 
-def test_paper_mode_has_the_papers_field():
+def test_paper_mode_has_the_papers_field(ring_of_grasps):
     options = JointSpaceControl(REACHABILITY, OPTIONS, PERIOD, "paper").options
     assert options.funnel.max_standoff == 0.0 and options.solutions.glide == 0.0
-    prices = options.outlook.prices._asdict()
-    assert not any(prices[key] for key in ("limit", "manipulability", "offset", "end", "way"))
+    assert options.prices.times == (0.0,)
+    _, solutions = solutions_of(in_reach(ring_of_grasps), mode="paper")
+    assert len(solutions) > 0
+    np.testing.assert_array_equal(solutions.cost, 0.0)

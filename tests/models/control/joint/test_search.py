@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.control.joint.outlook import Outlook
 from feasigrasp.models.control.joint.search import (
     IRRELEVANT,
     SolutionOptions,
     SolutionSearch,
     matches,
 )
-from feasigrasp.models.control.joint.solutions import (
-    Solutions,
-    branches_of,
+from feasigrasp.models.control.joint.solutions import Solutions
+from feasigrasp.models.control.joint.sources import APART, Source
+from feasigrasp.models.control.planning.continuation import (
+    branch_kernel,
     flange_pose_kernel,
     solve_kernel,
 )
-from feasigrasp.models.control.joint.sources import APART, Source
+from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.reach.reachability import Reachability
@@ -29,19 +29,18 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
-PERIOD = 0.05
+PERIOD, PRICES = 0.05, Prices.of_a_field()
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
 
 
-def search(*, funnel=None, outlook=None, **options):
+def search(*, funnel=None, prices=PRICES, **options):
     funnel = funnel or Funnel(max_standoff=0.0)
     options = SolutionOptions(**options)
-    return SolutionSearch(REACHABILITY, funnel, outlook or Outlook(), options, PERIOD)
+    return SolutionSearch(REACHABILITY, funnel, prices, options, PERIOD)
 
 
-def ahead(X_WO, V_WO=(0.0,) * 6, outlook=None):
-    times = (outlook or Outlook()).times(predicted=False)
-    return np.array([se3.extrapolate(X_WO, np.array(V_WO), t) for t in times])
+def ahead(X_WO, V_WO=(0.0,) * 6):
+    return np.array([se3.extrapolate(X_WO, np.array(V_WO), t) for t in PRICES.times])
 
 
 def reachable(grasps, X_WO=X_WO):
@@ -66,7 +65,7 @@ def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, source)
     assert len(found) > 10
     assert (matches(found.X_OG, X_OG) >= 0).all()
     assert REACHABILITY.admissible(q).all()
-    np.testing.assert_array_equal(branches_of(q), found.branch)
+    np.testing.assert_array_equal([branch_kernel(one) for one in q], found.branch)
     np.testing.assert_allclose(forward_kinematics(q, X_FG), X_WO @ found.X_OG, atol=2e-3)
     # Those of one grasp are apart.
     for X in X_OG[:5]:
@@ -180,7 +179,7 @@ def test_a_grasp_that_is_gone_rises_in_cost_until_it_is_left_out(ring_of_grasps)
 
 def test_arm_angles_glide_to_where_the_outlook_is_better_and_stay_there(ring_of_grasps):
     X_OG = reachable(ring_of_grasps)[:4]
-    keep = search(outlook=replace(Outlook(), way=0.0, blocked=0.0, end=0.0))
+    keep = search(prices=replace(PRICES, lost=1e3, collision=0.0, end=0.0))
     solutions = keep.update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
     before = solutions
     for k in range(1, 120):

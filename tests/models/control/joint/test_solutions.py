@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from feasigrasp.models.control.joint.solutions import (
     Solutions,
-    branches_of,
     feed_forward_kernel,
     place_kernel,
-    solution_velocity_kernel,
 )
+from feasigrasp.models.control.planning.continuation import branch_kernel, strand_velocity_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
@@ -23,6 +22,12 @@ from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jaco
 
 X_FG = ParallelGripper().X_FG
 X_GF = se3.inverse(X_FG)
+
+
+def branches_of(q):
+    return np.array([branch_kernel(one) for one in q])
+
+
 STRAIGHT = Funnel(max_standoff=0.0)
 
 
@@ -101,8 +106,8 @@ def test_their_velocity_is_that_of_the_jacobian_and_of_the_arm_angle(seed, psi_r
     V_WF = V_WO.copy()
     V_WF[3:] += np.cross(V_WO[:3], X_WF[:3, 3] - p_WO)
     qd, moved = np.empty(7), np.eye(4)
-    branch, psi = branches_of(q[None])[0], arm_angle_kernel(q)
-    assert solution_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd)
+    branch, psi = branch_kernel(q), arm_angle_kernel(q)
+    assert strand_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd)
     np.testing.assert_allclose(J @ qd, V_WF, atol=1e-3)
     ahead, behind = (arm_angle_kernel(q + sign * 1e-6 * qd) for sign in (1, -1))
     assert (ahead - behind) / 2e-6 == pytest.approx(psi_rate, abs=1e-3)

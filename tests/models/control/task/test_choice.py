@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice, choose_grasp
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
-from feasigrasp.models.control.task.strands import strands_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.closed_form import arm_angle, closed_form
@@ -16,7 +16,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACHABILITY = Reachability()
-OPTIONS = ChoiceOptions()
+OPTIONS, PRICES = ChoiceOptions(), Prices()
 X_FG = REACHABILITY.gripper.X_FG
 START = np.deg2rad([0.0, 30.0, 0.0, -60.0, 0.0, 90.0, 0.0])
 #: Round the robot's base, as the paper's circle.
@@ -47,7 +47,7 @@ GRASPS = ring_of_grasps()
 
 
 def ahead(motion, t, options=OPTIONS):
-    return np.array([motion.pose(t + s) for s in options.instants])
+    return np.array([motion.pose(t + s) for s in options.prices.instants])
 
 
 def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS):
@@ -74,28 +74,6 @@ def run(duration, motion=CIRCLE, period=0.2, dt=0.02):
 @pytest.fixture(scope="module")
 def lap():
     return run(2.0 * np.pi / 0.3)
-
-
-def test_the_nodes_of_all_strands_are_admissible_and_reach_their_grasps():
-    poses = ahead(CIRCLE, 1.0)
-    X_GF = np.linalg.inv(X_FG)
-    strands = strands_kernel(
-        START, poses, OPTIONS.instants, GRASPS, X_GF, REACHABILITY.search, OPTIONS.costs
-    )
-    k, i, branch, angle = np.nonzero(np.isfinite(strands.rate))
-    q = strands.q[k, i, branch, angle]
-    assert len(q) > 300
-    assert REACHABILITY.admissible(q).all()
-    np.testing.assert_allclose(forward_kinematics(q, X_FG), poses[k] @ GRASPS[i], atol=1e-9)
-    signs = 4 * (q[:, 3] < 0.0) + 2 * (q[:, 1] < 0.0) + (q[:, 5] < 0.0)
-    np.testing.assert_array_equal(signs, branch)
-    # What follows can be reached in time, and leads to the end of the strand without a gap.
-    following = strands.following[k, i, branch, angle]
-    go_on = following >= 0
-    later = strands.q[k[go_on] + 1, i[go_on], branch[go_on], following[go_on]]
-    steps = np.diff(OPTIONS.instants)[k[go_on]]
-    travel = np.max(np.abs(later - q[go_on]) / IIWA_7.velocity_limits, axis=1)
-    assert np.all(travel <= OPTIONS.speed_share * steps + 1e-12)
 
 
 def test_the_order_of_the_grasps_does_not_matter():
@@ -148,9 +126,9 @@ def test_a_hand_that_is_to_grasp_soon_does_not_wait_for_what_lasts_longer(seed):
     assert patient.due > 3.0
     np.testing.assert_allclose(patient.X_OG[:3, 2], later[:3, 2], atol=1e-12)
 
-    options = ChoiceOptions.to_grasp_soon()
+    options = ChoiceOptions(Prices.to_grasp_soon())
     soon = choose(GraspChoice(), 0.0, q, X_OG, turning, options)
-    assert soon.due <= 2.0 < options.times[-1]
+    assert soon.due <= 2.0 < options.prices.times[-1]
     np.testing.assert_allclose(soon.X_OG[:3, 2], now[:3, 2], atol=1e-12)
 
 
@@ -159,7 +137,7 @@ def test_without_grasps_or_poses_there_is_no_choice():
     assert not choose(GraspChoice(), 0.0, START, np.zeros((0, 4, 4)))
     far = HarmonicMotion(**{**vars_of(CIRCLE), "center": np.array([3.0, 0.0, 0.2])})
     assert not choose(GraspChoice(), 0.0, START, motion=far)
-    lost = np.full((len(OPTIONS.instants), 4, 4), np.nan)
+    lost = np.full((len(PRICES.instants), 4, 4), np.nan)
     present = choose(GraspChoice(), 0.0, START)
     assert not choose_grasp(present, 0.1, START, GRASPS, lost, REACHABILITY, OPTIONS)
 

@@ -1,9 +1,9 @@
-"""Following grasps into the future: the strands that a choice is made from (see `choice`).
+"""Following grasps into the future: what a grasp costs in a configuration, and in the next ones.
 
 A *strand* is a grasp and an inverse-kinematics branch; a *node* of it is an arm angle at one of the
-instants at which the object's pose is predicted. Costs are in metre-seconds: the distance of hand
-and object, over time. What a strand costs from any of its nodes on follows by dynamic programming,
-backwards in time, over steps that the joints' speed limits allow.
+instants at which the object's pose is predicted. What a strand costs from any of its nodes on
+follows by dynamic programming, backwards in time, over steps that the joints' speed limits allow.
+A strand that keeps to one arm angle has a cost of its own, which is a continuous function of that.
 """
 
 from typing import NamedTuple
@@ -12,36 +12,14 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
+from feasigrasp.models.control.planning.prices import end_kernel, rate_kernel
 from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
 from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.reach.kernels import REACHABLE, hand_verdict_kernel
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import manipulability_kernel
-
-#: Distance of hand and object once a strand has ended [m].
-_LOST = 0.1
-
-
-class Costs(NamedTuple):
-    """The prices of a plan: attributes of `feasigrasp.models.control.task.choice.ChoiceOptions`.
-
-    ``standoff`` is the funnel's largest.
-    """
-
-    speed_share: float
-    regrip_time: float
-    standoff: float
-    manipulability: float
-    manipulability_weight: float
-    limit_zone: float
-    limit_weight: float
-    end: float
-    outlook: float
-    collision: float
-    motion: float
-    waiting: float
 
 
 class Strands(NamedTuple):
@@ -49,8 +27,8 @@ class Strands(NamedTuple):
 
     Attributes:
         q: Configurations, shape (K + 1, n, 8, P, 7) [rad].
-        rate: Cost per second of being there, infinite where a node is not admissible [m].
-        to_go: Least cost from there to the horizon, staying on the strand [m s].
+        rate: Cost per second of being there, infinite where a node is not admissible.
+        to_go: Least cost from there to the horizon, staying on the strand [s].
         following: Arm angle at the next instant, -1 where the strand ends.
     """
 
@@ -61,19 +39,7 @@ class Strands(NamedTuple):
 
 
 @njit(cache=True)
-def _rate(q, offset, costs):
-    """What it costs per second to hold a grasp in a configuration."""
-    lack = max(0.0, 1.0 - manipulability_kernel(q) / costs.manipulability)
-    rate = offset + costs.manipulability_weight * lack
-    for i in range(IIWA_7.joints):
-        inside = (IIWA_7.position_limits[i] - abs(q[i])) / costs.limit_zone
-        if inside < 1.0:
-            rate += costs.limit_weight * (1.0 - inside) ** 2
-    return rate
-
-
-@njit(cache=True)
-def _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate):
+def _write_nodes(q, X_WF, offset, search, lanes, ends, prices, Q, rate):
     """Writes configurations (8, P, 7) of one grasp at one instant, and what they cost."""
     rate[:] = np.inf
     circle = arm_circle_kernel(X_WF)
@@ -94,22 +60,22 @@ def _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate):
             if inside_limits_kernel(node, search.limit_margin) and is_clear_kernel(
                 node, search.open, search.clearance, search.table_height
             ):
-                rate[branch, lane % P] = _rate(node, offset, costs)
+                rate[branch, lane % P] = rate_kernel(node, offset, prices)
 
 
 @njit(cache=True)
-def _end_cost(q_before, q, dt, horizon, costs):
-    """Cost of being at ``q`` when the plan ends, with the limits that the joints are going to."""
+def _last_end(q_before, q, dt, horizon, prices):
+    """Price of an end beyond the horizon, at the limits that the joints are going to."""
     time = np.inf
     for i in range(IIWA_7.joints):
         speed = (q[i] - q_before[i]) / dt
         room = IIWA_7.position_limits[i] - q[i] if speed > 0.0 else IIWA_7.position_limits[i] + q[i]
         time = min(time, room / max(abs(speed), 1e-9))
-    return costs.end * max(0.0, 1.0 - (horizon + time) / costs.outlook)
+    return end_kernel(horizon + time, prices)
 
 
 @njit(cache=True)
-def _go_backwards(strands, times, costs):
+def _go_backwards(strands, times, prices):
     """Writes ``to_go`` and ``following``."""
     K, n, P = len(times) - 1, strands.rate.shape[1], strands.rate.shape[3]
     to_go, following, rate = strands.to_go, strands.following, strands.rate
@@ -117,8 +83,7 @@ def _go_backwards(strands, times, costs):
     following[:] = -1
     for k in range(K - 1, -1, -1):
         dt = times[k + 1] - times[k]
-        lost = costs.end * max(0.0, 1.0 - times[k] / costs.outlook)
-        lost += _LOST * (times[K] - times[k])
+        lost = end_kernel(times[k], prices) + times[K] - times[k]
         for i in range(n):
             for b in range(8):
                 for j in range(P):
@@ -131,19 +96,19 @@ def _go_backwards(strands, times, costs):
                             continue
                         q, q_next = strands.q[k, i, b, j], strands.q[k + 1, i, b, m]
                         travel = travel_time_kernel(q, q_next)
-                        if travel > costs.speed_share * dt:
+                        if travel > prices.speed_share * dt:
                             continue
-                        cost = to_go[k + 1, i, b, m] + costs.motion * travel
+                        cost = to_go[k + 1, i, b, m] + prices.motion * travel
                         cost += 0.5 * dt * (rate[k, i, b, j] + rate[k + 1, i, b, m])
                         if k == K - 1:
-                            cost += _end_cost(q, q_next, dt, times[K], costs)
+                            cost += _last_end(q, q_next, dt, times[K], prices)
                         if cost < best:
                             best, following[k, i, b, j] = cost, m
                     to_go[k, i, b, j] = best if best < np.inf else lost
 
 
 @njit(cache=True)
-def strands_kernel(q, X_WO, times, X_OG, X_GF, search, costs):
+def strands_kernel(q, X_WO, times, X_OG, X_GF, search, prices):
     """The `Strands` of grasps (n, 4, 4) for an object at poses (K + 1, 4, 4)."""
     K, n, P = len(times) - 1, len(X_OG), len(search.psis)
     strands = Strands(
@@ -159,6 +124,28 @@ def strands_kernel(q, X_WO, times, X_OG, X_GF, search, costs):
         offset = np.sqrt(X_OG[i, 0, 3] ** 2 + X_OG[i, 1, 3] ** 2 + X_OG[i, 2, 3] ** 2)
         for k in range(K + 1):
             X_WF, Q, rate = X_WO[k] @ X_OF, strands.q[k, i], strands.rate[k, i]
-            _write_nodes(q, X_WF, offset, search, lanes, ends, costs, Q, rate)
-    _go_backwards(strands, times, costs)
+            _write_nodes(q, X_WF, offset, search, lanes, ends, prices[0], Q, rate)
+    _go_backwards(strands, times, prices[0])
     return strands
+
+
+@njit(cache=True)
+def strand_cost_kernel(X_WO, times, X_OG, standoff, X_GF, branch, psi, search, prices, X_WF, q):
+    """Cost of a strand that keeps its arm angle; ``X_WF`` (4, 4) and ``q`` (7,) are scratch.
+
+    It is followed along the object's poses ``X_WO`` (k, 4, 4), ``standoff`` behind its grasp.
+    """
+    n, past, rates = len(X_WO), 0, 0.0
+    offset = np.sqrt(X_OG[0, 3] ** 2 + X_OG[1, 3] ** 2 + X_OG[2, 3] ** 2)
+    for k in range(n):
+        flange_pose_kernel(X_WO[k], X_OG, standoff, X_GF, X_WF)
+        if not (
+            solve_kernel(X_WF, branch, psi, q)
+            and inside_limits_kernel(q, search.limit_margin)
+            and is_clear_kernel(q, search.capsules, search.clearance, search.table_height)
+        ):
+            break
+        rates += rate_kernel(q, offset, prices)
+        past += 1
+    horizon = times[n - 1]
+    return horizon * rates / max(past, 1) + end_kernel(horizon * past / n, prices)

@@ -1,16 +1,20 @@
 """Ways from one strand of grasps to another, and when to take them.
 
-Strands, nodes and costs are those of `feasigrasp.models.control.task.strands`.
+Strands, nodes and costs are those of `feasigrasp.models.control.planning.strands`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.planning.strands import Strands
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
-from feasigrasp.models.grasps.funnel import standoff_kernel
+from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.ik.closed_form import travel_time_kernel
+from feasigrasp.models.reach.kernels import Search
 from feasigrasp.models.robot.collision_kernels import is_clear_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -27,7 +31,7 @@ class Transfer(NamedTuple):
     """The best way onto some strand.
 
     Attributes:
-        cost: Of the way and of what follows, to the horizon [m s]; infinite if there is none.
+        cost: Of the way and of what follows, to the horizon [s]; infinite if there is none.
         grasp: Index of the grasp.
         branch: Branch.
         instant: When it is reached, index of the instant.
@@ -44,51 +48,81 @@ class Transfer(NamedTuple):
 _NO_TRANSFER = Transfer(np.inf, -1, -1, -1, -1)
 
 
+class Plan(NamedTuple):
+    """What a way is planned with.
+
+    Attributes:
+        strands: All nodes.
+        X_WO: Poses of the object at the instants, shape (K + 1, 4, 4).
+        times: The instants, shape (K + 1,) [s].
+        X_OG: The grasps, shape (n, 4, 4).
+        X_FG: The grasp frame on the flange, shape (4, 4).
+        funnel: Its shape.
+        search: Limits and clearances.
+        prices: `Prices`, as a record.
+    """
+
+    strands: Strands
+    X_WO: Array
+    times: Array
+    X_OG: Array
+    X_FG: Array
+    funnel: Funnel
+    search: Search
+    prices: NDArray[np.void]
+
+
 @njit(cache=True)
-def _way_cost(q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG, costs):
-    """Mean distance of hand and object on the straight way in joint space, times its duration."""
+def way_kernel(q, node, k0, k, travel, X_WO, times, start, standoff, search, X_FG, prices):
+    """Cost of the straight way from ``q`` at instant k0 to ``node`` at instant k.
+
+    It is the mean distance of hand and object, ``start`` at first and ``standoff`` at last, for
+    its duration ``travel``, and collisions. With k = k0 the object stays where it is.
+    """
     total, hits = 0.5 * (start + standoff), 0
-    on_way, X, J = np.empty(IIWA_7.joints), np.empty((4, 4)), np.empty((6, IIWA_7.joints))
+    on_way, X = np.empty(IIWA_7.joints), np.empty((4, 4))
     duration = times[k] - times[k0]
     for step in range(1, _ON_THE_WAY + 1):
         s = step / (_ON_THE_WAY + 1.0)
         on_way[:] = q + s * (node - q)
-        pose_jacobian_kernel(on_way, X_FG, X, J)
+        pose_jacobian_kernel(on_way, X_FG, X, None)
         # The object meanwhile, between two instants.
         t = times[k0] + min(s * travel, duration)
         m = k0
         while m + 1 < k and times[m + 1] <= t:
             m += 1
-        f = (t - times[m]) / (times[m + 1] - times[m])
+        f = (t - times[m]) / (times[m + 1] - times[m]) if k > k0 else 0.0
+        after = min(m + 1, len(times) - 1)
         square = 0.0
         for i in range(3):
-            p = X_WO[m, i, 3] + f * (X_WO[m + 1, i, 3] - X_WO[m, i, 3])
+            p = X_WO[m, i, 3] + f * (X_WO[after, i, 3] - X_WO[m, i, 3])
             square += (X[i, 3] - p) ** 2
         total += max(np.sqrt(square), (1.0 - abs(2.0 * s - 1.0)) * standoff)
         if not is_clear_kernel(on_way, search.capsules, 0.0, search.table_height):
             hits += 1
-    return travel * total / (_ON_THE_WAY + 1.0) + costs.collision * hits
+    return travel * total / ((_ON_THE_WAY + 1.0) * prices.lost) + prices.collision * hits
 
 
 @njit(cache=True)
-def transfer_kernel(q, k0, only, skipped, strands, X_WO, times, X_OG, X_FG, funnel, search, costs):
+def transfer_kernel(q, k0, only, skipped, plan):
     """The best `Transfer` that leaves configuration ``q`` at instant ``k0``.
 
     ``only`` and ``skipped`` are the grasp and branch of the one strand that is looked at, or of the
     one that is not; (-1, -1) for none.
     """
-    best = _NO_TRANSFER
+    best, prices = _NO_TRANSFER, plan.prices[0]
+    strands, X_WO, times, X_OG = plan.strands, plan.X_WO, plan.times, plan.X_OG
     K, n, P = len(times) - 1, len(X_OG), strands.rate.shape[3]
-    X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
-    pose_jacobian_kernel(q, X_FG, X_WH, J)
+    X_WH = np.empty((4, 4))
+    pose_jacobian_kernel(q, plan.X_FG, X_WH, None)
     X_OH = inverse_kernel(X_WO[k0]) @ X_WH
     start = np.sqrt(X_OH[0, 3] ** 2 + X_OH[1, 3] ** 2 + X_OH[2, 3] ** 2)
     shortest = np.inf
     for i in range(n):
         if only[0] >= 0 and i != only[0]:
             continue
-        standoff = standoff_kernel(X_OG[i], X_OH, funnel)
-        overhead = costs.regrip_time * standoff / max(costs.standoff, 1e-9)
+        standoff = standoff_kernel(X_OG[i], X_OH, plan.funnel)
+        overhead = prices.regrip_time * standoff / max(plan.funnel[0], 1e-9)
         for b in range(8):
             if (only[1] >= 0 and b != only[1]) or (i == skipped[0] and b == skipped[1]):
                 continue
@@ -100,17 +134,18 @@ def transfer_kernel(q, k0, only, skipped, strands, X_WO, times, X_OG, X_FG, funn
                         continue
                     node = strands.q[k, i, b, j]
                     motion = travel_time_kernel(q, node)
-                    travel = motion / costs.speed_share + overhead
+                    travel = motion / prices.speed_share + overhead
                     late = travel > available
                     if late and (k < K or (best.cost < np.inf and shortest <= travel)):
                         continue
                     wait = max(0.0, available - travel)
-                    cost = strands.to_go[k, i, b, j] + costs.motion * motion
-                    cost += (rate + costs.waiting) * wait
-                    if not late and cost + _CLOSEST * travel >= best.cost:
+                    cost = strands.to_go[k, i, b, j] + prices.motion * motion
+                    cost += (rate + prices.waiting) * wait
+                    if not late and cost + _CLOSEST / prices.lost * travel >= best.cost:
                         continue
-                    cost += _way_cost(
-                        q, start, node, k0, k, travel, X_WO, times, standoff, search, X_FG, costs
+                    cost += way_kernel(
+                        *(q, node, k0, k, travel, X_WO, times, start, standoff),
+                        *(plan.search, plan.X_FG, prices),
                     )
                     if late:  # only where nothing else is in time
                         if best.cost < _LATE:
@@ -123,15 +158,14 @@ def transfer_kernel(q, k0, only, skipped, strands, X_WO, times, X_OG, X_FG, funn
 
 
 @njit(cache=True)
-def stay_kernel(q, grasp, branch, strands, X_WO, times, X_OG, X_FG, funnel, search, costs):
+def stay_kernel(q, grasp, branch, plan):
     """What it costs to go on with a strand, and to leave it at the best moment.
 
     Returns the `Transfer` onto the strand, its cost that of the whole plan, and the instant at
     which it is left; -1 if not before the horizon.
     """
-    there = transfer_kernel(
-        q, 0, (grasp, branch), (-1, -1), strands, X_WO, times, X_OG, X_FG, funnel, search, costs
-    )
+    strands, times = plan.strands, plan.times
+    there = transfer_kernel(q, 0, (grasp, branch), (-1, -1), plan)
     if there.grasp < 0:
         return there, -1
     best, leave = there.cost, -1
@@ -140,27 +174,15 @@ def stay_kernel(q, grasp, branch, strands, X_WO, times, X_OG, X_FG, funnel, sear
     k, j = there.instant, there.angle
     K = len(times) - 1
     while k < K:
-        away = transfer_kernel(
-            strands.q[k, grasp, branch, j],
-            k,
-            (-1, -1),
-            (grasp, branch),
-            strands,
-            X_WO,
-            times,
-            X_OG,
-            X_FG,
-            funnel,
-            search,
-            costs,
-        )
+        here = strands.q[k, grasp, branch, j]
+        away = transfer_kernel(here, k, (-1, -1), (grasp, branch), plan)
         if until + away.cost < best:
             best, leave = until + away.cost, k
         m = strands.following[k, grasp, branch, j]
         if m < 0:
             break
         dt = times[k + 1] - times[k]
-        here, there_rate = strands.rate[k, grasp, branch, j], strands.rate[k + 1, grasp, branch, m]
-        until += 0.5 * dt * (here + there_rate)
+        rate = strands.rate[k, grasp, branch, j] + strands.rate[k + 1, grasp, branch, m]
+        until += 0.5 * dt * rate
         k, j = k + 1, m
     return Transfer(best, there.grasp, there.branch, there.instant, there.angle), leave

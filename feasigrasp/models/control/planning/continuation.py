@@ -1,0 +1,87 @@
+"""Configurations of a grasp that keep their identity while the object moves.
+
+A configuration of the iiwa is its flange pose, its *branch* (the signs of joints 2, 4 and 6) and
+its *arm angle*. A grasp in the object frame with a branch is a *strand*: at any pose of the object
+the closed form gives its configuration at an arm angle anew, exact, and it moves as smoothly as
+object and arm angle do.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
+from feasigrasp.models.numerics.fast_math import fast_sincos
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+#: Time over which a velocity is taken [s]; its error is of the order of the squared angle that the
+#: object turns meanwhile.
+_INSTANT = 1e-5
+
+
+@njit(cache=True, forceinline=True)
+def branch_kernel(q):
+    """Branch ``4 elbow + 2 shoulder + wrist`` of a configuration (7,)."""
+    return 4 * (q[3] < 0.0) + 2 * (q[1] < 0.0) + 1 * (q[5] < 0.0)
+
+
+@njit(cache=True, forceinline=True)
+def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):
+    """Writes the flange pose (4, 4) of a hand that keeps ``standoff`` [m] behind a grasp."""
+    for i in range(3):
+        for j in range(3):
+            X_WF[i, j] = 0.0
+        X_WF[i, 3] = X_WO[i, 3]
+        X_WF[3, i] = 0.0
+    X_WF[3, 3] = 1.0
+    for k in range(3):
+        # Column k of R_OG, and the origin of the hand in the object frame.
+        g0, g1, g2 = X_OG[k, 0], X_OG[k, 1], X_OG[k, 2]
+        p = X_OG[k, 3] - standoff * g2
+        a0 = g0 * X_GF[0, 0] + g1 * X_GF[1, 0] + g2 * X_GF[2, 0]
+        a1 = g0 * X_GF[0, 1] + g1 * X_GF[1, 1] + g2 * X_GF[2, 1]
+        a2 = g0 * X_GF[0, 2] + g1 * X_GF[1, 2] + g2 * X_GF[2, 2]
+        p += g0 * X_GF[0, 3] + g1 * X_GF[1, 3] + g2 * X_GF[2, 3]
+        for i in range(3):
+            w = X_WO[i, k]
+            X_WF[i, 0] += w * a0
+            X_WF[i, 1] += w * a1
+            X_WF[i, 2] += w * a2
+            X_WF[i, 3] += w * p
+
+
+@njit(cache=True, forceinline=True)
+def solve_kernel(X_WF, branch, psi, q):
+    """Writes the configuration (7,); False if the wrist is out of reach."""
+    circle = arm_circle_kernel(X_WF)
+    if not circle.reached:
+        return False
+    s, c = fast_sincos(psi)
+    configuration_kernel(circle, s, c, branch, q)
+    return True
+
+
+@njit(cache=True)
+def strand_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):
+    """Writes the velocity (7,) of a strand at a flange pose; ``moved`` (4, 4) is scratch.
+
+    The closed form's derivative along the twist and the arm angle: the inverse of the Jacobian with
+    the arm angle for a seventh row. False, and nothing written, next to where it has none.
+    """
+    wx, wy, wz = V_WO[0], V_WO[1], V_WO[2]
+    for j in range(4):
+        x, y, z = X_WF[0, j], X_WF[1, j], X_WF[2, j]
+        if j == 3:
+            x, y, z = x - p_WO[0], y - p_WO[1], z - p_WO[2]
+        moved[0, j] = X_WF[0, j] + _INSTANT * (wy * z - wz * y)
+        moved[1, j] = X_WF[1, j] + _INSTANT * (wz * x - wx * z)
+        moved[2, j] = X_WF[2, j] + _INSTANT * (wx * y - wy * x)
+    for i in range(3):
+        moved[i, 3] += _INSTANT * V_WO[3 + i]
+    if not solve_kernel(moved, branch, psi + _INSTANT * psi_rate, qd):
+        return False
+    for k in range(IIWA_7.joints):
+        qd[k] = (qd[k] - q[k]) / _INSTANT
+        if not abs(qd[k]) < 100.0 * IIWA_7.velocity_limits[k]:
+            return False
+    return True

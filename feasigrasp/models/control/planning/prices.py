@@ -1,0 +1,103 @@
+"""What following an object costs: one list of prices, in seconds, for both controllers.
+
+The unit is a second without the object: a second during which the hand is `Prices.lost` away from
+the object's middle costs 1 s, at half of that distance 0.5 s. Everything else is what a second of
+it, or its happening once, is worth in this currency. Radians would mean something else for every
+joint and every hand; time is what a controller loses by a wrong choice, and what the joints' speed
+limits turn every way into.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from feasigrasp.models.arrays import Array, record
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import manipulability_kernel
+
+
+@dataclass(frozen=True)
+class Prices:
+    """How far a plan looks ahead, and what it charges.
+
+    Attributes:
+        times: Instants that are looked at, from now on [s].
+        lost: Distance of hand and object that costs a second per second [m].
+        manipulability: Manipulability below which there is a price [m^3].
+        manipulability_price: Of no manipulability at all, per second.
+        limit_zone: Distance to a joint limit below which there is a price [rad].
+        limit_price: Of a joint at its limit, per second.
+        end: Of a strand that ends at once [s]; it falls to zero over `outlook`.
+        outlook: A strand that lasts this long counts as lasting for ever [s].
+        collision: Of every point of the straight way to a strand that collides [s].
+        motion: Of joint motion, per second of it at the speed limits.
+        waiting: Of being at a place before the grasp is, per second.
+        speed_share: Share of the joints' speed limits that a plan counts on.
+        regrip_time: Time that going round the object takes at most, beside that of the joints [s].
+    """
+
+    times: tuple[float, ...] = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0, 9.0)
+    lost: float = 0.1
+    manipulability: float = 0.12
+    manipulability_price: float = 0.5
+    limit_zone: float = 0.2
+    limit_price: float = 0.2
+    end: float = 10.0
+    outlook: float = 16.0
+    collision: float = 2.0
+    motion: float = 0.2
+    waiting: float = 0.5
+    speed_share: float = 0.7
+    regrip_time: float = 0.5
+
+    @classmethod
+    def to_grasp_soon(cls) -> Prices:
+        """For a hand that closes as soon as it is there.
+
+        Then it does not matter where a strand ends later on, only that it lasts until the object is
+        held; and to wait for a better one is worth less.
+        """
+        times = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
+        return cls(times=times, outlook=3.0, waiting=3.0)
+
+    @classmethod
+    def of_a_field(cls, horizon: float = 1.5) -> Prices:
+        """For many strands at once, each followed by itself up to a horizon [s].
+
+        What comes after an end is not looked at. A hand that closes soon needs to look less far
+        than one that follows for ever, and has to unwind in time.
+        """
+        return cls(times=tuple(np.linspace(0.0, horizon, 9).tolist()), outlook=horizon)
+
+    @cached_property
+    def instants(self) -> Array:
+        """``times`` as an array."""
+        return np.array(self.times)
+
+    @cached_property
+    def record(self) -> NDArray[np.void]:
+        """The rest for kernels."""
+        return record(self)
+
+
+@njit(cache=True)
+def rate_kernel(q, offset, prices):
+    """What it costs per second to hold a grasp ``offset`` from the middle in a configuration."""
+    lack = max(0.0, 1.0 - manipulability_kernel(q) / prices.manipulability)
+    rate = offset / prices.lost + prices.manipulability_price * lack
+    for i in range(IIWA_7.joints):
+        inside = (IIWA_7.position_limits[i] - abs(q[i])) / prices.limit_zone
+        if inside < 1.0:
+            rate += prices.limit_price * (1.0 - inside) ** 2
+    return rate
+
+
+@njit(cache=True, forceinline=True)
+def end_kernel(time, prices):
+    """Price of a strand that ends in so many seconds."""
+    return prices.end * max(0.0, 1.0 - time / prices.outlook)

@@ -1,0 +1,121 @@
+"""Strands: their nodes, what follows, and what it costs to keep to one arm angle."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from feasigrasp.models.control.planning.prices import Prices, end_kernel, rate_kernel
+from feasigrasp.models.control.planning.strands import strand_cost_kernel, strands_kernel
+from feasigrasp.models.control.planning.transfers import way_kernel
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
+
+REACHABILITY = Reachability()
+PRICES = Prices()
+X_FG = REACHABILITY.gripper.X_FG
+START = np.deg2rad([0.0, 30.0, 0.0, -60.0, 0.0, 90.0, 0.0])
+
+
+def ring_of_grasps(tilts=(0.0, 0.5), turns=3):
+    """Grasps from above and from inclined directions, at the object's origin, flips included."""
+    poses = []
+    for tilt in tilts:
+        for turn in np.linspace(0.0, np.pi, turns, endpoint=False):
+            R = se3.so3_exp([0.0, 0.0, turn]) @ se3.so3_exp([np.pi + tilt, 0.0, 0.0])
+            poses.append(se3.make_pose(R, np.zeros(3)))
+    n = len(poses)
+    return GraspSet(np.array(poses), np.full(n, 0.05), np.ones(n)).with_twins().X_OG
+
+
+GRASPS = ring_of_grasps()
+
+
+def test_the_nodes_of_all_strands_are_admissible_and_reach_their_grasps():
+    """Round the robot's base, as the paper's circle."""
+    motion = HarmonicMotion(
+        center=np.array([0.0, 0.0, 0.2]),
+        amplitude=np.array([0.45, 0.45, 0.0]),
+        harmonic=np.ones(3),
+        offset_deg=np.array([90.0, 0.0, 0.0]),
+        rate=0.3,
+        start_phase=0.0,
+        spin_axis=np.array([0.0, 0.0, 1.0]),
+        spin=0.3,
+    )
+    poses = np.array([motion.pose(1.0 + t) for t in PRICES.times])
+    X_GF = np.linalg.inv(X_FG)
+    strands = strands_kernel(
+        START, poses, PRICES.instants, GRASPS, X_GF, REACHABILITY.search, PRICES.record
+    )
+    k, i, branch, angle = np.nonzero(np.isfinite(strands.rate))
+    q = strands.q[k, i, branch, angle]
+    assert len(q) > 300
+    assert REACHABILITY.admissible(q).all()
+    np.testing.assert_allclose(forward_kinematics(q, X_FG), poses[k] @ GRASPS[i], atol=1e-9)
+    signs = 4 * (q[:, 3] < 0.0) + 2 * (q[:, 1] < 0.0) + (q[:, 5] < 0.0)
+    np.testing.assert_array_equal(signs, branch)
+    # What follows can be reached in time, and leads to the end of the strand without a gap.
+    following = strands.following[k, i, branch, angle]
+    go_on = following >= 0
+    later = strands.q[k[go_on] + 1, i[go_on], branch[go_on], following[go_on]]
+    steps = np.diff(PRICES.instants)[k[go_on]]
+    travel = np.max(np.abs(later - q[go_on]) / IIWA_7.velocity_limits, axis=1)
+    assert np.all(travel <= PRICES.speed_share * steps + 1e-12)
+
+
+def test_an_arm_angle_that_is_kept_costs_no_less_than_the_best_way_through_the_arm_angles():
+    """The joint-space controller's cost of a strand beside the table's, where both see the same."""
+    still = dataclasses.replace(PRICES, times=tuple(np.linspace(0.0, 1.5, 9)), motion=0.0)
+    poses = np.repeat(se3.make_pose(np.eye(3), [0.5, 0.0, 0.3])[None], len(still.times), axis=0)
+    X_GF, search, checked = np.linalg.inv(X_FG), REACHABILITY.search, 0
+    strands = strands_kernel(START, poses, still.instants, GRASPS, X_GF, search, still.record)
+    for i, b, j in np.argwhere(np.isfinite(strands.rate[0])):
+        kept = strand_cost_kernel(
+            *(poses, still.instants, GRASPS[i], 0.0, X_GF, b, search.psis[j], search),
+            *(still.record[0], np.empty((4, 4)), np.empty(7)),
+        )
+        # The table also asks where the joints are going beyond the horizon: nowhere, here.
+        end = still.end * (1.0 - 1.5 / still.outlook)
+        assert kept == pytest.approx(1.5 * strands.rate[0, i, b, j] + end, rel=1e-6)
+        assert strands.to_go[0, i, b, j] <= kept + 1e-9
+        checked += 1
+    assert checked > 50
+
+
+def test_prices_are_seconds_without_the_object():
+    """At the distance `lost` a second costs a second; posture comes on top."""
+    prices = PRICES.record[0]
+    good = np.array([0.0, 0.6, 0.0, -1.4, 0.0, 1.0, 0.0])
+    lack = max(0.0, 1.0 - manipulability(good) / PRICES.manipulability)
+    posture = PRICES.manipulability_price * lack
+    assert rate_kernel(good, 0.0, prices) == pytest.approx(posture)
+    assert rate_kernel(good, PRICES.lost, prices) == pytest.approx(1.0 + posture)
+    at_limit = good.copy()
+    at_limit[0] = IIWA_7.position_limits[0]
+    assert rate_kernel(at_limit, 0.0, prices) == pytest.approx(PRICES.limit_price + posture)
+    assert end_kernel(0.0, prices) == PRICES.end
+    assert end_kernel(2.0 * PRICES.outlook, prices) == 0.0
+
+
+def test_a_way_costs_the_distance_of_the_hand_for_its_duration():
+    """Of a hand that stays where it is, beside an object that stays, or leaves at 0.1 m/s."""
+    X_WH = forward_kinematics(START, X_FG)
+    X_WO = np.tile(X_WH, (3, 1, 1))
+    X_WO[:, :3, 3] -= [0.0, 0.2, 0.0]
+    times, search, prices = np.array([0.0, 1.0, 2.0]), REACHABILITY.search, PRICES.record[0]
+
+    def cost(k, X_WO):
+        return way_kernel(START, START, 0, k, 2.0, X_WO, times, 0.2, 0.2, search, X_FG, prices)
+
+    assert cost(0, X_WO) == pytest.approx(2.0 * 0.2 / PRICES.lost)
+    assert cost(2, X_WO) == pytest.approx(2.0 * 0.2 / PRICES.lost)
+    leaves = X_WO.copy()
+    leaves[:, 1, 3] -= 0.1 * times
+    mean = (0.5 * (0.2 + 0.2) + 0.25 + 0.3 + 0.35) / 4.0
+    assert cost(2, leaves) == pytest.approx(2.0 * mean / PRICES.lost)
+    assert cost(0, leaves) == pytest.approx(2.0 * 0.2 / PRICES.lost)
