@@ -7,6 +7,7 @@ import re
 import sys
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -106,6 +107,78 @@ def test_no_module_imports_itself_in_a_circle():
         if path.name != "__init__.py"
     }
     list(graphlib.TopologicalSorter(graph).static_order())
+
+
+#: Definitions that nothing but a test names: a limit that a docstring states and a test tries.
+NAMED_TRUTHS = {"MAX_EXPONENT"}
+
+
+def words_of_code(source: str) -> list[str]:
+    """Every word of a module but those of docstrings, imports and ``__all__``."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            node.body = [n for n in body if not is_no_use(n)] or [ast.Pass()]
+    return re.findall(r"[A-Za-z_]\w*", ast.unparse(tree))
+
+
+def is_no_use(node: ast.stmt) -> bool:
+    if isinstance(node, ast.Assign):
+        return any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets)
+    text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    return text or isinstance(node, (ast.Import, ast.ImportFrom))
+
+
+def defined_names(body: list[ast.stmt]) -> Iterator[str]:
+    """Functions, classes, constants and, inside classes, methods and fields; no enum members."""
+    for node in body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            yield node.name
+            if isinstance(node, ast.ClassDef) and "StrEnum" not in map(ast.unparse, node.bases):
+                yield from defined_names(node.body)
+        elif isinstance(node, ast.Assign):
+            yield from (t.id for t in node.targets if isinstance(t, ast.Name))
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            yield node.target.id
+
+
+def test_nothing_is_there_for_tests_alone(repository):
+    """Every definition is named once more in package, diagrams, examples or generators.
+
+    Counted by words: a name that something else has as well is not found.
+    """
+    folders = ("feasigrasp", "diagrams", "examples", "models")
+    sources = {p: p.read_text() for f in folders for p in (repository / f).rglob("*.py")}
+    uses = Counter(word for text in sources.values() for word in words_of_code(text))
+    alone = [
+        f"{module_name(path)}.{name}"
+        for path in MODULES
+        for name in defined_names(ast.parse(sources[path]).body)
+        if uses[name] < 2 and not name.startswith("__") and name not in NAMED_TRUTHS
+    ]
+    assert not alone
+
+
+def test_the_models_are_a_dozen_packages():
+    """At most 13 packages in `models`, and at most 36 arrows between them, in no circle."""
+    arrows = {
+        (own, other)
+        for path in MODULES
+        for name in imported_names(path)
+        if (own := room(module_name(path))) and (other := room(name)) and own != other
+    }
+    rooms = {room for arrow in arrows for room in arrow}
+    assert len(rooms) <= 13
+    assert len(arrows) <= 36
+    graph = {room: {b for a, b in arrows if a == room} for room in rooms}
+    list(graphlib.TopologicalSorter(graph).static_order())
+
+
+def room(name: str) -> str | None:
+    """The package of `models` that a dotted name is in."""
+    parts = name.split(".")
+    inside = parts[:2] == ["feasigrasp", "models"] and len(parts) > 3
+    return parts[2] if inside and (PACKAGE / "models" / parts[2]).is_dir() else None
 
 
 def test_folders_are_small():

@@ -65,14 +65,12 @@ class Rollout:
             `rollout_metrics`.
         times: Times of the samples [s], shape (n,).
         samples: Samples, one row per entry of `feasigrasp.systems.metrics.SAMPLE_NAMES`.
-        tick_times: Control times [s], shape (m,).
-        states: Joint positions [rad], then velocities [rad/s], at those times, shape (m, 14).
+        states: Joint positions [rad], then velocities [rad/s], at every tick, shape (m, 14).
     """
 
     metrics: dict[str, Any]
     times: Array
     samples: Array
-    tick_times: Array
     states: Array
 
 
@@ -204,14 +202,11 @@ def roll_out(
     logs = [
         diagram.GetSubsystemByName(f"log({name})").FindLog(context) for name in ("metrics", "drive")
     ]
-    (times, samples), (ticks, states) = [
-        (log.sample_times().copy(), log.data().copy()) for log in logs
-    ]
+    (times, samples), (_, states) = [(log.sample_times().copy(), log.data().copy()) for log in logs]
     return Rollout(
         rollout_metrics(samples, states.T, scenario.control.period),
         times,
         samples,
-        ticks,
         states.T,
     )
 
@@ -225,7 +220,7 @@ def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, A
 
     Args:
         samples: One row per entry of `SAMPLE_NAMES`, shape (s, n).
-        states: Joint positions and velocities at every control tick, shape (m, 14).
+        states: Joint positions and velocities at every tick, shape (m, 14).
         period: Time between ticks [s].
     """
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))

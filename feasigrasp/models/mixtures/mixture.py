@@ -114,10 +114,6 @@ class RiemannianMixture(Frozen):
         J = se3.right_jacobian_inverse(tangents)
         return np.asarray(-np.einsum("...k,...kji,...kj->...i", r, J, pulls))
 
-    def transformed(self, X_AB: ArrayLike) -> RiemannianMixture:
-        """The mixture in frame A of one given in frame B: means moved, covariances unchanged."""
-        return RiemannianMixture(self.weights, np.asarray(X_AB) @ self.means, self.covariances)
-
     def medoids(self, X_samples: ArrayLike) -> NDArray[np.intp]:
         """Index of the most likely of the samples (n, 4, 4) under each component, shape (K,)."""
         X_samples = checked_poses(X_samples, "medoids: X_samples")

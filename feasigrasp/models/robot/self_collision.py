@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel, distances_kernel
+from feasigrasp.models.robot.capsule_kernels import distances_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
 from feasigrasp.models.robot.collision_kernels import in_collision_batch_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -49,29 +49,6 @@ def signed_distances(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> Array
 def min_distance(q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES) -> float:
     """The smallest signed distance of all checked pairs of one configuration (7,) [m]."""
     return float(signed_distances(IIWA_7.positions(q, 1), model).min())
-
-
-def table_distances(
-    q: ArrayLike, table_height: float = 0.0, model: CapsuleModel = IIWA_CAPSULES
-) -> Array:
-    """Clearance above a horizontal plane of the ends of the capsules whose height can change.
-
-    Args:
-        q: Joint positions, shape (7,) [rad].
-        table_height: Height of the plane in the base frame [m].
-        model: The capsules; each of ``model.movers`` has two entries in a row, one per end (links 2
-            to 7 and the hand; the height of link 1 never changes).
-
-    Returns:
-        Shape (2 m,) [m], negative below the plane.
-
-    Raises:
-        ValueError: ``q`` does not have shape (7,).
-    """
-    ends = np.empty(model.ends.shape)
-    capsule_ends_kernel(IIWA_7.positions(q, 1), model, ends)
-    radius = model.radius[model.movers, None]
-    return np.asarray((ends[model.movers, :, 2] - radius - table_height).reshape(-1))
 
 
 def in_collision(Q: ArrayLike, model: CapsuleModel = IIWA_CAPSULES, margin: float = 0.0) -> Mask:

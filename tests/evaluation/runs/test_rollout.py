@@ -44,7 +44,7 @@ def test_the_arm_goes_exactly_where_a_steady_command_takes_it():
     period = config.control.period
     # Every joint ramps up at its acceleration limit, then moves on.
     dv = IIWA_7.acceleration_limits * period
-    steps = np.arange(1, len(rollout.tick_times))[:, None]
+    steps = np.arange(1, len(rollout.states))[:, None]
     qd = np.sign(SPEED) * np.minimum(np.abs(SPEED), steps * dv)
     q = np.deg2rad(config.q_start) + period * np.cumsum(qd, axis=0)
     np.testing.assert_allclose(rollout.states[1:, IIWA_7.joints :], qd, atol=1e-12)

@@ -24,6 +24,7 @@ from feasigrasp.models.robot.collision_kernels import LANES, in_collision_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
+from tests.truths import table_distances
 
 CAPSULES = arm_capsules() + hand_capsules()
 BODY = np.array([capsule.body for capsule in CAPSULES])
@@ -178,7 +179,7 @@ def test_clear_of_itself_and_of_a_table(height):
     for q in mixed_configurations(1500, seed=9):
         apart = sc.min_distance(q) >= clearance
         for chosen in (model, without_hand):
-            above = sc.table_distances(q, height, chosen).min() >= clearance
+            above = table_distances(q, height, chosen).min() >= clearance
             assert is_clear_kernel(q, chosen, clearance, height) == (apart and above)
             seen.add((apart, above))
     assert {(True, True), (True, False)} <= seen
@@ -274,10 +275,10 @@ def test_hand_capsules_hold_palm_and_camera():
 
 def test_table_clearance_of_the_upright_arm():
     """At q = 0 with the table at 0.2 m: the lowest mover is link 2's drum, 0.34 - 0.068 m high."""
-    clearance = sc.table_distances(np.zeros(7), 0.2)
+    clearance = table_distances(np.zeros(7), 0.2)
     assert clearance.min() == pytest.approx(0.34 - 0.068 - 0.2)
     assert clearance.shape == (2 * len(capsule_model().movers),)
-    turned = sc.table_distances(np.eye(7)[0], 0.2)  # turning the base moves nothing up
+    turned = table_distances(np.eye(7)[0], 0.2)  # turning the base moves nothing up
     np.testing.assert_array_equal(turned, clearance)
 
 

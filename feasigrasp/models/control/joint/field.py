@@ -21,9 +21,6 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 MIN_LENGTH_SCALE, MAX_LENGTH_SCALE, SPACING_RATIO = 0.03, 0.2, 0.4
 #: Variance of the noise that keeps the matrix of solutions that coincide regular.
 NOISE_VARIANCE = 1e-6
-#: The weights that say which solution counts decay so many times faster than the field: where a
-#: solution is an equilibrium, its weight is 1 and the others' are nothing.
-SHARPNESS = 4.0
 
 _FAST = {"reassoc", "contract", "nsz", "arcp"}
 
@@ -162,6 +159,8 @@ def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
         soft += decay
         for k in range(IIWA_7.joints):
             gradient[k] += term / max(r, 1e-12) * (q[k] - nodes[i, k])
+        # What says which solution counts decays four times faster than the field: where a solution
+        # is an equilibrium, its weight is 1 and the others' are nothing.
         decay = decay * decay
         weights[i] = decay * decay
         total += weights[i]

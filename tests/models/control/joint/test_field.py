@@ -8,7 +8,6 @@ from scipy.special import logsumexp
 
 from feasigrasp.models.control.joint.field import (
     NOISE_VARIANCE,
-    SHARPNESS,
     distances_kernel,
     evaluate_kernel,
     fit_kernel,
@@ -125,7 +124,7 @@ def test_weights_are_a_share_of_each_solution():
         assert (weights >= 0).all() and weights.sum() == pytest.approx(1.0)
         r = np.linalg.norm(field.q - q, axis=1)
         np.testing.assert_array_equal(np.argsort(-weights, kind="stable")[0], np.argmin(r))
-        sharpness = SHARPNESS / field.length_scale
+        sharpness = 4.0 / field.length_scale
         assert weights[1] / weights[0] == pytest.approx(np.exp((r[0] - r[1]) * sharpness), rel=1e-9)
 
 

@@ -14,8 +14,9 @@ from feasigrasp.models.robot.capsules import hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.robot.self_collision import min_distance, table_distances
+from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from tests.truths import table_distances
 
 RADIUS = 0.04
 GRIPPER = ParallelGripper()
