@@ -27,7 +27,7 @@ p_GH = np.insert(np.array(line), 1, 0.0, axis=1)
 figure = plt.figure(figsize=(10, 4.5))
 ax = figure.add_subplot(1, 2, 1, projection="3d")
 ax.plot_trisurf(*mesh.vertices.T, triangles=mesh.faces, color="0.8", alpha=0.6)
-for X_OG in grasps.X_OG[np.argsort(-grasps.score)][:40:4]:
+for X_OG in grasps.X_OG:
     ax.plot(*(X_OG[:3, :3] @ p_GH.T + X_OG[:3, 3:]), "C2", lw=1)
 ax.set_aspect("equal")
 ax.set_axis_off()

@@ -18,7 +18,8 @@ X_WG[:, 0, 3], X_WG[:, 2, 3] = x.ravel(), z.ravel()
 # Exact: closed-form inverse kinematics, joint limits, self-collision, table.
 reachability = Reachability()
 verdicts = reachability.verdicts(X_WG)
-for code, reason in enumerate(VERDICTS):
+REASONS = VERDICTS[:5]  # the others are those of grasps and of the mixture
+for code, reason in enumerate(REASONS):
     print(f"{np.mean(verdicts == code):6.1%} {reason}")
 
 # Soft, as in the paper: the density of a Riemannian mixture of poses that the arm reaches.
@@ -32,10 +33,10 @@ print(f"from q: {np.median(seconds[np.isfinite(seconds)]):.2f} s (median) at ful
 
 figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
 image = {"origin": "lower", "extent": (-1.0, 1.0, 0.0, 1.3)}
-colors = plt.get_cmap("tab10", len(VERDICTS))
+colors = plt.get_cmap("tab10", len(REASONS))
 shown = axes[0].imshow(verdicts.reshape(x.shape), cmap=colors, vmin=-0.5, vmax=4.5, **image)
-bar = figure.colorbar(shown, ax=axes[0], ticks=range(len(VERDICTS)))
-bar.ax.set_yticklabels(VERDICTS)
+bar = figure.colorbar(shown, ax=axes[0], ticks=range(len(REASONS)))
+bar.ax.set_yticklabels(REASONS)
 axes[0].set_title("exact verdict")
 shown = axes[1].imshow(np.maximum(density, -20).reshape(x.shape), **image)
 figure.colorbar(shown, ax=axes[1], label="log density")

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import PointCloudError
@@ -45,6 +44,8 @@ def read_cloud(filename: str | Path) -> Array:
         elif path.suffix.lower() == ".npy":
             points = np.asarray(np.load(path))
         else:
+            import open3d as o3d  # a slow import that arrays do not need
+
             points = np.asarray(o3d.io.read_point_cloud(path).points)
     except (OSError, ValueError, EOFError) as error:
         raise PointCloudError(f"{path.name} cannot be read: {error}") from error

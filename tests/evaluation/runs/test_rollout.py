@@ -69,7 +69,7 @@ def test_grasps_are_those_of_the_object_and_the_seed():
 
 @pytest.mark.parametrize("kind", list(MEASUREMENTS))
 def test_the_filter_is_better_than_a_difference(kind):
-    errors = motion_errors(make_motion(scenario("PaperSinusoidal")), MEASUREMENTS[kind], 0, 8.0)
+    errors = motion_errors(make_motion(scenario("PaperSinusoidal")), *MEASUREMENTS[kind], 0, 8.0)
     for figure in ("velocity_mm_s", "ahead_4s_cm"):
         peer = "difference over 20 ms" if figure == "velocity_mm_s" else "true twist held"
         ours = "filter" if figure == "velocity_mm_s" else "predictor"

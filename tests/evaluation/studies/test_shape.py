@@ -44,7 +44,7 @@ def test_look_at_looks_at_the_origin(camera):
 def test_a_perfect_camera_sees_points_of_the_surface(ball, camera):
     view = ball.view(camera, None)
     assert len(view.points) > 400
-    assert ball.distance(view.points).max() < 1e-5
+    assert ball.surface.distance(view.points).max() < 1e-5
     towards = np.einsum("ij,ij->i", view.points, camera[:3, 3] - view.points)
     assert (towards > 0.0).all()
     assert view.measured.sum() == len(view.points)
@@ -53,7 +53,7 @@ def test_a_perfect_camera_sees_points_of_the_surface(ball, camera):
 def test_noise_is_that_of_the_sensor_and_of_the_tracker(ball, camera):
     exact = ball.view(camera, None).points
     noisy = ball.view(camera, np.random.default_rng(0))
-    assert 0.0003 < ball.distance(noisy.points).mean() < 0.003
+    assert 0.0003 < ball.surface.distance(noisy.points).mean() < 0.003
     tracked = ball.view(camera, np.random.default_rng(0), (0.01, 0.0))
     np.testing.assert_allclose(
         tracked.points - noisy.points, np.tile(tracked.p_OC - noisy.p_OC, (len(noisy.points), 1))
