@@ -1,8 +1,6 @@
 """Thin Drake ``LeafSystem``s and ``Diagram``s around ``feasigrasp.models``."""
 
-from typing import TYPE_CHECKING
-
-from feasigrasp.lazy import hand_on
+from feasigrasp.lazy import TYPE_CHECKING, hand_on
 
 if TYPE_CHECKING:
     from feasigrasp.systems.dynamic_grasp import add_dynamic_grasp, make_dynamic_grasp

@@ -1,8 +1,6 @@
 """Grasps: proposing, filtering, scoring, following through."""
 
-from typing import TYPE_CHECKING
-
-from feasigrasp.lazy import hand_on
+from feasigrasp.lazy import TYPE_CHECKING, hand_on
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
