@@ -15,7 +15,7 @@ from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_acros
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
@@ -88,7 +88,7 @@ class PointCloudToGPDF(LeafSystem):
             min_points: A view with fewer finite points is ignored.
         """
         super().__init__()
-        nothing = FusedCloud.empty(voxel_size, smooth=preset == "default")
+        nothing = FusedCloud.empty(voxel_size, smooth=preset == Preset.DEFAULT)
         cap = sphere_points(400, 0.03)
         cap = cap[cap[:, 2] > 0.0]
         twice = nothing.merged(cap, [0.0, 0.0, 0.5]).merged(cap, [0.0, 0.1, 0.5])

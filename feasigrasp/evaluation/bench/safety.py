@@ -123,7 +123,7 @@ def judge(
     for k, (s, qd) in enumerate(zip(states, commands, strict=True)):
         if qd is None or not np.isfinite(qd).all():
             continue
-        lower, upper = safety.problem(s.q, np.zeros(7))[1][:2, :7]
+        lower, upper = safety.problem(s.q, np.zeros(IIWA_7.joints))[1][:2, : IIWA_7.joints]
         outcome["limits"][k] = max(0.0, (lower - qd).max(), (qd - upper).max())
         outcome["acceleration"][k] = max(0.0, (np.abs(qd - s.qd_last) - change).max())
         outcome["clearance"][k] = (s.lower[IIWA_7.joints :] - s.rows @ qd).max(initial=0.0)

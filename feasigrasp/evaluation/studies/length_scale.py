@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from feasigrasp.evaluation.measures.shape import measure, true_samples
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, report_rows, write_csv
@@ -59,7 +59,7 @@ def study_object(
         (X_OC,) = turning_views(rng, np.zeros(3), 1)
         view = viewed.view(X_OC, rng)
         for preset in PRESETS:
-            cloud = fused([view], smooth=preset == "default")
+            cloud = fused([view], smooth=preset == Preset.DEFAULT)
             for length_scale in length_scales:
                 # The network of the hidden side was trained for one length scale: without it.
                 about: Record = {"preset": preset, "length_scale": length_scale}

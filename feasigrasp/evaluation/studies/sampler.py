@@ -29,7 +29,7 @@ from feasigrasp.evaluation.measures.grasps import (
 from feasigrasp.evaluation.runs.floating_gripper import hold_trials
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.network.network import load_grasp_network
+from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import RigidObject
@@ -81,7 +81,7 @@ def make_samplers() -> dict[str, GraspSamplerFn]:
     samplers: dict[str, GraspSamplerFn] = {"antipodal": AntipodalSampler(GRIPPER)}
     for preset in NETWORKS:
         network = load_grasp_network(preset)
-        samplers[preset] = NetworkSampler(GRIPPER, network, top_up=preset == "default")
+        samplers[preset] = NetworkSampler(GRIPPER, network, top_up=preset == Preset.DEFAULT)
     return samplers
 
 

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from feasigrasp.evaluation.measures.shape import measure, true_samples
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
-from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.surface_error import surface_deviation
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
@@ -81,7 +81,7 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
             seen = [viewed.view(X_OC, rng, tracking) for X_OC in cameras[:count]]
             for preset in PRESETS:
                 start = time.process_time()
-                field = complete_shape(fused(seen, smooth=preset == "default"), preset=preset)
+                field = complete_shape(fused(seen, smooth=preset == Preset.DEFAULT), preset=preset)
                 surface = field.completion
                 cpu = 1e3 * (time.process_time() - start) / count
                 record: Record = {"object": name, "view": index, "condition": condition}

@@ -25,7 +25,7 @@ from feasigrasp.evaluation.pictures.sheets import add_scale, two_rows
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_points, frame
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.rows import Row, report_rows, write_csv
@@ -92,7 +92,7 @@ def look_round(viewed: ViewedObject, rng: np.random.Generator) -> list[PartialVi
 
 def fit_views(views: Sequence[PartialView], preset: str = "default") -> Gpdf:
     """The field of some views, merged."""
-    return complete_shape(fused(views, smooth=preset == "default"), preset=preset)
+    return complete_shape(fused(views, smooth=preset == Preset.DEFAULT), preset=preset)
 
 
 def slice_through(viewed: ViewedObject, field: Gpdf, view: PartialView) -> dict[str, Array]:

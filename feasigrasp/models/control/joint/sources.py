@@ -83,7 +83,7 @@ def _closed_form(X_WF, q_now, known, search, prices, worth, found):
         return 0
     psis = search.psis
     n = len(psis) + 1
-    candidates, scores = np.empty((8 * n, 7)), np.empty(8 * n)
+    candidates, scores = np.empty((8 * n, IIWA_7.joints)), np.empty(8 * n)
     count = 0
     for j in range(n):
         s, c = fast_sincos(psis[j] if j < len(psis) else arm_angle_kernel(q_now))
@@ -160,7 +160,7 @@ def new_configurations(
     record, worth = prices.record, radians_per_second * prices.times[-1]
     result = []
     for i, (X, taken) in enumerate(zip(X_WF, known, strict=True)):
-        found = np.empty((max(per_pose - len(taken), 0), 7))
+        found = np.empty((max(per_pose - len(taken), 0), IIWA_7.joints))
         if drawn is None:
             count = _closed_form(X, q_now, taken, search, record, worth, found)
         else:

@@ -26,7 +26,7 @@ class Strands(NamedTuple):
     """All nodes: instants K + 1, grasps n, branches 8, arm angles P.
 
     Attributes:
-        q: Configurations, shape (K + 1, n, 8, P, 7) [rad].
+        q: Configurations, shape (K + 1, n, 8, P, IIWA_7.joints) [rad].
         rate: Cost per second of being there, infinite where a node is not admissible.
         to_go: Least cost from there to the horizon, staying on the strand [s].
         following: Arm angle at the next instant, -1 where the strand ends.
@@ -40,7 +40,7 @@ class Strands(NamedTuple):
 
 @njit(cache=True)
 def _write_nodes(q, X_WF, offset, search, lanes, ends, prices, Q, rate):
-    """Writes configurations (8, P, 7) of one grasp at one instant, and what they cost."""
+    """Writes configurations (8, P, IIWA_7.joints) of one grasp at one instant, and what they cost."""
     rate[:] = np.inf
     circle = arm_circle_kernel(X_WF)
     if not circle.reached or hand_verdict_kernel(X_WF, search, ends) != REACHABLE:
@@ -112,7 +112,7 @@ def strands_kernel(q, X_WO, times, X_OG, X_GF, search, prices):
     """The `Strands` of grasps (n, 4, 4) for an object at poses (K + 1, 4, 4)."""
     K, n, P = len(times) - 1, len(X_OG), len(search.psis)
     strands = Strands(
-        np.empty((K + 1, n, 8, P, 7)),
+        np.empty((K + 1, n, 8, P, IIWA_7.joints)),
         np.empty((K + 1, n, 8, P)),
         np.empty((K + 1, n, 8, P)),
         np.empty((K + 1, n, 8, P), dtype=np.int64),
