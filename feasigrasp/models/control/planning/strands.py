@@ -40,7 +40,7 @@ class Strands(NamedTuple):
 
 @njit(cache=True)
 def _write_nodes(q, X_WF, offset, search, lanes, ends, prices, Q, rate):
-    """Writes configurations (8, P, IIWA_7.joints) of one grasp at one instant, and what they cost."""
+    """Writes configurations (8, P, 7) of one grasp at one instant, and what they cost."""
     rate[:] = np.inf
     circle = arm_circle_kernel(X_WF)
     if not circle.reached or hand_verdict_kernel(X_WF, search, ends) != REACHABLE:
