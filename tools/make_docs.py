@@ -22,9 +22,9 @@ errors are in the docstrings. `python tools/make_docs.py` writes this page.
 """
 EXAMPLES_HEAD = """# Examples
 
-Each runs by itself (`python examples/01_complete_a_cloud.py`), prints what it found and draws a picture,
-into `out/examples` or where an argument says; a test runs them all. `python tools/make_docs.py --pictures`
-writes this page and its pictures.
+Each runs by itself (`python examples/01_complete_a_cloud.py`), prints what it found and draws a
+picture, into `out/examples` or where an argument says; a test runs them all.
+`python tools/make_docs.py --pictures` writes this page and its pictures.
 """
 
 
