@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -33,31 +33,73 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
 
 
-class ControllerInputs(NamedTuple):
+class ControllerInputs:
     """What a controller knows at one instant.
 
-    Attributes:
-        time: Now [s].
-        q: Joint positions [rad], shape (7,).
-        grasps: Reachable grasps in the object frame.
-        X_WO: Object pose, shape (4, 4) [m]; not finite while it is unknown.
-        V_WO: Object twist [angular; linear], shape (6,).
-        motion: Predicts the object's poses; without it they follow its twist.
-        qd_last: The last command as the drive carried it out [rad/s], shape (7,).
-        obstacles: Distances to the scene, which the arm keeps clear of; None in ``paper`` mode.
-        surface: Distances to the object's surface, in its frame, which the open hand keeps off;
-            None in ``paper`` mode.
+    Every entry is read from its port when it is asked for: at control rate a port that nobody needs
+    costs as much as the law itself.
     """
 
-    time: float
-    q: Array
-    grasps: GraspSet
-    X_WO: Array
-    V_WO: Array
-    motion: MotionEstimate | None
-    qd_last: Array | None
-    obstacles: ObstacleGrid | None
-    surface: ObstacleGrid | None
+    __slots__ = ("_context", "_controller")
+
+    def __init__(self, controller: GraspController, context: Context) -> None:
+        """The inputs of a controller in a context."""
+        self._controller, self._context = controller, context
+
+    @property
+    def time(self) -> float:
+        """Now [s]."""
+        return float(self._context.get_time())
+
+    @property
+    def q(self) -> Array:
+        """Joint positions [rad], shape (7,)."""
+        position: Array = self._controller._position.Eval(self._context)
+        return position
+
+    @property
+    def grasps(self) -> GraspSet:
+        """Reachable grasps in the object frame."""
+        grasps: GraspSet = self._controller._grasps.Eval(self._context)
+        return grasps
+
+    @property
+    def X_WO(self) -> Array:
+        """Object pose, shape (4, 4) [m]; not finite while it is unknown."""
+        X_WO: Array = self._controller._pose.Eval(self._context).GetAsMatrix4()
+        return X_WO
+
+    @property
+    def V_WO(self) -> Array:
+        """Object twist [angular; linear], shape (6,)."""
+        V_WO: Array = self._controller._twist.Eval(self._context).get_coeffs()
+        return V_WO
+
+    @property
+    def motion(self) -> MotionEstimate | None:
+        """Predicts the object's poses; without it they follow its twist."""
+        motion: MotionEstimate | None = _optional(self._controller._motion, self._context)
+        return motion
+
+    @property
+    def qd_last(self) -> Array | None:
+        """The last command as the drive carried it out [rad/s], shape (7,)."""
+        qd_last: Array | None = _optional(self._controller._last, self._context)
+        return qd_last
+
+    @property
+    def obstacles(self) -> ObstacleGrid | None:
+        """Distances to the scene, which the arm keeps clear of; None in ``paper`` mode."""
+        return self._grid(self._controller._obstacles)
+
+    @property
+    def surface(self) -> ObstacleGrid | None:
+        """Distances to the object's surface, in its frame; None in ``paper`` mode."""
+        return self._grid(self._controller._surface)
+
+    def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
+        safe = self._controller.mode is ControlMode.SAFE
+        return entry.Eval(self._context) if safe else None
 
 
 class GraspController(LeafSystem):
@@ -217,8 +259,8 @@ class GraspController(LeafSystem):
         for time, some in ((0.0, grasps), (self.period, grasps.with_twins())):
             context.SetTime(time)
             self.GetInputPort("grasps").FixValue(context, AbstractValue.Make(some))
-            memory = self.update(memory, self._inputs(context))
-        self.velocity(memory, self._inputs(context))
+            memory = self.update(memory, ControllerInputs(self, context))
+        self.velocity(memory, ControllerInputs(self, context))
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]
@@ -232,26 +274,12 @@ class GraspController(LeafSystem):
         producer = ValueProducer(allocate=lambda: Value[object](None), calc=calc)
         return self.DeclareCacheEntry(name, producer, prerequisites_of_calc={port.ticket()})
 
-    def _inputs(self, context: Context) -> ControllerInputs:
-        safe = self.mode is ControlMode.SAFE
-        return ControllerInputs(
-            context.get_time(),
-            self._position.Eval(context),
-            self._grasps.Eval(context),
-            self._pose.Eval(context).GetAsMatrix4(),
-            self._twist.Eval(context).get_coeffs(),
-            _optional(self._motion, context),
-            _optional(self._last, context),
-            self._obstacles.Eval(context) if safe else None,
-            self._surface.Eval(context) if safe else None,
-        )
-
     def _update(self, context: Context, state) -> None:
-        memory = self.update(self.memory(context), self._inputs(context))
+        memory = self.update(self.memory(context), ControllerInputs(self, context))
         state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
 
     def _calc(self, context: Context, output) -> None:
-        output.SetFromVector(self.velocity(self.memory(context), self._inputs(context)))
+        output.SetFromVector(self.velocity(self.memory(context), ControllerInputs(self, context)))
 
 
 def _optional(port: InputPort, context: Context) -> Any:

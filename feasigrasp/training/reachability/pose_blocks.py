@@ -100,26 +100,65 @@ def _gather(q, p, order, blocks):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
-def _add_moments(r, v, scaled, first, second):
+def _add_moments(r, v, first, second):
     """Adds sum r v and the lower triangle of sum r v v^T of a block; returns sum r.
 
-    ``scaled`` (BLOCK,) is scratch.
+    Three loops, each with few enough sums to stay in registers: a pass takes a quarter less time
+    than with one loop a sum (bench.em_pass_s).
     """
     wide_vectors()
-    mass = _ZERO
+    v0, v1, v2, v3, v4, v5 = v[0], v[1], v[2], v[3], v[4], v[5]
+    mass, f0, f1, f2 = _ZERO, _ZERO, _ZERO, _ZERO
+    s00, s10, s11, s20, s21, s22 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     for j in range(BLOCK):
-        mass += r[j]
-    for a in range(6):
-        row, total = v[a], _ZERO
-        for j in range(BLOCK):
-            scaled[j] = r[j] * row[j]
-            total += scaled[j]
-        first[a] += total
-        for b in range(a + 1):
-            other, total = v[b], _ZERO
-            for j in range(BLOCK):
-                total += scaled[j] * other[j]
-            second[a, b] += total
+        a, b, c = v0[j], v1[j], v2[j]
+        ra, rb, rc = r[j] * a, r[j] * b, r[j] * c
+        mass, f0, f1, f2 = mass + r[j], f0 + ra, f1 + rb, f2 + rc
+        s00, s10, s11 = s00 + ra * a, s10 + rb * a, s11 + rb * b
+        s20, s21, s22 = s20 + rc * a, s21 + rc * b, s22 + rc * c
+    first[0] += f0
+    first[1] += f1
+    first[2] += f2
+    second[0, 0] += s00
+    second[1, 0] += s10
+    second[1, 1] += s11
+    second[2, 0] += s20
+    second[2, 1] += s21
+    second[2, 2] += s22
+    s30, s31, s32, s40, s41, s42 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+    s50, s51, s52 = _ZERO, _ZERO, _ZERO
+    for j in range(BLOCK):
+        a, b, c = v0[j], v1[j], v2[j]
+        ra, rb, rc = r[j] * v3[j], r[j] * v4[j], r[j] * v5[j]
+        s30, s31, s32 = s30 + ra * a, s31 + ra * b, s32 + ra * c
+        s40, s41, s42 = s40 + rb * a, s41 + rb * b, s42 + rb * c
+        s50, s51, s52 = s50 + rc * a, s51 + rc * b, s52 + rc * c
+    second[3, 0] += s30
+    second[3, 1] += s31
+    second[3, 2] += s32
+    second[4, 0] += s40
+    second[4, 1] += s41
+    second[4, 2] += s42
+    second[5, 0] += s50
+    second[5, 1] += s51
+    second[5, 2] += s52
+    f0, f1, f2 = _ZERO, _ZERO, _ZERO
+    s00, s10, s11, s20, s21, s22 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+    for j in range(BLOCK):
+        a, b, c = v3[j], v4[j], v5[j]
+        ra, rb, rc = r[j] * a, r[j] * b, r[j] * c
+        f0, f1, f2 = f0 + ra, f1 + rb, f2 + rc
+        s00, s10, s11 = s00 + ra * a, s10 + rb * a, s11 + rb * b
+        s20, s21, s22 = s20 + rc * a, s21 + rc * b, s22 + rc * c
+    first[3] += f0
+    first[4] += f1
+    first[5] += f2
+    second[3, 3] += s00
+    second[4, 3] += s10
+    second[4, 4] += s11
+    second[5, 3] += s20
+    second[5, 4] += s21
+    second[5, 5] += s22
     return mass
 
 
@@ -172,5 +211,5 @@ def moments_of_blocks(blocks, start, stop, n, packed, mass, first, second):
         likelihood += _normalise(log2, active, largest, total, min(BLOCK, n - i * BLOCK))
         for k in range(K):
             if active[k]:
-                mass[k] += _add_moments(log2[k], v[k], total, first[k], second[k])
+                mass[k] += _add_moments(log2[k], v[k], first[k], second[k])
     return likelihood
