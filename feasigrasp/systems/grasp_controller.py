@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import CacheEntry, Context, InputPort, LeafSystem, ValueProducer
+from pydrake.systems.framework import CacheEntry, Context, InputPort, LeafSystem
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
@@ -31,6 +31,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
+from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
 
 
 class ControllerInputs:
@@ -180,19 +181,17 @@ class GraspController(LeafSystem):
         self.mode = parse_choice(ControlMode, mode, "mode", ControlError)
         self.period = period
         self._safety_options = safety or SafetyOptions()
-        anything = Value[object](None)
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
-        self._grasps = self.DeclareAbstractInputPort("grasps", AbstractValue.Make(GraspSet.empty()))
-        self._pose = self.DeclareAbstractInputPort("object_pose", Value[RigidTransform]())
-        self._twist = self.DeclareAbstractInputPort("object_velocity", Value[SpatialVelocity]())
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._twist = declare_input(self, "object_velocity", SpatialVelocity())
         self._last = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
-        scene = self.DeclareAbstractInputPort("scene", anything)
-        self._motion = self.DeclareAbstractInputPort("object_motion", anything)
-        gpdf = self.DeclareAbstractInputPort("gpdf", anything)
+        scene = declare_input(self, "scene")
+        self._motion = declare_input(self, "object_motion")
+        gpdf = declare_input(self, "gpdf")
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
         self._surface = self._declare_grid("surface of the object", gpdf, object_grid)
-        self._memory = self.DeclareAbstractState(Value[object](memory))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        self._memory = PeriodicState(self, memory, period, self._updated)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
 
     @cached_property
@@ -222,7 +221,7 @@ class GraspController(LeafSystem):
 
     def memory(self, context: Context) -> Any:
         """What the last `update` returned."""
-        return context.get_abstract_state(int(self._memory)).get_value()
+        return self._memory.Eval(context)
 
     def enforced(self, qd: Array, inputs: ControllerInputs) -> Array:
         """The velocity nearest to ``qd`` (7,) that keeps limits and clearances.
@@ -267,16 +266,14 @@ class GraspController(LeafSystem):
     ) -> CacheEntry:
         """A grid of the field at an optional port, made anew when that changes; None if None."""
 
-        def calc(context: Context, value: AbstractValue) -> None:
+        def calc(context: Context) -> ObstacleGrid | None:
             field = _optional(port, context)
-            value.set_value(None if field is None else make_grid(field))
+            return None if field is None else make_grid(field)
 
-        producer = ValueProducer(allocate=lambda: Value[object](None), calc=calc)
-        return self.DeclareCacheEntry(name, producer, prerequisites_of_calc={port.ticket()})
+        return declare_cache(self, name, calc, {port.ticket()})
 
-    def _update(self, context: Context, state) -> None:
-        memory = self.update(self.memory(context), ControllerInputs(self, context))
-        state.get_mutable_abstract_state(int(self._memory)).set_value(memory)
+    def _updated(self, context: Context) -> Any:
+        return self.update(self.memory(context), ControllerInputs(self, context))
 
     def _calc(self, context: Context, output) -> None:
         output.SetFromVector(self.velocity(self.memory(context), ControllerInputs(self, context)))
