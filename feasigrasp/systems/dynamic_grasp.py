@@ -24,6 +24,7 @@ from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.scene_filter import SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
+from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.meshcat_scene import add_scene
 from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
 from feasigrasp.systems.station.station import Station
@@ -123,6 +124,7 @@ def add_dynamic_grasp(
     gripper = ParallelGripper()
     reachability = Reachability(gripper)
     station = builder.AddNamedSystem("station", make_station(scenario))
+    check_cell(station.plant, gripper)
     cell = _Cell(builder, scenario, gripper, station)
     cell.add("tracker", ObjectTracker(scenario.tracker), pose=station.GetOutputPort("object.pose"))
     _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))

@@ -1,0 +1,156 @@
+"""Whether a robot cell is the one that kinematics, limits and hand are written for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex
+from pydrake.systems.framework import Context
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7, Arm
+
+#: A frame that is off by less is the same; rounded angles of a model file are [m], [rad].
+POSITION_TOLERANCE, ANGLE_TOLERANCE = 2e-4, 1e-3
+#: A limit may be rounded by this share.
+LIMIT_TOLERANCE = 1e-3
+FINGER_JOINTS = ("left_finger_joint", "right_finger_joint")
+
+
+def check_cell(plant: MultibodyPlant, gripper: ParallelGripper, arm: Arm = IIWA_7) -> None:
+    """Compares a finalized plant with the arm and the hand that the project computes with.
+
+    Frames are compared from the base to the hand, in a configuration that turns every joint, so
+    that a joint's place, axis, sign and zero all show; the first one that is off is named. Joints
+    may have no limits at all (as where nothing is enforced), or higher ones than ours for speed,
+    acceleration and effort, but no lower ones.
+
+    Raises:
+        ScenarioError: The cell is another one; the message names part, amount and mend.
+    """
+    instance = _instance(plant, arm.name)
+    context = plant.CreateDefaultContext()
+    q = np.where(np.arange(arm.joints) % 2, -1.0, 1.0) * np.linspace(0.4, 1.0, arm.joints)
+    plant.SetPositions(context, instance, _in_plant_order(plant, instance, q, arm))
+    for name, X_WL in _expected_links(q, arm):
+        _compare(plant.GetFrameByName(name, instance), context, X_WL, _LINK_MEND)
+    _check_limits(plant, instance, arm)
+    _check_hand(plant, context, X_WL, gripper)
+
+
+_LINK_MEND = (
+    "kinematics, inverse kinematics and reachability are those of an iiwa 7 R800 whose base stands "
+    "at the world's origin: correct the directives of the cell, or write kinematics for this arm "
+    "(feasigrasp/models/robot/iiwa.py)"
+)
+_HAND_MEND = (
+    "grasps are planned for the hand that ParallelGripper describes: weld "
+    "package://feasigrasp/iiwa/gripper.urdf to iiwa_flange as cell.dmd.yaml does, or describe this "
+    "hand by a ParallelGripper of its own and make its model with models/iiwa/make_models.py"
+)
+
+
+def _instance(plant: MultibodyPlant, name: str) -> ModelInstanceIndex:
+    if not plant.HasModelInstanceNamed(name):
+        found = ", ".join(
+            plant.GetModelInstanceName(ModelInstanceIndex(i))
+            for i in range(2, plant.num_model_instances())
+        )
+        raise ScenarioError(
+            f"the cell has no model named {name!r} (it has {found or 'none'}); name it so in the "
+            "directives, as cell.dmd.yaml does"
+        )
+    return plant.GetModelInstanceByName(name)
+
+
+def _in_plant_order(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, q: Array, arm: Arm
+) -> Array:
+    """Positions in the plant's order, which is ours if the names of the joints are."""
+    names = [plant.get_joint(i).name() for i in plant.GetJointIndices(instance)]
+    moving = [name for name in names if plant.GetJointByName(name, instance).num_positions() > 0]
+    if moving != list(arm.joint_names):
+        raise ScenarioError(
+            f"the joints of {arm.name} are {', '.join(moving)}; expected are "
+            f"{', '.join(arm.joint_names)}, in this order; {_LINK_MEND}"
+        )
+    return q
+
+
+def _expected_links(q: Array, arm: Arm) -> Iterator[tuple[str, Array]]:
+    """Names and poses in the world of all links, the flange last."""
+    X_WL = np.eye(4)
+    yield arm.link_names[0], X_WL
+    for name, step, axis, angle in zip(
+        arm.link_names[1:], arm.link_steps, arm.joint_axes, q, strict=False
+    ):
+        X_WL = X_WL @ se3.make_pose(se3.so3_exp(angle * axis), np.array([0.0, 0.0, step]))
+        yield name, X_WL
+    yield f"{arm.name}_flange", X_WL @ se3.make_pose(np.eye(3), [0.0, 0.0, arm.link_steps[-1]])
+
+
+def _compare(frame: Frame, context: Context, X_WE: Array, mend: str) -> None:
+    """Raises if a frame of the plant is not where it is expected (E)."""
+    X_EF = RigidTransform(X_WE).inverse() @ frame.CalcPoseInWorld(context)
+    p, angle = X_EF.translation(), abs(X_EF.rotation().ToAngleAxis().angle())
+    if np.linalg.norm(p) > POSITION_TOLERANCE or angle > ANGLE_TOLERANCE:
+        raise ScenarioError(
+            f"{frame.name()} of the cell is {1e3 * np.linalg.norm(p):.1f} mm and "
+            f"{np.rad2deg(angle):.2f} degrees from where it is expected (by "
+            f"{np.round(1e3 * p, 1).tolist()} mm along its expected axes); {mend}"
+        )
+
+
+def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm) -> None:
+    for i, name in enumerate(arm.joint_names):
+        joint = plant.GetJointByName(name, instance)
+        ours = arm.position_limits[i]
+        for theirs in (-joint.position_lower_limits()[0], joint.position_upper_limits()[0]):
+            if np.isfinite(theirs) and abs(theirs - ours) > LIMIT_TOLERANCE * ours:
+                raise ScenarioError(
+                    f"{name} of the cell turns {np.rad2deg(theirs):.2f} degrees at most, "
+                    f"{np.rad2deg(ours):.2f} are expected; {_LINK_MEND}"
+                )
+        actuator = plant.GetJointActuatorByName(name, instance)
+        for what, unit, theirs, ours in (
+            ("velocity", "rad/s", joint.velocity_upper_limits()[0], arm.velocity_limits[i]),
+            (
+                "acceleration",
+                "rad/s^2",
+                joint.acceleration_upper_limits()[0],
+                arm.acceleration_limits[i],
+            ),
+            ("effort", "Nm", actuator.effort_limit(), arm.effort_limits[i]),
+        ):
+            if theirs < (1.0 - LIMIT_TOLERANCE) * ours:
+                raise ScenarioError(
+                    f"{name} of the cell has a {what} limit of {theirs:.4g} {unit}, motions are "
+                    f"planned with {ours:.4g}; lower it in feasigrasp/models/robot/iiwa.py, or "
+                    "raise it in the model"
+                )
+
+
+def _check_hand(
+    plant: MultibodyPlant, context: Context, X_WF: Array, gripper: ParallelGripper
+) -> None:
+    hand = _instance(plant, "gripper")
+    for name in FINGER_JOINTS:
+        if not plant.HasJointNamed(name, hand):
+            raise ScenarioError(f"the gripper of the cell has no {name}; {_HAND_MEND}")
+        joint = plant.GetJointByName(name, hand)
+        joint.set_translation(context, 0.0)
+        _compare(joint.child_body().body_frame(), context, X_WF @ gripper.X_FG, _HAND_MEND)
+    opening = sum(
+        plant.GetJointByName(name, hand).position_upper_limits()[0] for name in FINGER_JOINTS
+    )
+    if abs(opening - gripper.max_opening) > POSITION_TOLERANCE:
+        raise ScenarioError(
+            f"the gripper of the cell opens {1e3 * opening:.1f} mm, "
+            f"{1e3 * gripper.max_opening:.1f} are expected; {_HAND_MEND}"
+        )
