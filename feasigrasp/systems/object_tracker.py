@@ -12,11 +12,13 @@ from feasigrasp.models.objects.pose_filter import (
     Noise,
     empty_state,
     measure_kernel,
+    parts,
     pose_kernel,
     twist_kernel,
 )
 from feasigrasp.models.objects.prediction import MotionEstimate, predict_kernel
 from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
 _ROW = 13  # time, then the upper three rows of a pose
@@ -34,11 +36,14 @@ class ObjectTracker(LeafSystem):
         - object_pose
         - object_velocity
         - object_motion
+        - tracking
 
     ``pose`` and ``object_pose`` are ``RigidTransform`` X_WO; ``object_velocity`` is a
     ``SpatialVelocity`` V_WO; ``object_motion`` is a `MotionEstimate`, which predicts. All three
     come from a Kalman filter over the measurements that have arrived, which knows how noisy they
-    are. Until the first one has arrived, the true pose is passed on, as if the object stood still.
+    are; ``tracking`` is a `Tracking`, which says what they are worth. Until the first measurement
+    has arrived there is no pose (NaN). When none has come for ``silence`` seconds, the pose is held
+    where it was expected by then, and nothing is predicted any more.
     """
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
@@ -61,7 +66,7 @@ class ObjectTracker(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._measure)
         state, time = self.discrete_state_ticket(self._state), self.time_ticket()
         self._estimated = declare_cache(
-            self, "estimate", self._estimate, {state, time, self._pose.ticket()}
+            self, "estimate", self._estimate, {state, time}
         )
         estimated = {self._estimated.ticket()}
         declare_output(self, "object_pose", self._calc_pose, estimated, model=RigidTransform())
@@ -69,6 +74,7 @@ class ObjectTracker(LeafSystem):
             self, "object_velocity", self._calc_velocity, estimated, model=SpatialVelocity.Zero()
         )
         declare_output(self, "object_motion", self._calc_motion, {state, time})
+        declare_output(self, "tracking", self.tracking, {state, time})
 
     def _measure(self, context: Context, discrete_state) -> None:
         config = self._config
@@ -92,12 +98,21 @@ class ObjectTracker(LeafSystem):
         state[0] = tick + 1.0
         discrete_state.get_mutable_vector().SetFromVector(state)
 
+    def tracking(self, context: Context) -> Tracking:
+        """How much the pose is worth at present."""
+        s = parts(self._filtered(context))
+        due = s.time[0] + (self._delay + 1) * self._config.period
+        age = np.inf if np.isnan(due) else max(0.0, context.get_time() - due)
+        return Tracking.of_age(age, self._config.silence, not np.isnan(s.far_since[0]))
+
     def _estimate(self, context: Context) -> tuple[Array, Array]:
         """Pose and twist now, from the measurements that have arrived."""
-        motion = self._filtered(context)
-        X_WO, V_WO = np.empty((4, 4)), np.zeros(6)
-        if np.isnan(motion[0]):
-            X_WO = self._pose.Eval(context).GetAsMatrix4()
+        motion, tracking = self._filtered(context), self.tracking(context)
+        X_WO, V_WO = np.eye(4), np.zeros(6)
+        if tracking.state is TrackingState.SEARCHING:
+            X_WO[:3, 3] = np.nan
+        elif tracking.lost:
+            pose_kernel(motion, context.get_time() - tracking.age + self._config.silence, X_WO)
         else:
             pose_kernel(motion, context.get_time(), X_WO)
             twist_kernel(motion, context.get_time(), V_WO)
@@ -110,7 +125,9 @@ class ObjectTracker(LeafSystem):
         return SpatialVelocity(self._estimated.Eval(context)[1])
 
     def _calc_motion(self, context: Context) -> MotionEstimate:
-        return MotionEstimate(self._filtered(context).copy(), context.get_time())
+        known = not self.tracking(context).lost
+        state = self._filtered(context).copy() if known else empty_state()
+        return MotionEstimate(state, context.get_time())
 
     def _filtered(self, context: Context) -> Array:
         """The state of the filter."""

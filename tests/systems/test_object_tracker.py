@@ -10,6 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.systems.object_tracker import ObjectTracker
 
 STILL = HarmonicMotion(
@@ -79,6 +80,18 @@ class Tracked:
         twist = self.tracker.GetOutputPort("object_velocity").Eval(context)
         return pose.GetAsMatrix4(), twist.get_coeffs()
 
+    def _output(self, name):
+        context = self.tracker.GetMyContextFromRoot(self.simulator.get_context())
+        return self.tracker.GetOutputPort(name).Eval(context)
+
+    @property
+    def tracking(self):
+        return self._output("tracking")
+
+    @property
+    def motion_estimate(self):
+        return self._output("object_motion")
+
     def errors(self, times):
         """Position [m], angle [rad] and twist errors over time."""
         rows = []
@@ -134,9 +147,14 @@ def test_a_jump_is_seen_after_the_latency_and_not_before():
     tracked = Tracked(Jump(), TrackerConfig(period=0.01, latency=0.05))
     seen = {t: tracked.at(t)[0][0, 3] for t in (0.095, 0.135, 0.145)}
     assert seen == {0.095: 0.0, 0.135: 0.0, 0.145: 0.0}
-    # A jump is no motion: there is no velocity to extrapolate with.
-    assert tracked.at(0.151)[0][0, 3] == pytest.approx(1.0)
-    assert tracked.at(0.175)[0][0, 3] == pytest.approx(1.0)
+    assert not tracked.tracking.jumping
+    tracked.at(0.175)
+    assert tracked.tracking.jumping
+    # A tenth of a second later it is believed. A jump is no motion: there is no velocity.
+    assert tracked.at(0.245)[0][0, 3] == 0.0
+    assert tracked.at(0.255)[0][0, 3] == pytest.approx(1.0)
+    assert tracked.at(0.275)[0][0, 3] == pytest.approx(1.0)
+    assert not tracked.tracking.jumping
 
 
 def test_dropouts_are_bridged_by_extrapolation():
@@ -157,11 +175,54 @@ def test_dropouts_make_gaps_on_a_curve():
     assert worst[1] < 0.005
 
 
-def test_before_the_first_measurement_the_object_stands_still():
-    X, V = Tracked(CIRCLE, TrackerConfig(latency=0.5)).at(0.2)
-    np.testing.assert_allclose(V, 0.0)
-    np.testing.assert_allclose(X[3], [0, 0, 0, 1])
-    assert np.isfinite(X).all()
+@pytest.mark.parametrize("config", [TrackerConfig(latency=0.5), TrackerConfig(dropout=1.0)])
+def test_before_the_first_measurement_there_is_no_pose(config):
+    tracked = Tracked(CIRCLE, config)
+    X, V = tracked.at(0.2)
+    assert np.isnan(X[:3, 3]).all()
+    np.testing.assert_array_equal(V, 0.0)
+    assert tracked.tracking.state is TrackingState.SEARCHING
+    assert tracked.tracking.lost
+
+
+class Hidden:
+    """A motion that cannot be measured for some time."""
+
+    def __init__(self, start, end):
+        self._times = start, end
+
+    def pose(self, t):
+        X = CIRCLE.pose(t)
+        if self._times[0] < t < self._times[1]:
+            X[:3, 3] = np.nan
+        return X
+
+    def velocity(self, t):
+        return CIRCLE.velocity(t)
+
+
+def test_after_the_stated_silence_the_pose_is_held_and_then_found_again():
+    tracked = Tracked(Hidden(1.0, 2.0), TrackerConfig(silence=0.4))
+    states = {}
+    for t in (0.99, 1.05, 1.2, 1.395):
+        X, V = tracked.at(t)
+        states[t] = str(tracked.tracking.state)
+        assert np.linalg.norm(X[:3, 3] - CIRCLE.pose(t)[:3, 3]) < 0.005
+        assert np.linalg.norm(V) > 0.05
+    assert states == {0.99: "tracking", 1.05: "tracking", 1.2: "coasting", 1.395: "coasting"}
+    held = []
+    for t in (1.42, 1.7, 1.99):
+        X, V = tracked.at(t)
+        assert tracked.tracking.lost
+        np.testing.assert_array_equal(V, 0.0)
+        assert not tracked.motion_estimate.known
+        held.append(X)
+    np.testing.assert_allclose(held[1:], held[:-1], atol=1e-12)
+    # Where it was expected when the silence ended, no farther.
+    assert np.linalg.norm(held[0][:3, 3] - CIRCLE.pose(1.4)[:3, 3]) < 0.005
+    X, _ = tracked.at(2.3)
+    assert tracked.tracking.state is TrackingState.TRACKING
+    np.testing.assert_allclose(X, CIRCLE.pose(2.3), atol=1e-4)
 
 
 NOISY = {"position_noise": 0.002, "rotation_noise": np.deg2rad(1.0)}

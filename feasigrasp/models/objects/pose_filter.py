@@ -27,11 +27,14 @@ PATH_STEP, PATH_LENGTH = 0.1, 45
 _FLOOR = 1e-6
 #: What is known before the first measurement: standard deviations of velocity and acceleration.
 _PRIOR_V, _PRIOR_A = 1.0, 2.0
-#: A measurement this far from the prediction is a jump [m, rad]: the filter starts again there.
-_JUMP = 0.15
+#: A measurement this far from the prediction is a jump [m, rad]. It is not believed until others
+#: have agreed with it for this long [s]; then the filter starts again there.
+_JUMP, _JUMP_FOR = 0.15, 0.1
+#: After this long without a measurement nothing of the motion before is worth anything [s].
+_FORGOTTEN = 1.0
 
-#: Size of the state vector, see `State`: 45 numbers, and 12 for every point of the path.
-STATE_SIZE = 45 + 12 * PATH_LENGTH
+#: Size of the state vector, see `State`: 58 numbers, and 12 for every point of the path.
+STATE_SIZE = 58 + 12 * PATH_LENGTH
 
 
 class State(NamedTuple):
@@ -49,6 +52,10 @@ class State(NamedTuple):
         covariance_r: Of orientation, w and alpha, shape (3, 3).
         due: When the next point of the path is [s], shape (1,).
         stored: Number of points of the path, shape (1,).
+        far_since: Since when measurements have said that the object jumped [s], NaN if they do not,
+            shape (1,).
+        far_p: Where to [m], shape (3,).
+        far_R: Its orientation there, shape (3, 3).
         path: Their positions and orientations, newest first, shape (PATH_LENGTH, 4, 3).
     """
 
@@ -63,6 +70,9 @@ class State(NamedTuple):
     covariance_r: Array
     due: Array
     stored: Array
+    far_since: Array
+    far_p: Array
+    far_R: Array
     path: Array
 
 
@@ -81,7 +91,10 @@ def parts(x):
         covariance_r=x[34:43].reshape(3, 3),
         due=x[43:44],
         stored=x[44:45],
-        path=x[45:].reshape(PATH_LENGTH, 4, 3),
+        far_since=x[45:46],
+        far_p=x[46:49],
+        far_R=x[49:58].reshape(3, 3),
+        path=x[58:].reshape(PATH_LENGTH, 4, 3),
     )
 
 
@@ -104,7 +117,8 @@ class Noise(NamedTuple):
 def empty_state() -> Array:
     """The state before any measurement, shape (STATE_SIZE,)."""
     state = np.zeros(STATE_SIZE)
-    state[0] = np.nan
+    s = parts(state)
+    s.time[0] = s.far_since[0] = np.nan
     return state
 
 
@@ -170,6 +184,7 @@ def _restart(state, t, X, noise):
     state[:] = 0.0
     s = parts(state)
     s.time[0] = s.due[0] = t
+    s.far_since[0] = np.nan
     s.p[:], s.R[:] = X[:3, 3], X[:3, :3]
     _start(s.covariance, max(noise.position, _FLOOR))
     _start(s.covariance_r, max(noise.rotation, _FLOOR))
@@ -190,33 +205,50 @@ def _remember(state, t):
 
 
 @njit(cache=True)
+def _is_a_jump(s, t, X):
+    """Notes that ``X`` is far from what was expected; whether that has gone on for long enough."""
+    again = not np.isnan(s.far_since[0])
+    if again:
+        turn = so3_log_kernel(X[:3, :3].copy() @ s.far_R.T.copy())
+        again = np.linalg.norm(X[:3, 3] - s.far_p) < _JUMP and np.linalg.norm(turn) < _JUMP
+    if not again:
+        s.far_since[0] = t
+    s.far_p[:], s.far_R[:] = X[:3, 3], X[:3, :3]
+    return t - s.far_since[0] >= _JUMP_FOR - 1e-9
+
+
+@njit(cache=True)
 def measure_kernel(state, t, X, noise):
     """Takes in the pose ``X`` (4, 4), measured at time ``t``; changes ``state``.
 
-    A pose that is not finite, or not later than the last one, is ignored. One that is far from
-    where the object can be starts the filter anew.
+    A pose that is not finite, or not later than the last one, is ignored. So is one that is far
+    from where the object can be, until others confirm it; then the filter starts anew there, as it
+    does after a long silence.
     """
     s = parts(state)
     if not np.isfinite(X.sum()) or t <= s.time[0]:
         return
-    if np.isnan(s.time[0]):
+    dt = t - s.time[0]
+    if np.isnan(dt) or dt > _FORGOTTEN:
         _restart(state, t, X, noise)
         _remember(state, t)
         return
-    dt = t - s.time[0]
     expected = np.empty((4, 4))
     pose_kernel(state, t, expected)
     turn = so3_log_kernel(X[:3, :3].copy() @ expected[:3, :3].T.copy())
-    _propagate(s.covariance, dt, noise.jerk)
-    _propagate(s.covariance_r, dt, noise.angular_jerk)
+    C, C_r = s.covariance.copy(), s.covariance_r.copy()
+    _propagate(C, dt, noise.jerk)
+    _propagate(C_r, dt, noise.angular_jerk)
     sigma, sigma_r = max(noise.position, _FLOOR), max(noise.rotation, _FLOOR)
     far, far_r = np.linalg.norm(X[:3, 3] - expected[:3, 3]), np.linalg.norm(turn)
-    likely = 6.0 * np.sqrt(s.covariance[0, 0] + sigma**2)
-    likely_r = 6.0 * np.sqrt(s.covariance_r[0, 0] + sigma_r**2)
+    likely, likely_r = 6.0 * np.sqrt(C[0, 0] + sigma**2), 6.0 * np.sqrt(C_r[0, 0] + sigma_r**2)
     if far > max(_JUMP, likely) or far_r > max(_JUMP, likely_r):
-        _restart(state, t, X, noise)
-        _remember(state, t)
+        if _is_a_jump(s, t, X):
+            _restart(state, t, X, noise)
+            _remember(state, t)
         return
+    s.far_since[0] = np.nan
+    s.covariance[:], s.covariance_r[:] = C, C_r
     K, K_r = _gain(s.covariance, sigma), _gain(s.covariance_r, sigma_r)
     correction = np.empty(3)
     for i in range(3):

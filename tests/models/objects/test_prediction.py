@@ -139,17 +139,53 @@ def test_turning_the_world_turns_the_prediction():
     np.testing.assert_allclose(turn @ here.predict(AHEAD), there.predict(AHEAD), atol=1e-6)
 
 
-def test_what_is_no_pose_is_ignored_and_a_jump_starts_anew():
+def test_what_is_no_pose_is_ignored():
     estimate, _ = follow(CIRCLE, 1.0)
     state = estimate.state.copy()
     measure_kernel(state, 2.0, np.full((4, 4), np.nan), Noise())
     np.testing.assert_array_equal(state, estimate.state)
     measure_kernel(state, 0.5, np.eye(4), Noise())  # older than the last one
     np.testing.assert_array_equal(state, estimate.state)
-    far = se3.make_pose(np.eye(3), np.array([5.0, 0.0, 0.0]))
-    measure_kernel(state, 1.1, far, Noise())
-    predicted = MotionEstimate(state, 1.1).predict([0.0, 1.0])
-    np.testing.assert_allclose(predicted[:, 0, 3], 5.0, atol=1e-9)
+
+
+FAR = se3.make_pose(np.eye(3), np.array([5.0, 0.0, 0.0]))
+TURNED_OVER = se3.make_pose(se3.so3_exp([np.pi, 0.0, 0.0]), np.zeros(3))
+
+
+@pytest.mark.parametrize("moved", [FAR, TURNED_OVER])
+def test_a_jump_is_believed_when_it_lasts(moved):
+    estimate, _ = follow(CIRCLE, 1.0)
+    state, before = estimate.state.copy(), estimate.predict([0.0, 0.2])
+    for t in np.arange(1.0, 1.095, PERIOD):
+        measure_kernel(state, t, CIRCLE.pose(t) @ moved, Noise())
+    np.testing.assert_array_equal(MotionEstimate(state, estimate.time).predict([0.0, 0.2]), before)
+    for t in (1.1, 1.11):
+        measure_kernel(state, t, CIRCLE.pose(t) @ moved, Noise())
+    expected = CIRCLE.pose(t) @ moved
+    np.testing.assert_allclose(MotionEstimate(state, t).predict([0.0])[0], expected, atol=1e-9)
+
+
+def test_what_jumps_there_and_back_leaves_no_trace():
+    noise = Noise(position=1e-3)
+    there, plain = follow(CIRCLE, 1.0)[0].state.copy(), follow(CIRCLE, 1.0)[0].state.copy()
+    for k, t in enumerate(np.arange(1.0, 3.0, PERIOD)):
+        # Every other measurement is somewhere else, never at the same place.
+        if k % 2:
+            far = se3.make_pose(np.eye(3), np.array([2.0 + k, 0.0, 0.0]))
+            measure_kernel(there, t, CIRCLE.pose(t) @ far, noise)
+        else:
+            measure_kernel(there, t, CIRCLE.pose(t), noise)
+            measure_kernel(plain, t, CIRCLE.pose(t), noise)
+    same = [MotionEstimate(state, t).predict([0.0, 0.5]) for state in (there, plain)]
+    np.testing.assert_array_equal(*same)
+
+
+def test_after_a_long_silence_the_filter_starts_anew():
+    state = follow(CIRCLE, 1.0)[0].state.copy()
+    X = CIRCLE.pose(1.0)
+    X[0, 3] += 0.1
+    measure_kernel(state, 5.0, X, Noise())
+    np.testing.assert_array_equal(MotionEstimate(state, 5.0).predict([0.0, 1.0]), [X, X])
 
 
 def test_future_poses_fall_back_on_the_twist():

@@ -1,0 +1,64 @@
+"""How much a tracked pose is worth: how old what it rests on is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from feasigrasp.models.arrays import Frozen
+
+#: A pose that rests on a measurement this much older than usual is extrapolated, no more [s].
+COASTING_AFTER = 0.1
+
+
+class TrackingState(StrEnum):
+    """What a tracker does at present."""
+
+    SEARCHING = "searching"
+    TRACKING = "tracking"
+    COASTING = "coasting"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, eq=False)
+class Tracking(Frozen):
+    """What a tracker says of its own pose.
+
+    ``searching``: there has been no measurement yet, and there is no pose. ``tracking``: the pose
+    rests on what was measured just now. ``coasting``: it is extrapolated. ``lost``: it has been
+    extrapolated for so long that it is held where it was, and good for nothing.
+
+    Attributes:
+        state: See above.
+        age: How much older than usual the last measurement is [s]; infinite before the first.
+        jumping: Whether measurements say that the object is somewhere else altogether, which is
+            not believed yet.
+    """
+
+    state: TrackingState
+    age: float
+    jumping: bool = False
+
+    @classmethod
+    def of_age(cls, age: float, silence: float, jumping: bool = False) -> Tracking:
+        """The state of a tracker whose measurements have been missing for ``age`` seconds.
+
+        Args:
+            age: Time since a measurement was due [s]; infinite if there was none yet.
+            silence: After this long the object is lost [s].
+            jumping: See `Tracking`.
+        """
+        if age == float("inf"):
+            state = TrackingState.SEARCHING
+        elif age >= silence:
+            state = TrackingState.LOST
+        elif age > COASTING_AFTER:
+            state = TrackingState.COASTING
+        else:
+            state = TrackingState.TRACKING
+        return cls(state, age, jumping)
+
+    @property
+    def lost(self) -> bool:
+        """Whether there is no pose to go by."""
+        return self.state in (TrackingState.SEARCHING, TrackingState.LOST)
