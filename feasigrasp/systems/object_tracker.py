@@ -65,9 +65,7 @@ class ObjectTracker(LeafSystem):
         _compile(self._noise)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._measure)
         state, time = self.discrete_state_ticket(self._state), self.time_ticket()
-        self._estimated = declare_cache(
-            self, "estimate", self._estimate, {state, time}
-        )
+        self._estimated = declare_cache(self, "estimate", self._estimate, {state, time})
         estimated = {self._estimated.ticket()}
         declare_output(self, "object_pose", self._calc_pose, estimated, model=RigidTransform())
         declare_output(

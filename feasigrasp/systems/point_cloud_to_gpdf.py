@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,9 @@ from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
+#: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`.
+MAX_CONTRADICTION = 0.3
+
 
 @dataclass(frozen=True, eq=False)
 class Perceived(Frozen):
@@ -29,11 +32,16 @@ class Perceived(Frozen):
         cloud: The merged views, in the object frame O.
         gpdf: The field fitted to them, in O; None until the object was seen.
         views: From where it has been seen.
+        looked: When it was looked at last, whether that told more or not [s].
+        contradicted: Whether the last look contradicts the earlier views: then the tracked pose is
+            wrong, or another object is seen. The view was not merged.
     """
 
     cloud: FusedCloud
     gpdf: Gpdf | None
     views: ViewRecord = field(default_factory=ViewRecord)
+    looked: float = -np.inf
+    contradicted: bool = False
 
 
 class PointCloudToGPDF(LeafSystem):
@@ -55,8 +63,9 @@ class PointCloudToGPDF(LeafSystem):
     before the first usable view; ``perceived`` holds the merged cloud as well. The inputs are read
     every ``period`` seconds. A view with too few finite points (object out of sight, or hidden by
     the hand) changes nothing: the field of the earlier views stays valid in O. From a side that it
-    has seen ``views_per_side`` times it does not look at all (nothing is rendered and nothing
-    fitted), until ``revisit`` seconds have passed.
+    has seen ``views_per_side`` times it merges no view until ``revisit`` seconds have passed; it
+    looks there (something is rendered, but nothing fitted) every ``check`` seconds, to see whether
+    the tracked pose is still true. A view that contradicts the earlier ones is not merged.
 
     By default every view is smoothed, registered to the earlier ones and remembered with its
     silhouette, so that the field stays out of space the camera has looked through; ``preset:
@@ -73,6 +82,7 @@ class PointCloudToGPDF(LeafSystem):
         voxel_size: float = PerceptionConfig.voxel_size,
         views_per_side: int = 3,
         revisit: float = 5.0,
+        check: float = 1.0,
         min_points: int = 4 * MIN_POINTS,
     ) -> None:
         """A perception that looks every ``period`` seconds.
@@ -84,7 +94,8 @@ class PointCloudToGPDF(LeafSystem):
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which views are merged [m].
             views_per_side: So many views from one direction suffice, see `ViewRecord`.
-            revisit: A side not looked at for so long is looked at again [s].
+            revisit: A side not merged for so long is merged again [s].
+            check: The object is looked at at least this often [s].
             min_points: A view with fewer finite points is ignored.
         """
         super().__init__()
@@ -98,7 +109,7 @@ class PointCloudToGPDF(LeafSystem):
             "max_points": max_points,
             "length_scale": length_scale,
         }
-        self._views_per_side, self._revisit = views_per_side, revisit
+        self._views_per_side, self._revisit, self._check = views_per_side, revisit, check
         self._min_points = min_points
         self._cloud = declare_input(self, "point_cloud", PointCloud())
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
@@ -115,14 +126,19 @@ class PointCloudToGPDF(LeafSystem):
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
             return seen
         time = context.get_time()
-        if not seen.views.tells_more(p_OC, time, self._views_per_side, self._revisit):
+        tells_more = seen.views.tells_more(p_OC, time, self._views_per_side, self._revisit)
+        if not tells_more and time < seen.looked + self._check - 1e-9:
             return seen
         points_W = self._cloud.Eval(context).xyzs().T
         points_W = points_W[np.isfinite(points_W).all(axis=1)]
         if len(points_W) < self._min_points:
             return seen
-        cloud = seen.cloud.merged((X_OW @ points_W.T).T, p_OC)
+        points_O = (X_OW @ points_W.T).T
+        contradicted = seen.cloud.contradicted(points_O) > MAX_CONTRADICTION
+        if contradicted or not tells_more:
+            return replace(seen, looked=time, contradicted=contradicted)
+        cloud = seen.cloud.merged(points_O, p_OC)
         if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
             return seen
         gpdf = complete_shape(cloud, **self._options)
-        return Perceived(cloud, gpdf, seen.views.extended(p_OC, time))
+        return Perceived(cloud, gpdf, seen.views.extended(p_OC, time), time)

@@ -184,7 +184,7 @@ def test_it_looks_no_more_where_it_has_seen_enough():
 
 def test_what_brings_nothing_new_is_not_even_rendered():
     """The cloud is not asked for."""
-    perception = Perception(period=0.5, views_per_side=1)
+    perception = Perception(period=0.5, views_per_side=1, check=10.0)
     seen = perception.see_object(0.1, POSES[1])
     perception.dut.GetInputPort("point_cloud").FixValue(perception.context, PointCloud(7))
     read = []
@@ -192,6 +192,31 @@ def test_what_brings_nothing_new_is_not_even_rendered():
     perception.simulator.AdvanceTo(2.1)
     assert read == []
     assert perception.dut.GetOutputPort("perceived").Eval(perception.context) is seen
+
+
+def test_a_view_that_contradicts_the_earlier_ones_is_noticed_and_not_merged():
+    """The object moves on and its tracked pose does not; later the pose is right again."""
+    perception = Perception(period=0.5, views_per_side=1, check=1.0)
+    first = perception.see_object(0.1, POSES[0])
+    visible, aside = seen_from(sphere(), CAMERA), np.array([0.0, 0.1, 0.0])
+    states = []
+    for k in range(1, 5):  # views at 0.5, 1.0, 1.5, 2.0, of which every other one is taken
+        states.append(perception.look(0.5 * k + 0.1, visible + aside))
+    assert [state.contradicted for state in states] == [False, True, True, True]
+    assert [state.looked for state in states] == [0.0, 1.0, 1.0, 2.0]
+    assert all(state.gpdf is first.gpdf for state in states)
+    # From another side, where a view is always welcome.
+    other = perception.look(2.6, visible + aside, p_WC=np.array([0.3, 0.1, 0.3]))
+    assert other.contradicted and other.cloud.views == 1
+    again = perception.see_object(3.6, POSES[1])
+    assert not again.contradicted and again.cloud.views == 1
+
+
+def test_a_badly_tracked_view_is_no_contradiction():
+    perception = Perception(period=0.5, views_per_side=9)
+    perception.see_object(0.1, POSES[0])
+    off = perception.look(0.6, seen_from(sphere(), CAMERA) + [0.003, 0.003, 0.0])
+    assert not off.contradicted and off.cloud.views == 2
 
 
 def test_the_options_reach_the_fit():
