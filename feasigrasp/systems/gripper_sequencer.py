@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
@@ -9,6 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
+from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -30,6 +32,8 @@ class GripperSequencer(LeafSystem):
         - object_velocity
         - gripper_state
         - gpdf
+        - tracking
+        - perceived
         output_ports:
         - grasps
         - gpdf
@@ -41,7 +45,9 @@ class GripperSequencer(LeafSystem):
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
-    connected. Once the hand has been at a grasp for a moment, only that grasp is passed on, with
+    connected. While the object is lost (``tracking``, a `Tracking`), or a view contradicts its pose
+    (``perceived``, a `Perceived`), grasps lapse: none is passed on, and the arm waits; nor are the
+    fingers closed on a pose that is merely extrapolated. Both ports are optional. Once the hand has been at a grasp for a moment, only that grasp is passed on, with
     the pose extrapolated from then, and the fingers close; from then on there is no field, since
     the object is there to be touched. After it is let go, pose and twist are those of a lift.
 
@@ -70,11 +76,14 @@ class GripperSequencer(LeafSystem):
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
         self._gripper_state = self.DeclareVectorInputPort("gripper_state", 2)
         self._gpdf = declare_input(self, "gpdf")
+        self._tracking = declare_input(self, "tracking")
+        self._perceived = declare_input(self, "perceived")
         self._state = PeriodicState(self, GraspState(), period, self._advance)
 
         state, time = self._state.ticket(), self.time_ticket()
         target = {state, time, self._pose.ticket(), self._velocity.ticket()}
-        declare_output(self, "grasps", self._calc_grasps, {state, self._grasps.ticket()})
+        doubts = {self._tracking.ticket(), self._perceived.ticket()}
+        declare_output(self, "grasps", self._calc_grasps, {state, self._grasps.ticket(), *doubts})
         declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
         declare_output(self, "object_pose", self._calc_pose, target, model=RigidTransform())
         declare_output(
@@ -89,11 +98,29 @@ class GripperSequencer(LeafSystem):
         state: GraspState = self._state.Eval(context)
         return state
 
+    def _doubt(self, context: Context) -> str | None:
+        """Why the object's pose is not to be relied on; None if it is."""
+        if self._tracking.HasValue(context) and self._tracking.Eval(context).lost:
+            return "object lost"
+        if self._perceived.HasValue(context) and self._perceived.Eval(context).contradicted:
+            return "pose contradicted"
+        return None
+
+    def _coasting(self, context: Context) -> bool:
+        """Whether the pose is extrapolated at best."""
+        tracked = TrackingState.TRACKING
+        port = self._tracking
+        return port.HasValue(context) and port.Eval(context).state is not tracked
+
     def _advance(self, context: Context) -> GraspState:
-        return self.state(context).advanced(
+        state = self.state(context)
+        X_WO = self._pose.Eval(context).GetAsMatrix4()
+        if state.phase == Phase.APPROACH and (self._doubt(context) or self._coasting(context)):
+            X_WO = np.full((4, 4), np.nan)  # nothing to close the fingers on
+        return state.advanced(
             context.get_time(),
             forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
-            self._pose.Eval(context).GetAsMatrix4(),
+            X_WO,
             self._velocity.Eval(context).get_coeffs(),
             self._grasps.Eval(context),
             self._gripper_state.Eval(context)[0],
@@ -110,7 +137,10 @@ class GripperSequencer(LeafSystem):
 
     def _calc_grasps(self, context: Context) -> GraspSet:
         committed = self.state(context).grasp
-        return self._grasps.Eval(context) if committed is None else committed
+        if committed is not None:
+            return committed
+        doubt = self._doubt(context)
+        return GraspSet.empty({doubt: 1}) if doubt else self._grasps.Eval(context)
 
     def _calc_gpdf(self, context: Context) -> Gpdf | None:
         passed = self.state(context).grasp is None and self._gpdf.HasValue(context)

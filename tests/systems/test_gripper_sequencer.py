@@ -9,13 +9,16 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
+from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
+from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 
 GRIPPER = ParallelGripper()
 CONFIG = GraspSequenceConfig(
@@ -258,3 +261,46 @@ def test_an_object_lost_while_the_fingers_close_is_not_let_go():
     assert np.isfinite(mock.output("object_pose").GetAsMatrix4()).all()
     mock.fix(object_pose=X_WO)
     assert mock.advance(2.1) == Phase.LIFT
+
+
+def tracked(state, age=0.0):
+    return Value[object](Tracking(TrackingState(state), age))
+
+
+def perceived(contradicted):
+    return Value[object](Perceived(FusedCloud.empty(0.003), None, contradicted=contradicted))
+
+
+@pytest.mark.parametrize(
+    ("doubt", "trust"),
+    [
+        ({"tracking": tracked("lost", 1.0)}, {"tracking": tracked("tracking")}),
+        ({"tracking": tracked("searching", np.inf)}, {"tracking": tracked("tracking")}),
+        ({"perceived": perceived(True)}, {"perceived": perceived(False)}),
+    ],
+)
+def test_grasps_lapse_while_the_pose_is_not_to_be_relied_on(doubt, trust):
+    mock = Mock(**doubt)
+    assert mock.advance(1.0) == Phase.APPROACH
+    assert len(mock.output("grasps")) == 0 and mock.output("grasps").rejected
+    mock.fix(**trust)
+    assert len(mock.output("grasps")) == 3
+    mock.advance_to_phase(Phase.CLOSE, limit=1.3)
+
+
+def test_the_fingers_do_not_close_on_an_extrapolated_pose():
+    mock = Mock(tracking=tracked("coasting", 0.2))
+    assert mock.advance(1.0) == Phase.APPROACH
+    assert len(mock.output("grasps")) == 3
+    mock.fix(tracking=tracked("tracking"))
+    # Being there counts from now on.
+    assert mock.advance(1.09) == Phase.APPROACH
+    mock.advance_to_phase(Phase.CLOSE, limit=1.3)
+
+
+def test_what_is_in_the_fingers_is_not_let_go_because_the_object_is_lost():
+    mock = Mock(tracking=tracked("tracking"), perceived=perceived(False))
+    mock.advance_to_phase(Phase.CLOSE)
+    mock.fix(tracking=tracked("lost", 1.0), perceived=perceived(True))
+    assert len(mock.output("grasps")) == 1
+    mock.advance_to_phase(Phase.DONE)
