@@ -1,0 +1,139 @@
+"""What the arm is doing at present, and why nothing happens if nothing does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from feasigrasp.models.arrays import Frozen
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.objects.tracking import Tracking
+
+#: An arm whose joints are all slower stands still [rad/s].
+STILL = 0.02
+#: A hand this far from every grasp has not arrived [m].
+ARRIVED = 0.015
+
+
+class StatusCode(StrEnum):
+    """What is going on; the first that applies, in this order."""
+
+    COMMAND_FAULTY = "command_faulty"
+    CLOSING = "closing"
+    LIFTING = "lifting"
+    HOLDING = "holding"
+    DONE = "done"
+    POSE_JUMPED = "pose_jumped"
+    POSE_LOST = "pose_lost"
+    POSE_CONTRADICTED = "pose_contradicted"
+    NOTHING_SEEN = "nothing_seen"
+    VIEWS_DROPPED = "views_dropped"
+    NO_GRASP = "no_grasp"
+    NONE_REACHABLE = "none_reachable"
+    BRAKING_FOR_OBSTACLE = "braking_for_obstacle"
+    FOLLOWING = "following"
+
+
+@dataclass(frozen=True, eq=False)
+class Status(Frozen):
+    """A status and since when it has been so.
+
+    Attributes:
+        time: When it began [s].
+        code: What is going on.
+        detail: In words, with what is known of the reason.
+    """
+
+    time: float
+    code: StatusCode
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a status is judged by.
+
+    Attributes:
+        phase: What the gripper is doing.
+        tracking: How much the object's pose is worth.
+        contradicted: Whether the camera contradicts that pose.
+        seen: Whether there is a field of the object.
+        views_dropped: Why views of late could not be used, if any were dropped; else empty.
+        grasps: How many grasps there are on what was seen.
+        rejected: Why candidates are none, by reason.
+        reachable: How many of them are in reach.
+        verdicts: Why the others are not, by reason.
+        command_faults: How many commands were faulty since the last status.
+        speed: Largest joint speed [rad/s].
+        left: Distance of the hand to the nearest grasp [m].
+    """
+
+    phase: Phase = Phase.APPROACH
+    tracking: Tracking | None = None
+    contradicted: bool = False
+    seen: bool = True
+    views_dropped: str = ""
+    grasps: int = 1
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    reachable: int = 1
+    verdicts: Mapping[str, int] = field(default_factory=dict)
+    command_faults: int = 0
+    speed: float = 1.0
+    left: float = 0.0
+
+
+_PHASES = {
+    Phase.CLOSE: StatusCode.CLOSING,
+    Phase.LIFT: StatusCode.LIFTING,
+    Phase.HOLD: StatusCode.HOLDING,
+    Phase.DONE: StatusCode.DONE,
+}
+
+
+def judge(now: Situation) -> tuple[StatusCode, str]:
+    """The code and the words for a situation."""
+    if now.command_faults:
+        return StatusCode.COMMAND_FAULTY, "the controller's command is not finite, or absurd"
+    if now.phase in _PHASES:
+        return _PHASES[now.phase], ""
+    return _pose(now) or _grasps(now) or _way(now)
+
+
+def _pose(now: Situation) -> tuple[StatusCode, str] | None:
+    if now.tracking is not None and now.tracking.jumping:
+        return StatusCode.POSE_JUMPED, "measurements say that the object is somewhere else"
+    if now.tracking is not None and now.tracking.lost:
+        since = "ever" if now.tracking.age == float("inf") else f"for {now.tracking.age:.1f} s"
+        return StatusCode.POSE_LOST, f"no measurement of the object's pose {since}"
+    if now.contradicted:
+        return StatusCode.POSE_CONTRADICTED, "the camera sees the object elsewhere than tracked"
+    return None
+
+
+def _grasps(now: Situation) -> tuple[StatusCode, str] | None:
+    if not now.seen:
+        if now.views_dropped:
+            return StatusCode.VIEWS_DROPPED, now.views_dropped
+        return StatusCode.NOTHING_SEEN, "no view of the object yet"
+    if now.views_dropped and now.grasps == 0:
+        return StatusCode.VIEWS_DROPPED, now.views_dropped
+    if now.grasps == 0:
+        return StatusCode.NO_GRASP, _most(now.rejected)
+    if now.reachable == 0:
+        return StatusCode.NONE_REACHABLE, _most(now.verdicts)
+    return None
+
+
+def _way(now: Situation) -> tuple[StatusCode, str]:
+    if now.speed < STILL and now.left > ARRIVED:
+        return (
+            StatusCode.BRAKING_FOR_OBSTACLE,
+            f"the arm stands {100.0 * now.left:.0f} cm from the nearest grasp",
+        )
+    return StatusCode.FOLLOWING, ""
+
+
+def _most(reasons: Mapping[str, int]) -> str:
+    """The most frequent reason."""
+    return max(reasons, key=lambda reason: reasons[reason]) if reasons else ""

@@ -1,0 +1,131 @@
+"""Says what is going on: one record for the console, the replay and the result file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, InputPort, LeafSystem
+
+from feasigrasp.models.arrays import Frozen
+from feasigrasp.models.control.status import Situation, Status, StatusCode, judge
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
+from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.reach.reachability import Verdict
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+
+#: Time between looks at the situation [s].
+PERIOD = 0.1
+#: What counts as reachable among the verdicts.
+_FINE = (Verdict.KEPT, Verdict.REACHABLE)
+
+
+@dataclass(frozen=True, eq=False)
+class _Said(Frozen):
+    """What was said until now, latest last, and how many commands had been faulty by then."""
+
+    history: tuple[Status, ...] = ()
+    command_faults: int = 0
+    view_faults: int = 0
+
+
+class StatusMonitor(LeafSystem):
+    """Judges ten times a second what the arm is doing, or what keeps it from doing anything.
+
+    .. pydrake_system::
+
+        name: StatusMonitor
+        input_ports:
+        - position
+        - desired_velocity
+        - object_pose
+        - tracking
+        - perceived
+        - grasps
+        - verdicts
+        - reachable
+        - phase
+        - command_faults
+        output_ports:
+        - status
+        - history
+
+    ``position`` and ``desired_velocity`` are V7; ``object_pose`` is the tracked one, ``tracking`` a
+    `Tracking`; ``perceived`` a `Perceived`; ``grasps`` what the sampler found; ``verdicts`` what
+    the reachability filter says of each; ``reachable`` what the controller is given; ``phase`` a
+    `Phase`; ``command_faults`` the number of faulty commands until now. ``status`` is a `Status`,
+    ``history`` a tuple of all of them, one for every change of the code.
+    """
+
+    def __init__(self, gripper: ParallelGripper, *, period: float = PERIOD) -> None:
+        """A monitor of an arm that carries ``gripper``."""
+        super().__init__()
+        self._gripper = gripper
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._tracking = declare_input(self, "tracking")
+        self._perceived = declare_input(self, "perceived")
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._verdicts = declare_input(self, "verdicts")
+        self._reachable = declare_input(self, "reachable", GraspSet.empty())
+        self._phase = self.DeclareVectorInputPort("phase", 1)
+        self._faults = self.DeclareVectorInputPort("command_faults", 1)
+        self._said = PeriodicState(self, _Said(), period, self._look)
+        state = {self._said.ticket()}
+        declare_output(self, "status", self._calc_status, state)
+        declare_output(self, "history", lambda context: self._said.Eval(context).history, state)
+
+    def history(self, context: Context) -> tuple[Status, ...]:
+        """Every status until now, oldest first."""
+        history: tuple[Status, ...] = self._said.Eval(context).history
+        return history
+
+    def _calc_status(self, context: Context) -> Status:
+        history = self.history(context)
+        return history[-1] if history else Status(0.0, StatusCode.NOTHING_SEEN)
+
+    def _look(self, context: Context) -> _Said:
+        said: _Said = self._said.Eval(context)
+        perceived = self._perceived.Eval(context)
+        command_faults = int(self._faults.Eval(context)[0])
+        view_faults = sum(perceived.faults.values())
+        grasps: GraspSet = self._grasps.Eval(context)
+        reachable: GraspSet = self._reachable.Eval(context)
+        verdicts = Counter(map(str, self._verdicts.Eval(context)))
+        code, detail = judge(
+            Situation(
+                phase=Phase(int(self._phase.Eval(context)[0])),
+                tracking=self._tracking.Eval(context),
+                contradicted=perceived.contradicted,
+                seen=perceived.gpdf is not None,
+                views_dropped=perceived.last_fault,
+                grasps=len(grasps),
+                rejected=grasps.rejected,
+                reachable=len(reachable),
+                verdicts={k: n for k, n in verdicts.items() if k not in map(str, _FINE)},
+                command_faults=command_faults - said.command_faults,
+                speed=float(np.abs(self._velocity.Eval(context)).max()),
+                left=self._left(context, reachable),
+            )
+        )
+        history = said.history
+        if not history or history[-1].code != code:
+            history = (*history, Status(context.get_time(), code, detail))
+        return _Said(history, command_faults, view_faults)
+
+    def _left(self, context: Context, reachable: GraspSet) -> float:
+        """Distance of the hand to the nearest grasp that it is given [m]."""
+        X_WO = self._pose.Eval(context).GetAsMatrix4()
+        if len(reachable) == 0 or not np.isfinite(X_WO).all():
+            return 0.0
+        X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
+        errors = grasp_errors(reachable.X_OG, inverse_kernel(X_WO) @ X_WH)
+        return float(errors[:, 0].min())
