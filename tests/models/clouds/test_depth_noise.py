@@ -161,7 +161,7 @@ def test_behind_something_too_near_pixels_fly_towards_it():
     seen = images[:, ring][np.isfinite(images[:, ring])]
     flying = seen[np.abs(seen - 0.8) > 1e-9]
     assert len(flying) / images[:, ring].size == pytest.approx(0.3, abs=0.05)
-    assert NEAR <= flying.min() and flying.max() < 0.8
+    assert flying.min() >= NEAR and flying.max() < 0.8
 
 
 @pytest.mark.parametrize("seed", range(5))
