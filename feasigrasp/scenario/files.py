@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from pathlib import Path
+from typing import Any
 
 import yaml
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
@@ -71,9 +72,11 @@ def _load(what: str, defaults: Scenario, **source: str) -> Scenario:
     try:
         # Drake merges maps, so that an empty one would change nothing.
         given = yaml.load(source.get("data", ""), Loader=yaml.BaseLoader)
-        empty = {key: {} for key, value in dict(given or {}).items() if value == {}}
-        maps = {key for key, value in vars(defaults).items() if isinstance(value, dict)}
-        emptied = dc.replace(defaults, **{key: empty[key] for key in maps & empty.keys()})
-        return yaml_load_typed(schema=Scenario, defaults=emptied, **source)
+        empty = {key for key, value in dict(given or {}).items() if value == {}}
+        changes: dict[str, Any] = {
+            key: {} for key, value in vars(defaults).items() if key in empty and type(value) is dict
+        }
+        defaults = dc.replace(defaults, **changes)
+        return yaml_load_typed(schema=Scenario, defaults=defaults, **source)
     except _YAML_ERRORS as error:
         raise ScenarioError(f"{what}: {error}") from error
