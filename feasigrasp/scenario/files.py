@@ -1,6 +1,8 @@
 """Reading scenarios from YAML, and writing them."""
 
+import dataclasses as dc
 from pathlib import Path
+from typing import Any
 
 import yaml
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
@@ -34,7 +36,7 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
         filename: YAML file that maps names to scenarios.
         name: Which one.
         *overrides: YAML texts that are applied on top, one after the other, e.g.
-            ``"{object: {model: mug}}"``.
+            ``"{object: {model: mug}}"``. Maps are merged; ``"{camera_noise: {}}"`` empties one.
 
     Raises:
         ScenarioError: Unknown file, scenario, key or value.
@@ -68,6 +70,13 @@ def parse_scenario(text: str) -> Scenario:
 
 def _load(what: str, defaults: Scenario, **source: str) -> Scenario:
     try:
+        # Drake merges maps, so that an empty one would change nothing.
+        given = yaml.load(source.get("data", ""), Loader=yaml.BaseLoader)
+        empty = {key for key, value in dict(given or {}).items() if value == {}}
+        changes: dict[str, Any] = {
+            key: {} for key, value in vars(defaults).items() if key in empty and type(value) is dict
+        }
+        defaults = dc.replace(defaults, **changes)
         return yaml_load_typed(schema=Scenario, defaults=defaults, **source)
     except _YAML_ERRORS as error:
         raise ScenarioError(f"{what}: {error}") from error

@@ -30,14 +30,14 @@ class ObjectConfig:
         model: Name of a built-in object, or a path to a mesh.
         scale: Factor from the mesh's unit to metres.
         mass: Mass [kg]; from the object's data or its volume if not given.
-        friction: Coulomb friction of its surface, and of the fingers on it.
+        friction: Coulomb friction between it and the gripper.
         rotation: Orientation at the start; ``!Uniform {}`` draws it from the seed.
     """
 
     model: str = "mustard_bottle"
     scale: float = 1.0
     mass: float | None = None
-    friction: float = 0.8
+    friction: float = 0.6
     rotation: typing.Union[  # noqa: UP007 - the form of Drake's own schema
         Rotation.Identity, Rotation.Rpy, Rotation.AngleAxis, Rotation.Uniform
     ] = dc.field(default_factory=Rotation.Identity)
@@ -185,7 +185,8 @@ class Scenario:
         directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``.
         cameras: Cameras by name.
         camera_noise: By camera, errors of its depth image; ``{wrist_camera: {}}`` gives it those of
-            a RealSense D435, entries as in `DepthNoise` change them. A camera not named has none.
+            a RealSense D435, entries as in `DepthNoise` change them. A camera not named has none,
+            and ``{}`` takes away those of a scenario that it is applied to.
         q_start: Joint positions at the start [deg].
         object: The object.
         motion: How it moves.

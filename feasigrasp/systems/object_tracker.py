@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
@@ -42,8 +42,9 @@ class ObjectTracker(LeafSystem):
     ``SpatialVelocity`` V_WO; ``object_motion`` is a `MotionEstimate`, which predicts. All three
     come from a Kalman filter over the measurements that have arrived, which knows how noisy they
     are; ``tracking`` is a `Tracking`, which says what they are worth. Until the first measurement
-    has arrived there is no pose (NaN). When none has come for ``silence`` seconds, the pose is held
-    where it was expected by then, and nothing is predicted any more.
+    has arrived, pose and twist are NaN, which is how every system of the pipeline is told that they
+    are unknown; the first one is made when the simulation is initialised. When none has come for
+    ``silence`` seconds, the pose is held where it was expected by then, and nothing is predicted.
     """
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
@@ -57,12 +58,15 @@ class ObjectTracker(LeafSystem):
         self._delay = round(config.latency / config.period)
         self._pose = declare_input(self, "pose", RigidTransform())
         # A discrete state (an abstract one would make every measurement an unrestricted update,
-        # which invalidates the caches of the whole diagram): the tick, the filter, then the
-        # measurements that are on their way, newest first, one row of time and pose each; NaN where
-        # there is none.
+        # which invalidates the caches of the whole diagram): when it measured last, the filter,
+        # then the measurements that are on their way, newest first, one row of time and pose each;
+        # NaN where there is none.
         rows = np.full((self._delay + 1) * _ROW, np.nan)
-        self._state = self.DeclareDiscreteState(np.concatenate([[0.0], empty_state(), rows]))
+        self._state = self.DeclareDiscreteState(np.concatenate([[np.nan], empty_state(), rows]))
         _compile(self._noise)
+        # The periodic update at t = 0 comes after other systems' abstract states were updated: they
+        # would know of no measurement until their next turn.
+        self.DeclareInitializationDiscreteUpdateEvent(self._measure)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._measure)
         state, time = self.discrete_state_ticket(self._state), self.time_ticket()
         self._estimated = declare_cache(self, "estimate", self._estimate, {state, time})
@@ -74,27 +78,30 @@ class ObjectTracker(LeafSystem):
         declare_output(self, "object_motion", self._calc_motion, {state, time})
         declare_output(self, "tracking", self.tracking, {state, time})
 
-    def _measure(self, context: Context, discrete_state) -> None:
+    def _measure(self, context: Context, discrete_state) -> EventStatus:
         config = self._config
         state = context.get_discrete_state_vector().value().copy()
-        tick, motion, rows = state[0], state[1 : 1 + STATE_SIZE], state[1 + STATE_SIZE :]
+        time, motion, rows = context.get_time(), state[1 : 1 + STATE_SIZE], state[1 + STATE_SIZE :]
+        if time == state[0]:
+            return EventStatus.DidNothing()
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         lost = False
         if self._imperfect:
-            rng = np.random.default_rng([config.seed, int(tick)])
+            rng = np.random.default_rng([config.seed, round(time / config.period)])
             lost = rng.random() < config.dropout
             noise = rng.standard_normal(6)
             X_WO[:3, :3] = se3.so3_exp(config.rotation_noise * noise[:3]) @ X_WO[:3, :3]
             X_WO[:3, 3] += config.position_noise * noise[3:]
-        row = np.concatenate([[np.nan if lost else context.get_time()], X_WO[:3].ravel()])
+        row = np.concatenate([[np.nan if lost else time], X_WO[:3].ravel()])
         rows[:] = np.concatenate([row, rows[:-_ROW]])
         arrived = rows[-_ROW:]
         if np.isfinite(arrived[0]):
             measured = np.eye(4)
             measured[:3] = arrived[1:].reshape(3, 4)
             measure_kernel(motion, arrived[0], measured, self._noise)
-        state[0] = tick + 1.0
+        state[0] = time
         discrete_state.get_mutable_vector().SetFromVector(state)
+        return EventStatus.Succeeded()
 
     def tracking(self, context: Context) -> Tracking:
         """How much the pose is worth at present."""
@@ -104,14 +111,13 @@ class ObjectTracker(LeafSystem):
         return Tracking.of_age(age, self._config.silence, not np.isnan(s.far_since[0]))
 
     def _estimate(self, context: Context) -> tuple[Array, Array]:
-        """Pose and twist now, from the measurements that have arrived."""
+        """Pose and twist now, from the measurements that have arrived; NaN before the first."""
         motion, tracking = self._filtered(context), self.tracking(context)
-        X_WO, V_WO = np.eye(4), np.zeros(6)
-        if tracking.state is TrackingState.SEARCHING:
-            X_WO[:3, 3] = np.nan
-        elif tracking.lost:
+        X_WO, V_WO = np.full((4, 4), np.nan), np.full(6, np.nan)
+        if tracking.state is TrackingState.LOST:
             pose_kernel(motion, context.get_time() - tracking.age + self._config.silence, X_WO)
-        else:
+            V_WO[:] = 0.0
+        elif tracking.state is not TrackingState.SEARCHING:
             pose_kernel(motion, context.get_time(), X_WO)
             twist_kernel(motion, context.get_time(), V_WO)
         return X_WO, V_WO

@@ -84,7 +84,7 @@ def test_reach_motions_are_in_front_of_the_arm(seed):
         period = [motion.pose(t)[:3, 3] for t in np.linspace(0.0, 10.0, 2001)]
         p[name] = np.array(period) - [0.5, 0.0, 0.55]
         np.testing.assert_allclose(period[0], period[-1], atol=1e-12)
-        assert scenario.object.friction == 0.8
+        assert scenario.object.friction == 0.6
 
     circle, line, sine = (p[name] for name in NAMES[:3])
     np.testing.assert_allclose(np.hypot(circle[:, 0], circle[:, 1]), 0.12)
@@ -136,12 +136,22 @@ def test_what_is_written_reads_the_same(name):
 
 def test_every_default_is_written():
     text = dump_scenario(Scenario())
-    for key in ("simulation_duration: 30.0", "friction: 0.8", "time_step: 0.002", "horizon: 1.0"):
+    for key in ("simulation_duration: 30.0", "friction: 0.6", "time_step: 0.002", "horizon: 1.0"):
         assert key in text
 
 
-def test_camera_noise_is_off_until_a_camera_is_named():
-    assert make_camera_noise(load_scenario(FILE, "ReachLinear")) == {}
+@pytest.mark.parametrize("name", scenario_names(FILE))
+def test_the_conditions_are_those_of_a_real_cell(name):
+    """A D435's errors, friction 0.6 and a tenth of a second from a view to its grasps."""
+    scenario = load_scenario(FILE, name)
+    assert make_camera_noise(scenario) == {"wrist_camera": DepthNoise()}
+    assert scenario.object.friction == 0.6
+    assert scenario.perception.latency == 0.1
+
+
+def test_camera_noise_is_off_where_no_camera_is_named():
+    assert Scenario().camera_noise == {}
+    assert make_camera_noise(load_scenario(FILE, "ReachLinear", "{camera_noise: {}}")) == {}
     text = "{camera_noise: {wrist_camera: {subpixel: 0.1, flying: 0}}}"
     scenario = load_scenario(FILE, "ReachLinear", text)
     assert make_camera_noise(scenario) == {"wrist_camera": DepthNoise(subpixel=0.1, flying=0.0)}

@@ -92,6 +92,10 @@ class Tracked:
     def motion_estimate(self):
         return self._output("object_motion")
 
+    def motion_known(self):
+        context = self.tracker.GetMyContextFromRoot(self.simulator.get_context())
+        return self.tracker.GetOutputPort("object_motion").Eval(context).known
+
     def errors(self, times):
         """Position [m], angle [rad] and twist errors over time."""
         rows = []
@@ -175,14 +179,65 @@ def test_dropouts_make_gaps_on_a_curve():
     assert worst[1] < 0.005
 
 
-@pytest.mark.parametrize("config", [TrackerConfig(latency=0.5), TrackerConfig(dropout=1.0)])
-def test_before_the_first_measurement_there_is_no_pose(config):
-    tracked = Tracked(CIRCLE, config)
-    X, V = tracked.at(0.2)
-    assert np.isnan(X[:3, 3]).all()
-    np.testing.assert_array_equal(V, 0.0)
-    assert tracked.tracking.state is TrackingState.SEARCHING
-    assert tracked.tracking.lost
+@pytest.mark.parametrize(
+    ("config", "until"), [({"latency": 0.5}, 0.5), ({"dropout": 1.0}, 3.0)], ids=str
+)
+def test_before_the_first_measurement_nothing_is_known(config, until):
+    """Least of all the truth: neither pose nor twist is a number, and there is no prediction."""
+    tracked = Tracked(CIRCLE, TrackerConfig(**config))
+    for t in (0.0, 0.2, until - 0.01):
+        X, V = tracked.at(t)
+        assert np.isnan(X[:3]).all() and np.isnan(V).all()
+        assert not tracked.motion_known()
+
+
+def test_the_outputs_do_not_depend_on_the_true_pose():
+    tracker = ObjectTracker(TrackerConfig())
+    for name in ("object_pose", "object_velocity", "object_motion"):
+        feeds = tracker.HasDirectFeedthrough(
+            tracker.GetInputPort("pose").get_index(), tracker.GetOutputPort(name).get_index()
+        )
+        assert not feeds
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.05])
+def test_the_first_measurement_is_of_the_start_and_as_noisy_as_all(latency):
+    """It is there as soon as it can be, also for states that are updated at t = 0."""
+    config = TrackerConfig(latency=latency, position_noise=0.01, rotation_noise=0.1, seed=5)
+    tracked = Tracked(STILL, config)
+    tracked.simulator.Initialize()
+    X, _ = tracked.at(0.0)
+    assert np.isfinite(X).all() == (latency == 0.0)
+    X, _ = tracked.at(latency + 0.001)
+    off = np.linalg.norm(X[:3, 3] - STILL.pose(0.0)[:3, 3])
+    assert 1e-4 < off < 0.05
+    assert np.abs(X[:3, :3] - STILL.pose(0.0)[:3, :3]).max() > 1e-3
+
+
+def test_a_state_updated_at_the_start_knows_the_pose():
+    """As perception is, which looks for the first time at t = 0."""
+
+    class Watcher(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.seen = []
+            self.port = self.DeclareAbstractInputPort("pose", Value[RigidTransform]())
+            self.DeclareAbstractState(Value[object](None))
+            self.DeclarePeriodicUnrestrictedUpdateEvent(0.5, 0.0, self._look)
+
+        def _look(self, context, state):
+            self.seen.append((context.get_time(), self.port.Eval(context).translation().copy()))
+
+    builder = DiagramBuilder()
+    source, tracker, watcher = map(
+        builder.AddSystem, (PoseSource(CIRCLE), ObjectTracker(), Watcher())
+    )
+    builder.Connect(source.get_output_port(), tracker.GetInputPort("pose"))
+    builder.Connect(tracker.GetOutputPort("object_pose"), watcher.get_input_port())
+    Simulator(builder.Build()).AdvanceTo(0.1)
+    ((time, p_WO),) = watcher.seen
+    assert time == 0.0
+    np.testing.assert_allclose(p_WO, CIRCLE.pose(0.0)[:3, 3], atol=1e-9)
 
 
 class Hidden:

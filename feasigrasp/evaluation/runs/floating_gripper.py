@@ -23,12 +23,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import (
-    AddMultibodyPlant,
-    CoulombFriction,
-    MultibodyPlant,
-    MultibodyPlantConfig,
-)
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -38,6 +33,7 @@ from feasigrasp.evaluation.runs.hand_load import HandLoad
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import model_path
+from feasigrasp.systems.station.friction import set_friction
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.station import FINGER_KD, FINGER_KP
 
@@ -105,7 +101,8 @@ class FloatingGripper:
         plant.WeldFrames(plant.world_frame(), base, X_BG.inverse())
         finger = plant.GetJointActuatorByName("left_finger_joint", hand)
         finger.set_controller_gains(PdControllerGains(p=FINGER_KP, d=FINGER_KD))
-        _make_hydroelastic(plant, scene_graph, hand, friction)
+        _make_hydroelastic(plant, scene_graph, hand)
+        set_friction(plant, scene_graph, hand, friction)
         plant.Finalize()
         self._joints = [plant.GetJointByName(f"{side}_finger_joint") for side in ("left", "right")]
 
@@ -177,19 +174,12 @@ def hold_trials(
 
 
 def _make_hydroelastic(
-    plant: MultibodyPlant, scene_graph: SceneGraph, hand: ModelInstanceIndex, friction: float
+    plant: MultibodyPlant, scene_graph: SceneGraph, hand: ModelInstanceIndex
 ) -> None:
-    """Gives every part of the hand a compliant surface with one friction.
-
-    Drake combines two coefficients to ``2 a b / (a + b)``, which is ``friction`` if both are.
-    """
+    """Gives every part of the hand a compliant surface; friction is another's business."""
     for index in plant.GetBodyIndices(hand):
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
             properties = ProximityProperties()
             AddCompliantHydroelasticProperties(_RESOLUTION, _MODULUS, properties)
-            AddContactMaterial(
-                dissipation=_DISSIPATION,
-                friction=CoulombFriction(friction, friction),
-                properties=properties,
-            )
+            AddContactMaterial(dissipation=_DISSIPATION, properties=properties)
             scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)

@@ -8,6 +8,8 @@ what goes wrong, goes wrong in disparity:
 - it is found in steps of 1/32 px, and the depth is handed out in whole millimetres;
 - at the edge of an object the matched window shows two surfaces: the pixel is lost, or "flies"
   anywhere between them;
+- the search for matches ends at a largest disparity: what is nearer has no depth, and no pixel
+  flies beyond the two ends of the depth range;
 - a surface seen at a grazing angle gives no match.
 
 The noise is independent from pixel to pixel. That of a real camera is correlated over a few
@@ -76,7 +78,13 @@ class DepthNoise:
             )
 
     def apply(
-        self, depth: NDArray[Any], intrinsics: ArrayLike, rng: np.random.Generator
+        self,
+        depth: NDArray[Any],
+        intrinsics: ArrayLike,
+        rng: np.random.Generator,
+        *,
+        near: float = 0.0,
+        far: float = np.inf,
     ) -> NDArray[Any]:
         """The depth image that the camera would hand out.
 
@@ -85,10 +93,15 @@ class DepthNoise:
                 too near and infinity too far; those and NaN stay as they are.
             intrinsics: Matrix K, shape (3, 3), or (fx, fy, cx, cy) [px].
             rng: Source of all chance; three draws per pixel, so equal seeds give equal images.
+            near: Least depth that the camera measures [m]. What is too near stands there, as far
+                as its neighbours are concerned: where a surface just leaves the range there is no
+                edge, and before a surface behind, pixels fly towards it. With 0 it is not known
+                where, and next to what is too near no pixel flies.
+            far: Largest depth that it measures [m].
 
         Returns:
             A new image of the same floating-point type (float64 if it had none); infinity where the
-            pixel was lost.
+            pixel was lost or is measured beyond ``far``, 0 where it is measured before ``near``.
 
         Raises:
             CameraError: If the image has no two dimensions, or the intrinsics no focal length.
@@ -104,7 +117,10 @@ class DepthNoise:
         fate, mix = rng.random(z.shape), rng.random(z.shape)
         error = rng.standard_normal(z.shape)
 
-        partner, edge = _across_edges(inverse, self.edge_disparity / scale)
+        nearest = 1.0 / near if near > 0.0 else np.nan
+        beside = np.where(z <= 0.0, nearest, inverse)
+        partner, edge = _across_edges(beside, self.edge_disparity / scale)
+        edge &= valid
         lost = edge & (fate < self.edge_missing)
         flies = edge & ~lost & (fate < self.edge_missing + self.flying)
         if self.grazing_start_deg < 90.0:
@@ -119,7 +135,8 @@ class DepthNoise:
         measured = np.divide(scale, disparity, out=np.full_like(z, np.inf), where=disparity > 0.0)
         if self.depth_step > 0.0:
             measured = self.depth_step * np.round(measured / self.depth_step)
-        measured[lost] = np.inf
+        measured[measured < near] = 0.0
+        measured[(measured > far) | lost] = np.inf
         measured[~valid] = z[~valid]
         return measured.astype(image.dtype if image.dtype.kind == "f" else float)
 
@@ -184,7 +201,7 @@ def _smaller_difference(image: Array, valid: Mask, axis: int) -> Array:
 def _across_edges(inverse: Array, threshold: float) -> tuple[Array, Mask]:
     """The most different inverse depth among each pixel's four neighbours, and where it is an edge.
 
-    Pixels without depth count as infinitely far, and have no edge of their own.
+    A neighbour whose inverse depth is NaN is no partner.
     """
     partner = inverse.copy()
     most = np.zeros_like(inverse)
@@ -196,7 +213,7 @@ def _across_edges(inverse: Array, threshold: float) -> tuple[Array, Mask]:
             larger = jump > record
             record[larger] = jump[larger]
             target[larger] = other[larger]
-    return partner, (most > threshold) & (inverse > 0.0)
+    return partner, most > threshold
 
 
 def _neighbours(image: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -43,7 +43,8 @@ def export_camera(
     sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
     depth, info = sensor.depth_image_32F_output_port(), _pixel_centred(config)
     if noise is not None:
-        noisy = builder.AddNamedSystem(f"{name}_noise", NoisyDepth(noise, info, seed))
+        errors = NoisyDepth(noise, info, seed, near=config.z_near, far=config.z_far)
+        noisy = builder.AddNamedSystem(f"{name}_noise", errors)
         builder.Connect(depth, noisy.get_input_port())
         depth = noisy.get_output_port()
     cloud = builder.AddNamedSystem(

@@ -34,6 +34,7 @@ from feasigrasp.resources import model_path
 from feasigrasp.scenario.schema import ObjectConfig
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import export_camera
+from feasigrasp.systems.station.friction import contact_friction, set_friction
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.object_servo import ObjectServo
 
@@ -52,7 +53,7 @@ class StationConfig:
         directives: Model directives with model instances ``iiwa`` and ``gripper``.
         cameras: Cameras by name.
         q_start: Joint positions at the start [rad], shape (7,).
-        friction: Coulomb friction of the object.
+        friction: Coulomb friction between the gripper and the object.
         enforce_constraints: Whether joints have end stops and the robot is blocked by itself and by
             its cell. The paper's tests are "without constraints": joints turn on, links pass
             through each other, and there is no table. What goes beyond is counted.
@@ -128,6 +129,8 @@ class Station(Diagram):
         self.plant, self.scene_graph = AddMultibodyPlant(config.plant, builder)
         plant = self.plant
         self.object_instance = self._add_models(plant, config, obj)
+        self._gripper = plant.GetModelInstanceByName("gripper")
+        set_friction(plant, self.scene_graph, self._gripper, config.friction)
         self.object_body = plant.GetBodyByName("object", self.object_instance)
         plant.SetDefaultFloatingBaseBodyPose(self.object_body, RigidTransform(motion.pose(0.0)))
         plant.Finalize()
@@ -150,6 +153,10 @@ class Station(Diagram):
     def robot_instances(self) -> list[ModelInstanceIndex]:
         """Model instances of the arm and of what it carries."""
         return _robot_instances(self.plant)
+
+    def contact_friction(self) -> float:
+        """The Coulomb friction of contacts between gripper and object."""
+        return contact_friction(self.plant, self.scene_graph, self._gripper, self.object_instance)
 
     def _add_models(
         self, plant: MultibodyPlant, config: StationConfig, obj: RigidObject
@@ -184,7 +191,7 @@ class Station(Diagram):
         builder.ExportOutput(state, "iiwa.state_estimated")
 
     def _export_gripper(self, builder: DiagramBuilder) -> None:
-        plant, gripper = self.plant, self.plant.GetModelInstanceByName("gripper")
+        plant, gripper = self.plant, self._gripper
         # Either finger moves half the opening; the right one mimics the left.
         command = builder.AddNamedSystem("gripper_command", MatrixGain(np.array([[0.5], [0.0]])))
         builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(gripper))

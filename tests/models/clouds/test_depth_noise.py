@@ -122,6 +122,64 @@ def test_pixels_fly_and_get_lost_at_edges_and_only_there():
     assert border.min() >= 0.8 - 1e-9 and border.max() > 1.0
 
 
+NEAR, FAR = 0.15, 3.0
+
+
+def too_near(true):
+    """What a renderer makes of true depths: 0 where they are too near, infinite where too far."""
+    return np.where(true < NEAR, 0.0, np.where(true > FAR, np.inf, true))
+
+
+def test_where_a_surface_comes_too_near_its_rim_is_no_edge():
+    """A wall that leans into the least depth: the pixels at the rim stay on the wall."""
+    normal = np.array([np.sin(0.5), 0.0, np.cos(0.5)])
+    true, _ = plane_depth(normal, 0.18 * np.cos(0.5))
+    depth = too_near(true)
+    assert (depth == 0.0).sum() > 4000
+    calm = DepthNoise(subpixel=0.0, disparity_step=0.0, depth_step=0.0)
+    for seed in range(5):
+        out = calm.apply(depth, INTRINSICS, rng(seed), near=NEAR, far=FAR)
+        beside = np.zeros(SHAPE, dtype=bool)
+        beside[:, :-1] = (depth[:, 1:] == 0.0) & (depth[:, :-1] > 0.0)
+        beside[:, 1:] |= (depth[:, :-1] == 0.0) & (depth[:, 1:] > 0.0)
+        assert beside.sum() > 200
+        np.testing.assert_allclose(out[beside], depth[beside], atol=1e-9)
+    # Where nobody says what "too near" is, nothing flies either.
+    unknown = calm.apply(depth, INTRINSICS, rng())
+    np.testing.assert_allclose(unknown[beside], depth[beside], atol=1e-9)
+
+
+def test_behind_something_too_near_pixels_fly_towards_it():
+    true = step_image()
+    true[80:160, 100:200] = 0.1
+    calm = DepthNoise(subpixel=0.0, disparity_step=0.0, depth_step=0.0)
+    images = np.array(
+        [calm.apply(too_near(true), INTRINSICS, rng(k), near=NEAR, far=FAR) for k in range(10)]
+    )
+    ring = np.zeros(SHAPE, dtype=bool)
+    ring[80:160, [99, 200]] = ring[[79, 160], 100:200] = True
+    seen = images[:, ring][np.isfinite(images[:, ring])]
+    flying = seen[np.abs(seen - 0.8) > 1e-9]
+    assert len(flying) / images[:, ring].size == pytest.approx(0.3, abs=0.05)
+    assert flying.min() >= NEAR and flying.max() < 0.8
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nothing_comes_out_beyond_the_depth_range(seed):
+    """Random depths, the whole range and more: there are edges to all sides, and noise at both."""
+    generator = rng(seed)
+    depth = too_near(1.0 / generator.uniform(1 / 20.0, 1 / 0.12, SHAPE))
+    depth[generator.random(SHAPE) < 0.1] = 0.15
+    depth[generator.random(SHAPE) < 0.1] = 3.0
+    noise = DepthNoise(depth_step=0.0)
+    out = noise.apply(depth.astype(np.float32), K, generator, near=NEAR, far=FAR)
+    measured = out[(out != 0.0) & np.isfinite(out)]
+    assert len(measured) > 1000
+    assert measured.min() >= np.float32(NEAR) and measured.max() <= np.float32(FAR)
+    assert (out[depth == 0.0] == 0.0).all() and np.isinf(out[np.isinf(depth)]).all()
+    assert (out[depth == 0.15] == 0.0).any() and np.isinf(out[depth == 3.0]).any()
+
+
 def test_a_slope_is_no_edge():
     depth, _ = plane_depth(np.array([np.sin(1.0), 0.0, np.cos(1.0)]), 0.5 * np.cos(1.0))
     noise = DepthNoise(

@@ -50,7 +50,7 @@ def test_the_noise_is_that_of_the_cameras_focal_length(fixed_context):
 def test_in_the_station_cloud_and_depth_image_carry_the_same_noise():
     """Along the optical axis the cloud is the noisy depth; the labels know nothing of it."""
     file, images = diagram_path("dynamic.scenarios.yaml"), {}
-    for text in ("{}", "{camera_noise: {wrist_camera: {depth_step: 0}}}"):
+    for text in ("{camera_noise: {}}", "{camera_noise: {wrist_camera: {depth_step: 0}}}"):
         station = make_station(load_scenario(file, "ReachLinear", text))
         context = station.CreateDefaultContext()
         cloud, depth, label, pose = (

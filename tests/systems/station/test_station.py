@@ -6,6 +6,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import CalcContactFrictionFromSurfaceProperties
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import MeshError, ScenarioError
@@ -15,6 +16,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object, make_motion
 from feasigrasp.systems.from_scenario import make_station
+from feasigrasp.systems.station.friction import set_friction
 from feasigrasp.systems.station.station import Station, StationConfig
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -23,9 +25,9 @@ HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 
 
 def scenario(*, cameras=False, mode="safe", model="mug"):
-    result = load_scenario(
-        FILE, "ReachCircular", f"{{object: {{model: {model}}}, control: {{mode: {mode}}}}}"
-    )
+    """A cell with an ideal camera, if any."""
+    text = f"{{object: {{model: {model}}}, control: {{mode: {mode}}}, camera_noise: {{}}}}"
+    result = load_scenario(FILE, "ReachCircular", text)
     if not cameras:
         result.cameras = {}
     return result
@@ -236,6 +238,40 @@ def test_what_the_robot_can_touch(mode, grips, expected):
 
     candidates = {touched(pair) for pair in inspector.GetCollisionCandidates()}
     assert candidates - {"nothing of the robot"} == expected
+
+
+@pytest.mark.parametrize("friction", [0.6, 0.25])
+def test_gripper_and_object_touch_with_the_scenarios_friction(friction):
+    """Of every pair of surfaces that can touch, in the running cell, combined as Drake does."""
+    config = scenario()
+    config.object.friction = friction
+    cell = Cell(config).start()
+    plant, station = cell.station.plant, cell.station
+    inspector = cell.read("query_object").inspector()
+    gripper = plant.GetModelInstanceByName("gripper")
+    wanted = {gripper, station.object_instance}
+    found = []
+    for pair in inspector.GetCollisionCandidates():
+        bodies = [plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)) for geometry in pair]
+        if {body.model_instance() for body in bodies} == wanted:
+            surfaces = [inspector.GetProximityProperties(geometry) for geometry in pair]
+            given = [s.GetProperty("material", "coulomb_friction") for s in surfaces]
+            found.append(CalcContactFrictionFromSurfaceProperties(*given))
+    assert len(found) == 5  # palm, two pads, and the back of either finger
+    for pair in found:
+        assert pair.static_friction() == pytest.approx(friction, abs=1e-12)
+        assert pair.dynamic_friction() == pytest.approx(friction, abs=1e-12)
+    assert station.contact_friction() == pytest.approx(friction, abs=1e-12)
+
+
+def test_friction_that_differs_from_the_scenarios_is_seen():
+    """Pads of the model file's 0.8 on an object of 0.6 make 0.686, not 0.6."""
+    config = scenario()
+    config.object.friction = 0.6
+    station = make_station(config)
+    gripper = station.plant.GetModelInstanceByName("gripper")
+    set_friction(station.plant, station.scene_graph, gripper, 0.8)
+    assert station.contact_friction() == pytest.approx(2 * 0.6 * 0.8 / (0.6 + 0.8))
 
 
 def test_the_point_cloud_lies_on_the_true_object(seeing, surface):
