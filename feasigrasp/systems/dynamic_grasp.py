@@ -15,7 +15,8 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_controller, make_scenario_sampler, make_station
 from feasigrasp.systems.grasp_sampler import GraspSampler
-from feasigrasp.systems.grasp_visualizer import GraspVisualizer
+from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
+from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
@@ -72,7 +73,7 @@ def make_dynamic_grasp(
 
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
     ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
-    ``tracker``, ``metrics`` and ``obstacle_distance``. The vector logs ``log(metrics)`` and
+    ``tracker``, ``metrics``, ``obstacle_distance`` and ``status``. The vector logs ``log(metrics)`` and
     ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded and
     the true state of the arm at the control rate. With a Meshcat there are ``scene`` and
     ``visualizer`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
@@ -220,6 +221,15 @@ def _add_measurement(cell: _Cell) -> None:
     metrics = Metrics(cell.gripper)
     cell.add("metrics", metrics, cell["sequencer"], state=state, object_pose=pose)
     cell.add("obstacle_distance", distance, station)
+    cell.add(
+        "status",
+        StatusMonitor(cell.gripper),
+        *(cell[name] for name in ("tracker", "perception", "drive", "sequencer")),
+        position=station.GetOutputPort("iiwa.position_measured"),
+        grasps=cell["latency"].get_output_port(),
+        verdicts=cell["reachability"].GetOutputPort("verdicts"),
+        reachable=cell["sequencer"].GetOutputPort("grasps"),
+    )
     for name, port, period in (
         ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
         ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),

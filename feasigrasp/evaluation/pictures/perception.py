@@ -18,7 +18,7 @@ from feasigrasp.models.grasps.perceive import Perception
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_points import SurfacePoints
-from feasigrasp.systems.grasp_visualizer import distance_from_seen
+from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
 
 #: From surface that was seen to surface that was made up.
 UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(

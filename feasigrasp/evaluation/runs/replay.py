@@ -2,18 +2,41 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
+
+from feasigrasp.models.control.status import Status
 
 #: Pictures per simulated second.
 FRAMES_PER_SECOND = 32.0
 #: Size of the pictures [pixels].
 _WIDTH, _HEIGHT = 960, 600
+#: Meshcat knows the time that it plays, but has no text of its own.
+_STATUS_LINE = """<div id="grasp-status"></div>
+<style>
+  #grasp-status {
+    position: fixed; left: 16px; bottom: 16px; padding: 6px 12px; border-radius: 4px;
+    font: 15px sans-serif; color: white; background: rgba(0, 0, 0, 0.6);
+  }
+</style>
+<script>
+  const statuses = %s;
+  setInterval(() => {
+    const time = viewer.animator.time;
+    const past = statuses.filter((status) => status[0] <= time);
+    const [, code, detail] = past.length ? past[past.length - 1] : statuses[0];
+    document.getElementById("grasp-status").textContent =
+      time.toFixed(1) + " s: " + code + (detail ? " (" + detail + ")" : "");
+  }, 100);
+</script>
+"""
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -35,17 +58,33 @@ def start_recording() -> Meshcat:
     return meshcat
 
 
-def write_replay(meshcat: Meshcat, filename: Path) -> None:
-    """Writes what was recorded as a self-contained HTML file."""
+def write_replay(meshcat: Meshcat, filename: Path, history: Sequence[Status] = ()) -> None:
+    """Writes what was recorded as a self-contained HTML file, with a line that says what goes on.
+
+    Args:
+        meshcat: It has recorded.
+        filename: The file.
+        history: What the line says from when on; no line if empty.
+    """
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    write_html(meshcat, filename)
+    write_html(meshcat, filename, _status_line(history) if history else "")
 
 
-def write_html(meshcat: Meshcat, filename: Path) -> None:
-    """Writes what is shown as a self-contained HTML file."""
+def write_html(meshcat: Meshcat, filename: Path, extra: str = "") -> None:
+    """Writes what is shown as a self-contained HTML file, with something extra on the page."""
     filename.parent.mkdir(parents=True, exist_ok=True)
-    filename.write_text(meshcat.StaticHtml())
+    page = meshcat.StaticHtml()
+    end = page.rindex("</body>")
+    filename.write_text(page[:end] + extra + page[end:])
+
+
+def _status_line(history: Sequence[Status]) -> str:
+    """HTML that shows, at the foot of the page, the status at the time that is being played."""
+    entries = [
+        [status.time, str(status.code).replace("_", " "), status.detail] for status in history
+    ]
+    return _STATUS_LINE % json.dumps(entries).replace("</", "<\\/")
 
 
 def take_picture(replay: Path) -> bool:

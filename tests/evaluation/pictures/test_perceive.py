@@ -21,7 +21,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.systems.grasp_visualizer import distance_from_seen
+from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
 
 RADIUS = 0.03
 

@@ -18,7 +18,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp.systems.grasp_visualizer import (
+from feasigrasp.systems.monitoring.grasp_visualizer import (
     INVENTED,
     SEEN,
     GraspVisualizer,

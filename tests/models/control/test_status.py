@@ -1,0 +1,53 @@
+"""What is said of a situation, and that every code can be said."""
+
+from dataclasses import replace
+
+import pytest
+
+from feasigrasp.models.control.status import Situation, StatusCode, judge
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.objects.tracking import Tracking
+
+FINE = Situation(tracking=Tracking.of_age(0.0, 0.5), grasps=20, reachable=5, left=0.3)
+LOST, NEVER = Tracking.of_age(2.0, 0.5), Tracking.of_age(float("inf"), 0.5)
+CASES = [
+    ({}, StatusCode.FOLLOWING, ""),
+    ({"speed": 0.0}, StatusCode.BRAKING_FOR_OBSTACLE, "30 cm"),
+    ({"speed": 0.0, "left": 0.001}, StatusCode.FOLLOWING, ""),
+    (
+        {"reachable": 0, "verdicts": {"joint limits": 7, "table": 3}},
+        StatusCode.NONE_REACHABLE,
+        "joint limits",
+    ),
+    (
+        {"grasps": 0, "reachable": 0, "rejected": {"too wide": 9, "off the surface": 1}},
+        StatusCode.NO_GRASP,
+        "too wide",
+    ),
+    ({"seen": False, "grasps": 0, "reachable": 0}, StatusCode.NOTHING_SEEN, "no view"),
+    (
+        {"seen": False, "grasps": 0, "reachable": 0, "views_dropped": "5.4 m wide"},
+        StatusCode.VIEWS_DROPPED,
+        "5.4 m wide",
+    ),
+    ({"contradicted": True, "reachable": 0}, StatusCode.POSE_CONTRADICTED, "elsewhere"),
+    ({"tracking": LOST, "reachable": 0}, StatusCode.POSE_LOST, "2.0 s"),
+    ({"tracking": NEVER, "reachable": 0}, StatusCode.POSE_LOST, "ever"),
+    ({"tracking": replace(LOST, jumping=True)}, StatusCode.POSE_JUMPED, "somewhere else"),
+    ({"phase": Phase.CLOSE, "speed": 0.0}, StatusCode.CLOSING, ""),
+    ({"phase": Phase.LIFT, "tracking": LOST}, StatusCode.LIFTING, ""),
+    ({"phase": Phase.HOLD}, StatusCode.HOLDING, ""),
+    ({"phase": Phase.DONE}, StatusCode.DONE, ""),
+    ({"command_faults": 3, "phase": Phase.CLOSE}, StatusCode.COMMAND_FAULTY, "not finite"),
+]
+
+
+@pytest.mark.parametrize(("change", "code", "words"), CASES)
+def test_the_first_thing_that_is_wrong_is_said(change, code, words):
+    found, detail = judge(replace(FINE, **change))
+    assert found is code
+    assert words in detail
+
+
+def test_every_code_can_be_said():
+    assert {code for _, code, _ in CASES} == set(StatusCode)
