@@ -9,9 +9,10 @@ import numpy as np
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.sources import Source
-from feasigrasp.models.control.mode import ControlMode, ControlSpace
+from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach.judge import JudgeMethod
+from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
 from feasigrasp.scenario.schema import Scenario
@@ -19,10 +20,13 @@ from feasigrasp.scenario.schema import Scenario
 _CHOICES: dict[str, tuple[str, ...]] = {
     "control.controller": tuple(ControlSpace),
     "control.mode": tuple(ControlMode),
+    "control.law": tuple(Law),
+    "control.targets": tuple(Targets),
     "control.source": tuple(Source),
     "perception.preset": tuple(Preset),
     "perception.sampler": tuple(SamplerName),
     "reachability.method": tuple(JudgeMethod),
+    "reachability.space": tuple(SpaceName),
 }
 
 

@@ -9,6 +9,7 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.scenario.checks import check_scenario
+from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
 
 _YAML_ERRORS = (RuntimeError, ValueError, TypeError, KeyError, yaml.YAMLError)
@@ -30,7 +31,7 @@ def scenario_names(filename: str | Path) -> list[str]:
 
 
 def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Scenario:
-    """Reads one scenario of a file.
+    """Reads one scenario of a file; what it leaves to the control mode is filled in.
 
     Args:
         filename: YAML file that maps names to scenarios.
@@ -48,13 +49,18 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
     scenario = _load(what, Scenario(), filename=str(filename), child_name=name)
     for text in filter(None, overrides):
         scenario = _load(what, scenario, data=text)
+    scenario = resolve(scenario)
     check_scenario(scenario)
     return scenario
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """The scenario as YAML text, complete; `parse_scenario` reads it."""
-    return str(yaml_dump_typed(scenario, schema=Scenario))
+    """The scenario as YAML text, with every value in force; `parse_scenario` reads it.
+
+    Raises:
+        ScenarioError: There is no such control mode or controller.
+    """
+    return str(yaml_dump_typed(resolve(scenario), schema=Scenario))
 
 
 def parse_scenario(text: str) -> Scenario:
@@ -63,7 +69,7 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: Unknown key or value.
     """
-    scenario = _load("not a scenario", Scenario(), data=text)
+    scenario = resolve(_load("not a scenario", Scenario(), data=text))
     check_scenario(scenario)
     return scenario
 

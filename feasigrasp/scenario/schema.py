@@ -1,7 +1,8 @@
 """The scenario: one dataclass that *is* the YAML format of ``diagrams/*.scenarios.yaml``.
 
 A scenario file maps names to scenarios; a file is read with `load_scenario`, which refuses unknown
-keys by name, and what ran is written back with `dump_scenario`.
+keys by name, and what ran is written back with `dump_scenario`. Keys that are None by default take
+the value that `feasigrasp.scenario.presets` has for the control mode.
 """
 
 import dataclasses as dc
@@ -20,6 +21,11 @@ from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.iiwa import IIWA_7
+
+
+def _of_the_mode() -> typing.Any:
+    """A key that is None until `feasigrasp.scenario.presets.resolve` takes it from the mode."""
+    return dc.field(default=None)
 
 
 @dc.dataclass
@@ -75,24 +81,28 @@ class PerceptionConfig:
     Attributes:
         camera: Name of the camera that is used.
         period: Time between views [s].
-        latency: Time from a view to its grasps [s].
-        preset: ``default``, or ``paper`` for the paper's field; see `complete_shape`.
+        latency: Time from a view to its grasps [s]; by default that of the mode.
+        preset: ``default``, or ``paper`` for the paper's field, see `complete_shape`; by default
+            that of the mode.
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
-        sampler: ``network`` (learned), ``paper`` or ``antipodal`` (model-free); see `SamplerName`.
+        views: How many views are merged at most, 0 for all; by default that of the mode.
+        sampler: ``network`` (learned), ``paper`` or ``antipodal`` (model-free), see `SamplerName`;
+            by default that of the mode.
         n_candidates: Grasp candidates drawn per update.
         n_grasps: Grasps kept per update.
     """
 
     camera: str = "wrist_camera"
     period: float = 0.5
-    latency: float = 0.1
-    preset: str = "default"
+    latency: float = _of_the_mode()
+    preset: str = _of_the_mode()
     max_points: int = 320
     length_scale: float = 0.3
     voxel_size: float = 0.003
-    sampler: str = "network"
+    views: int = _of_the_mode()
+    sampler: str = _of_the_mode()
     n_candidates: int = 800
     n_grasps: int = 64
 
@@ -121,31 +131,59 @@ class ReachabilityConfig:
     Attributes:
         period: Time between updates [s].
         method: ``ik`` (exact inverse kinematics), ``rmm`` (the paper's density of reachable poses),
-            or ``both`` (exact on what the density lets through).
-        horizon: A grasp must stay reachable this long, as the object moves now [s].
+            or ``both`` (exact on what the density lets through); by default that of the mode.
+        space: Which density: ``default``, or ``paper`` (64 components, as many as the paper's,
+            fitted to uniform joint samples); by default that of the mode.
+        horizon: A grasp must stay reachable this long, as the object moves now [s]; by default that
+            of the mode.
+        twins: Whether a grasp turned by 180 degrees counts as another; by default as in the mode.
     """
 
     period: float = 0.1
-    method: str = "ik"
-    horizon: float = 1.0
+    method: str = _of_the_mode()
+    space: str = _of_the_mode()
+    horizon: float = _of_the_mode()
+    twins: bool = _of_the_mode()
 
 
 @dc.dataclass
 class ControlConfig:
-    """The arm's controller.
+    """The arm's controller; keys that are None by default take the values of the mode.
 
     Attributes:
         controller: ``task`` (Riemannian mixture) or ``joint`` (distance field over IK solutions).
-        mode: ``safe`` enforces limits and clearances, ``paper`` enforces nothing.
+        mode: ``safe`` enforces limits and clearances; ``corrected`` (the paper's law with our
+            corrections) and ``paper`` (as printed) enforce nothing.
         period: Control period [s].
-        source: Where the joint-space controller's configurations come from: ``closed_form``,
-            ``flow`` (the IK flow) or ``dls`` (damped least squares).
+        law: ``preconditioned``, a rate times the way that is left, or the ``gradient`` itself; for
+            the modes that enforce nothing, in ``safe`` mode it is preconditioned.
+        gain: Of the law; a rate [1/s], or a step for the task-space gradient, which is in 1/rad and
+            1/m.
+        damping: Of the task-space pseudo-inverse, 0 for none; not for ``safe`` mode, which solves a
+            QP.
+        feed_forward: Whether the object's own motion is added to the law.
+        targets: What the task-space law goes for, in the modes that enforce nothing: ``medoids`` of
+            the mixture's components, or their ``means``.
+        length_scale: Of the joint-space field [rad]; 0 follows the spacing of the solutions.
+        n_solutions: How many configurations the joint-space field is fitted to, at most.
+        source: Where they come from: ``closed_form``, ``flow`` (the IK flow, refined by three steps
+            of the pseudo-inverse) or ``dls`` (damped least squares).
+        resample: Whether they are drawn anew at every update, from the same seed, as in the paper;
+            else they keep their identity.
     """
 
     controller: str = ControlSpace.TASK.value
     mode: str = ControlMode.SAFE.value
     period: float = 0.005
-    source: str = "closed_form"
+    law: str = _of_the_mode()
+    gain: float = _of_the_mode()
+    damping: float = _of_the_mode()
+    feed_forward: bool = _of_the_mode()
+    targets: str = _of_the_mode()
+    length_scale: float = _of_the_mode()
+    n_solutions: int = _of_the_mode()
+    source: str = _of_the_mode()
+    resample: bool = _of_the_mode()
 
     @property
     def safe(self) -> bool:

@@ -12,8 +12,14 @@ from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.from_scenario import make_controller, make_scenario_sampler, make_station
+from feasigrasp.systems.from_scenario import (
+    make_controller,
+    make_reachability_filter,
+    make_scenario_sampler,
+    make_station,
+)
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
@@ -22,7 +28,6 @@ from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
-from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.scene_filter import SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station.cell_check import check_cell
@@ -122,7 +127,7 @@ def add_dynamic_grasp(
         simulator.AdvanceTo(5.0)
         velocities = log.FindLog(simulator.get_context()).data()
     """
-    gripper = ParallelGripper()
+    gripper, scenario = ParallelGripper(), resolve(scenario)
     reachability = Reachability(gripper)
     station = builder.AddNamedSystem("station", make_station(scenario))
     check_cell(station.plant, gripper)
@@ -151,6 +156,7 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> None:
         max_points=config.max_points,
         length_scale=config.length_scale,
         voxel_size=config.voxel_size,
+        max_views=config.views,
     )
     cell.add("perception", field, segmentation, cell["tracker"], camera_pose=camera_pose)
     grasps = cell.add("sampler", GraspSampler(sampler, cell.gripper), field)
@@ -183,7 +189,7 @@ def _add_control(cell: _Cell, reachability: Reachability, controller: LeafSystem
     grasps = _clear_of_scene(
         cell, "clear_grasps", cell["latency"].get_output_port(), either_way_round=True
     )
-    in_reach = ReachabilityFilter(reachability, method=config.method, horizon=config.horizon)
+    in_reach = make_reachability_filter(scenario, reachability)
     cell.add("reachability", in_reach, tracker, grasps=grasps)
     hand_poses = _clear_of_scene(cell, "clear_hand_poses", in_reach.GetOutputPort("grasps"))
     reachable = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
@@ -199,7 +205,7 @@ def _add_control(cell: _Cell, reachability: Reachability, controller: LeafSystem
         grasps=reachable.get_output_port(),
         gripper_state=station.GetOutputPort("gripper.state_measured"),
     )
-    drive = VelocityDrive(scenario.control.period, enforce_position_limits=safe)
+    drive = VelocityDrive(scenario.control.period, enforce_limits=safe)
     cell.builder.AddNamedSystem("drive", drive)
     scene = [cell["scene_perception"]] if scenario.scene.enabled else []
     cell.add("controller", controller, sequencer, tracker, drive, *scene, position=position)

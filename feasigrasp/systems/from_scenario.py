@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from feasigrasp.errors import ScenarioError
-from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.mode import ControlSpace
@@ -17,12 +15,15 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import load_scenario_object, make_camera_noise, make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.station.station import Station, StationConfig
 
@@ -49,7 +50,7 @@ def make_station(scenario: Scenario) -> Station:
 
 def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> GraspSamplerFn:
     """The grasp sampler of a scenario, compiled."""
-    config = scenario.perception
+    config = resolve(scenario).perception
     sampler = make_sampler(
         config.sampler,
         gripper,
@@ -61,20 +62,51 @@ def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> Grasp
     return sampler
 
 
+def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> ReachabilityFilter:
+    """The reachability filter of a scenario."""
+    config = resolve(scenario).reachability
+    return ReachabilityFilter(
+        reachability,
+        method=config.method,
+        reachable_space=ReachableSpace.load_named(config.space),
+        horizon=config.horizon,
+        twins=config.twins,
+    )
+
+
 def make_controller(scenario: Scenario, reachability: Reachability) -> GraspController:
     """The controller of a scenario."""
+    scenario = resolve(scenario)
     config, period = scenario.control, scenario.reachability.period
     safety = SafetyOptions(period=config.period, table_height=reachability.table_height)
-    space = parse_choice(ControlSpace, config.controller, "control.controller", ScenarioError)
-    if space is ControlSpace.JOINT:
-        solutions = SolutionOptions(source=config.source)
-        prices = Prices.of_a_field(1.5 if scenario.grasp.close else 3.0)
-        options = JointControlOptions(solutions=solutions, prices=prices, safety=safety)
-        return GPJointController(reachability, options, period=period, mode=config.mode)
-    choice = ChoiceOptions(Prices.to_grasp_soon() if scenario.grasp.close else Prices())
+    if config.controller == ControlSpace.JOINT:
+        solutions = SolutionOptions(
+            source=config.source,
+            n_solutions=config.n_solutions,
+            resample=config.resample,
+            length_scale=config.length_scale,
+        )
+        joint_options = JointControlOptions(
+            law=config.law,
+            gain=config.gain,
+            feed_forward=config.feed_forward,
+            solutions=solutions,
+            prices=Prices.of_a_field(1.5 if scenario.grasp.close else 3.0),
+            safety=safety,
+        )
+        return GPJointController(reachability, joint_options, period=period, mode=config.mode)
+    options = TaskControlOptions(
+        gain=config.gain,
+        law=config.law,
+        damping=config.damping,
+        feed_forward=config.feed_forward,
+        targets=config.targets,
+        choice=ChoiceOptions(Prices.to_grasp_soon() if scenario.grasp.close else Prices()),
+        safety=safety,
+    )
     return RMMTaskController(
         reachability,
-        TaskControlOptions(choice=choice, safety=safety),
+        options,
         period=period,
         mode=config.mode,
         seed=scenario.random_seed,

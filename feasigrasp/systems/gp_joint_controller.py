@@ -29,7 +29,9 @@ class GPJointController(GraspController):
         period: float = ReachabilityConfig.period,
         mode: str = ControlMode.SAFE,
     ) -> None:
-        """A controller; ``mode`` is ``safe``, or ``paper`` to enforce nothing.
+        """A controller; ``mode`` is ``safe``, or one that enforces nothing.
+
+        The law of such a mode is what ``options`` say, whichever it is.
 
         Raises:
             ControlError: There is no such mode.

@@ -90,12 +90,12 @@ class ControllerInputs:
 
     @property
     def obstacles(self) -> ObstacleGrid | None:
-        """Distances to the scene, which the arm keeps clear of; None in ``paper`` mode."""
+        """Distances to the scene, which the arm keeps clear of; None unless limits are enforced."""
         return self._grid(self._controller._obstacles)
 
     @property
     def surface(self) -> ObstacleGrid | None:
-        """Distances to the object's surface, in its frame; None in ``paper`` mode."""
+        """Distances to the object's surface, in its frame; None unless limits are enforced."""
         return self._grid(self._controller._surface)
 
     def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
@@ -150,7 +150,7 @@ class GraspController(LeafSystem):
 
     Attributes:
         reachability: What the arm can reach, and its gripper.
-        mode: ``safe``, or ``paper`` to enforce nothing.
+        mode: ``safe``; ``corrected`` and ``paper`` enforce nothing.
         period: Time between updates [s].
     """
 
@@ -196,8 +196,8 @@ class GraspController(LeafSystem):
 
     @cached_property
     def safety(self) -> Safety | None:
-        """The QP that keeps limits and clearances; None in ``paper`` mode."""
-        if self.mode is ControlMode.PAPER:
+        """The QP that keeps limits and clearances; None in modes that enforce nothing."""
+        if self.mode is not ControlMode.SAFE:
             return None
         return Safety(self._safety_options, self.reachability.gripper)
 
@@ -226,7 +226,7 @@ class GraspController(LeafSystem):
     def enforced(self, qd: Array, inputs: ControllerInputs) -> Array:
         """The velocity nearest to ``qd`` (7,) that keeps limits and clearances.
 
-        In ``paper`` mode it is ``qd`` itself.
+        In a mode that enforces nothing it is ``qd`` itself.
         """
         if self.safety is None:
             return qd

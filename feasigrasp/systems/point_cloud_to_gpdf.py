@@ -76,10 +76,11 @@ class PointCloudToGPDF(LeafSystem):
         self,
         period: float = PerceptionConfig.period,
         *,
-        preset: str = PerceptionConfig.preset,
+        preset: str = Preset.DEFAULT,
         max_points: int = PerceptionConfig.max_points,
         length_scale: float = PerceptionConfig.length_scale,
         voxel_size: float = PerceptionConfig.voxel_size,
+        max_views: int = 0,
         views_per_side: int = 3,
         revisit: float = 5.0,
         check: float = 1.0,
@@ -93,6 +94,7 @@ class PointCloudToGPDF(LeafSystem):
             max_points: Surface points that the field is fitted to.
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which views are merged [m].
+            max_views: So many views are merged at most; 0 for all.
             views_per_side: So many views from one direction suffice, see `ViewRecord`.
             revisit: A side not merged for so long is merged again [s].
             check: The object is looked at at least this often [s].
@@ -109,6 +111,7 @@ class PointCloudToGPDF(LeafSystem):
             "max_points": max_points,
             "length_scale": length_scale,
         }
+        self._max_views = max_views
         self._views_per_side, self._revisit, self._check = views_per_side, revisit, check
         self._min_points = min_points
         self._cloud = declare_input(self, "point_cloud", PointCloud())
@@ -121,6 +124,8 @@ class PointCloudToGPDF(LeafSystem):
 
     def _look(self, context: Context) -> Perceived:
         seen: Perceived = self._seen.Eval(context)
+        if self._max_views and len(seen.views.times) >= self._max_views:
+            return seen
         X_OW = self._object_pose.Eval(context).inverse()
         p_OC = X_OW @ self._camera_pose.Eval(context).translation()
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):

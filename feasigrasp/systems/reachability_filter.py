@@ -8,11 +8,10 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.judge import PoseJudge
+from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
-from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
 
@@ -32,7 +31,8 @@ class ReachabilityFilter(LeafSystem):
         - verdicts
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
-    direction are one grasp but two hand poses: both are tried, and both may remain. A pose is
+    direction are one grasp but two hand poses: both are tried, unless told otherwise, and both may
+    remain. A pose is
     judged by one of three methods:
 
     - ``ik``: exact inverse kinematics finds a configuration inside the joint limits, free of
@@ -52,11 +52,14 @@ class ReachabilityFilter(LeafSystem):
         self,
         reachability: Reachability,
         *,
-        method: str = ReachabilityConfig.method,
+        method: str = JudgeMethod.IK,
         reachable_space: ReachableSpace | None = None,
-        horizon: float = ReachabilityConfig.horizon,
+        horizon: float = 1.0,
+        twins: bool = True,
     ) -> None:
         """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
+
+        Without ``twins`` grasps are judged as they are, not their flips.
 
         Raises:
             ReachabilityError: There is no such method.
@@ -64,7 +67,7 @@ class ReachabilityFilter(LeafSystem):
         super().__init__()
         self._judge = PoseJudge(reachability, method, reachable_space)
         self._judge.verdicts(np.eye(4))  # compiles its kernels, before the first tick
-        self._horizon = horizon
+        self._horizon, self._twins = horizon, twins
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
@@ -84,5 +87,6 @@ class ReachabilityFilter(LeafSystem):
             self._velocity.Eval(context).get_coeffs(),
             self._judge,
             self._horizon,
+            twins=self._twins,
             motion=self._motion.Eval(context) if self._motion.HasValue(context) else None,
         )

@@ -35,7 +35,9 @@ class RMMTaskController(GraspController):
         mode: str = ControlMode.SAFE,
         seed: int = 0,
     ) -> None:
-        """A controller; ``mode`` is ``safe``, or ``paper`` to enforce nothing.
+        """A controller; ``mode`` is ``safe``, or one that enforces nothing.
+
+        The law of such a mode is what ``options`` say, whichever it is.
 
         Raises:
             ControlError: There is no such mode.
@@ -57,7 +59,7 @@ class RMMTaskController(GraspController):
         return memory.with_choice(inputs.time, inputs.q, ahead, self.reachability, choice)
 
     def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:
-        """Towards the grasp that was chosen; in ``paper`` mode up the density of all."""
+        """Towards the grasp that was chosen; if nothing is enforced, up the density of all."""
         if self.safety is not None:
             return task_space_velocity(
                 inputs.q,

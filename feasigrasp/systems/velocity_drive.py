@@ -3,11 +3,12 @@
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.control.safety.drive_step import drive_step_kernel, free_step_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
 class VelocityDrive(LeafSystem):
-    """Integrates a commanded joint velocity within the velocity and acceleration limits.
+    """Integrates a commanded joint velocity within position, velocity and acceleration limits.
 
     .. pydrake_system::
 
@@ -17,31 +18,34 @@ class VelocityDrive(LeafSystem):
         - position
         output_ports:
         - desired_state
+        - command_faults
         - desired_velocity
 
     ``velocity`` [rad/s] and ``position`` [rad] are V7, ``desired_state`` is V14 (positions, then
-    velocities) and ``desired_velocity`` its second half: the last command, which a controller needs
-    that limits accelerations itself. Both are state, so no output depends on an input at once.
-    At initialisation the measured position is latched. A command that is not finite counts as zero.
-    With ``enforce_position_limits`` the desired position never leaves the limits.
+    velocities: the differences of the positions over the period) and ``desired_velocity`` its
+    second half: the last command, which a controller needs that limits accelerations itself.
+    ``command_faults`` is V1: how many commands so far were not finite, or beyond ten times the
+    velocity limits. All are state, so no output depends on an input at once. At initialisation the
+    measured position is latched.
+
+    What is sent keeps its limits whatever is commanded (`drive_step_kernel`); a faulty command is
+    one to stop, as hard as the acceleration limits allow. Without ``enforce_limits`` commands are
+    integrated as they come; one that is not finite counts as zero.
     """
 
-    #: The desired position never runs further than this ahead of the measured one [rad].
+    #: The desired position waits for the measured one when it is this far ahead of it [rad].
     MAX_LEAD = 0.10
-    #: It keeps this distance from the joint limits [rad], since the arm gives way under load.
-    LIMIT_MARGIN = 0.01
 
-    def __init__(self, period: float, *, enforce_position_limits: bool = True) -> None:
+    def __init__(self, period: float, *, enforce_limits: bool = True) -> None:
         """A drive that updates every ``period`` seconds."""
         super().__init__()
-        self._period = period
-        self._limits = np.full(IIWA_7.joints, np.inf)
-        if enforce_position_limits:
-            self._limits = IIWA_7.position_limits - self.LIMIT_MARGIN
+        self._period, self._enforce = period, enforce_limits
         self._velocity = self.DeclareVectorInputPort("velocity", IIWA_7.joints)
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         state = self.DeclareDiscreteState(2 * IIWA_7.joints)
+        faults = self.DeclareDiscreteState(1)
         self.DeclareStateOutputPort("desired_state", state)
+        self.DeclareStateOutputPort("command_faults", faults)
         self.DeclareVectorOutputPort(
             "desired_velocity",
             IIWA_7.joints,
@@ -50,29 +54,34 @@ class VelocityDrive(LeafSystem):
         )
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        zero = np.zeros(IIWA_7.joints)
+        self._step(zero, zero, zero, zero)  # compiles its kernel, before the first tick
 
     def _initialize(self, context: Context, discrete_state) -> None:
         q = self._position.Eval(context)
-        discrete_state.get_mutable_vector().SetFromVector(
+        discrete_state.get_mutable_vector(0).SetFromVector(
             np.concatenate([q, np.zeros(IIWA_7.joints)])
         )
 
     def _calc_velocity(self, context: Context, output) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[IIWA_7.joints :])
+        output.SetFromVector(context.get_discrete_state(0).value()[IIWA_7.joints :])
 
     def _update(self, context: Context, discrete_state) -> None:
-        desired = context.get_discrete_state_vector().value()
-        q, v = desired[: IIWA_7.joints], desired[IIWA_7.joints :]
-        command = self._velocity.Eval(context)
-        if not np.isfinite(command).all():
-            command = np.zeros(IIWA_7.joints)
-        dv = IIWA_7.acceleration_limits * self._period
-        v_next = np.clip(
-            np.clip(command, -IIWA_7.velocity_limits, IIWA_7.velocity_limits), v - dv, v + dv
+        q, v = np.split(context.get_discrete_state(0).value(), 2)
+        desired, fault = self._step(
+            q, v, self._velocity.Eval(context), self._position.Eval(context)
         )
-        measured = self._position.Eval(context)
-        q_next = np.clip(
-            q + self._period * v_next, measured - self.MAX_LEAD, measured + self.MAX_LEAD
-        )
-        q_next = np.clip(q_next, -self._limits, self._limits)
-        discrete_state.get_mutable_vector().SetFromVector(np.concatenate([q_next, v_next]))
+        discrete_state.get_mutable_vector(0).SetFromVector(desired)
+        faults = context.get_discrete_state(1).value() + fault
+        discrete_state.get_mutable_vector(1).SetFromVector(faults)
+
+    def _step(self, q, v, command, measured):
+        """The next desired state (14,), and whether the command is a fault."""
+        desired = np.empty(2 * IIWA_7.joints)
+        q_next, v_next = desired[: IIWA_7.joints], desired[IIWA_7.joints :]
+        if self._enforce:
+            lead = self.MAX_LEAD
+            fault = drive_step_kernel(q, v, command, measured, self._period, lead, q_next, v_next)
+        else:
+            fault = free_step_kernel(q, v, command, self._period, q_next, v_next)
+        return desired, fault

@@ -41,10 +41,9 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.from_scenario import make_controller
+from feasigrasp.systems.from_scenario import make_controller, make_reachability_filter
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
-from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 #: Makes the controller of a scenario; its ports are those of `GraspController`.
@@ -124,16 +123,12 @@ def make_rollout(
     pose = add("object", _ObjectPose(make_motion(scenario)))
     tracker = add("tracker", ObjectTracker(scenario.tracker))
     source = add("grasps", ConstantValueSource(AbstractValue.Make(grasps)))
-    config = scenario.reachability
-    reach = add(
-        "reachability",
-        ReachabilityFilter(reachability, method=config.method, horizon=config.horizon),
-    )
-    held = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
+    reach = add("reachability", make_reachability_filter(scenario, reachability))
+    held = ZeroOrderHold(scenario.reachability.period, AbstractValue.Make(GraspSet.empty()))
     reachable = add("reachable", held)
     follow = add("controller", controller(scenario, reachability))
     safe = scenario.control.safe
-    drive = add("drive", VelocityDrive(scenario.control.period, enforce_position_limits=safe))
+    drive = add("drive", VelocityDrive(scenario.control.period, enforce_limits=safe))
     arm = add("arm", Demultiplexer([IIWA_7.joints, IIWA_7.joints]))
     metrics = add("metrics", Metrics(gripper))
     phase = add("phase", ConstantVectorSource([0.0]))
@@ -195,7 +190,9 @@ def roll_out(
         simulator = Simulator(diagram)
         drive = diagram.GetSubsystemByName("drive")
         state = np.concatenate([np.deg2rad(scenario.q_start), np.zeros(IIWA_7.joints)])
-        drive.GetMyMutableContextFromRoot(simulator.get_mutable_context()).SetDiscreteState(state)
+        drive.GetMyMutableContextFromRoot(simulator.get_mutable_context()).SetDiscreteState(
+            0, state
+        )
         simulator.Initialize()
         simulator.AdvanceTo(duration)
     context = simulator.get_context()

@@ -8,6 +8,7 @@ import time
 
 from feasigrasp.evaluation.runs.plan import PlannedRun, add_scenario_arguments, plan_run
 from feasigrasp.evaluation.runs.rollout import ROLLOUT_METRICS, roll_out
+from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--controllers", type=names, default=["task", "joint"])
     parser.add_argument("--seeds", type=positive, default=5, help="repeats, with seeds that count")
-    parser.add_argument("--mode", choices=("safe", "paper"), default="safe")
+    parser.add_argument("--mode", choices=tuple(map(str, ControlMode)), default="safe")
     parser.add_argument("--duration", type=float, help="length of a run [s]; default: three laps")
     add_scenario_arguments(parser)
 

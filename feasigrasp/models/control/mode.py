@@ -1,4 +1,4 @@
-"""In which space the arm is controlled, and what is enforced."""
+"""In which space the arm is controlled, by which law, and what is enforced."""
 
 from enum import StrEnum
 
@@ -11,7 +11,22 @@ class ControlSpace(StrEnum):
 
 
 class ControlMode(StrEnum):
-    """What a controller enforces: limits and clearances, or nothing, as in the paper."""
+    """What a controller enforces, and which law it follows unless told otherwise."""
 
-    SAFE = "safe"
-    PAPER = "paper"
+    SAFE = "safe"  # ours; limits and clearances are enforced
+    CORRECTED = "corrected"  # the paper's law with our corrections; nothing is enforced
+    PAPER = "paper"  # the paper's law as printed; nothing is enforced
+
+
+class Law(StrEnum):
+    """How fast the arm goes up the density of the grasps, or down the distance to them."""
+
+    PRECONDITIONED = "preconditioned"  # at a rate: gain times the way that is left
+    GRADIENT = "gradient"  # gain times the gradient, as the paper has it
+
+
+class Targets(StrEnum):
+    """What stands for a component of a mixture of grasps."""
+
+    MEDOIDS = "medoids"  # its most plausible grasp
+    MEANS = "means"  # its mean, which need not be one

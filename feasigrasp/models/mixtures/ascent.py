@@ -15,7 +15,11 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry.se3_kernels import compose_kernel, exp_kernel
+from feasigrasp.models.geometry.se3_kernels import (
+    compose_kernel,
+    exp_kernel,
+    right_jacobian_inverse_kernel,
+)
 from feasigrasp.models.mixtures.kernels import Parameters, evaluate_kernel, posterior_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
@@ -37,6 +41,21 @@ def _length(v: Array) -> float:
 @njit(cache=True)
 def ascent_kernel(X: Array, parameters: Parameters, out: Array) -> None:
     """Writes the direction of :func:`ascent_direction` at one pose."""
+    _ascent(X, parameters, False, out)
+
+
+@njit(cache=True)
+def gradient_kernel(X: Array, parameters: Parameters, out: Array) -> None:
+    """Writes the gradient of the log density at one pose, as `RiemannianMixture` has it.
+
+    Where the pulls cancel, so does the gradient; there the disturbance of `ascent_direction` is
+    added, in units of the gradient: times the mean of the inverse covariances.
+    """
+    _ascent(X, parameters, True, out)
+
+
+@njit(cache=True)
+def _ascent(X: Array, parameters: Parameters, gradient: bool, out: Array) -> None:
     n = len(parameters.means)
     tangents, log_densities, r = np.empty((n, 6)), np.empty(n), np.empty(n)
     evaluate_kernel(X, parameters, tangents, log_densities)
@@ -48,8 +67,36 @@ def ascent_kernel(X: Array, parameters: Parameters, out: Array) -> None:
         for i in range(6):
             out[i] -= r[k] * tangents[k, i]
     share = _length(out) / max(pull, 1e-12)
-    if share < CANCEL and pull > 1e-9:
-        _disturb(X, parameters, here, tangents, pull, 1.0 - share / CANCEL, out)
+    disturbed = share < CANCEL and pull > 1e-9
+    if not gradient:
+        if disturbed:
+            _disturb(X, parameters, here, tangents, pull, 1.0 - share / CANCEL, out)
+        return
+    step = np.zeros(6)
+    if disturbed:
+        _disturb(X, parameters, here, tangents, pull, 1.0 - share / CANCEL, step)
+    out[:] = 0.0
+    pulls = np.empty((2, 6))
+    for k in range(n):
+        J = right_jacobian_inverse_kernel(tangents[k])
+        _weighed(parameters.whitening[k], tangents[k], pulls[0])
+        _weighed(parameters.whitening[k], step, pulls[1])
+        for i in range(6):
+            out[i] += r[k] * pulls[1, i]
+            for j in range(6):
+                out[i] -= r[k] * J[j, i] * pulls[0, j]
+
+
+@njit(cache=True)
+def _weighed(W: Array, v: Array, out: Array) -> None:
+    """Writes Sigma^-1 v (6,), with Sigma^-1 = W^T W and W lower triangular."""
+    out[:] = 0.0
+    for i in range(6):
+        z = 0.0
+        for j in range(i + 1):
+            z += W[i, j] * v[j]
+        for j in range(i + 1):
+            out[j] += W[i, j] * z
 
 
 @njit(cache=True)

@@ -24,7 +24,8 @@ class JudgedGrasps(Frozen):
 
     Attributes:
         grasps: Those that are kept, in the object frame, best score first.
-        verdicts: A `Verdict` on every grasp given, then on the 180-degree flip of every grasp.
+        verdicts: A `Verdict` on every grasp given, then on the 180-degree flip of every grasp, if
+            those count.
     """
 
     grasps: GraspSet
@@ -40,6 +41,8 @@ def judge_grasps(
     n_best: int = 24,
     score_share: float = 0.6,
     motion: MotionEstimate | None = None,
+    *,
+    twins: bool = True,
 ) -> JudgedGrasps:
     """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
 
@@ -52,12 +55,13 @@ def judge_grasps(
         n_best: How many are kept at most, the best scores first.
         score_share: Grasps that score less than this share of the best one in reach are left out.
         motion: Predicts the object's poses; without it, the object moves on with its twist.
+        twins: Whether the flip of a grasp counts as another; without, only the grasps given do.
 
     Returns:
         The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
         verdicts. Once enough grasps are kept, worse ones are not judged: "better grasps in reach".
     """
-    both = grasps.with_twins()
+    both = grasps.with_twins() if twins else grasps
     order = np.argsort(-both.score, kind="stable")
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
     X_later = future_poses(motion, X_WO, V_WO, times)

@@ -13,6 +13,7 @@ import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,23 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.errors import FeasigraspError, ReachabilityError
 from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.mixtures.float32_kernels import Float32Array, log_densities, pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.resources import model_path
 
 #: The file that is part of the project: flange poses of the iiwa 7 with its hand.
 DEFAULT_FILE = ("iiwa", "reachable_space.npz")
+#: With as many components as the paper's, 64, fitted to poses of uniform joint samples as there.
+PAPER_FILE = ("iiwa", "reachable_space_paper.npz")
 _ARRAYS = ("weights", "means", "covariances", "threshold")
+
+
+class SpaceName(StrEnum):
+    """The reachable spaces that come with the package."""
+
+    DEFAULT = "default"
+    PAPER = "paper"
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,4 +133,15 @@ class ReachableSpace(Frozen):
             ResourceError: The installation lacks the file.
             ReachabilityError: The file is malformed.
         """
-        return cls.load(model_path(*DEFAULT_FILE))
+        return cls.load_named(SpaceName.DEFAULT)
+
+    @classmethod
+    def load_named(cls, name: str) -> ReachableSpace:
+        """A packaged reachable space of the iiwa 7's flange, by its `SpaceName`.
+
+        Raises:
+            ReachabilityError: There is no such space, or its file is malformed.
+            ResourceError: The installation lacks the file.
+        """
+        name = parse_choice(SpaceName, name, "reachable space", ReachabilityError)
+        return cls.load(model_path(*(PAPER_FILE if name is SpaceName.PAPER else DEFAULT_FILE)))

@@ -46,6 +46,8 @@ class Arm(NamedTuple):
         acceleration_limits: Symmetric [rad/s^2].
         effort_limits: Symmetric [Nm].
         driver: Limits of the real arm's driver.
+        position_margin: What is commanded keeps this far inside the position limits [rad], farther
+            than the driver clamps; a configuration nearer to them is none that the arm may take.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Arm(NamedTuple):
     acceleration_limits: Array
     effort_limits: Array
     driver: DriverLimits
+    position_margin: float
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -134,4 +137,5 @@ IIWA_7 = Arm(
         velocity=_VELOCITY,
         external_torque=_constant(60.0 * np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.2, 0.1])),
     ),
+    position_margin=0.03,
 )

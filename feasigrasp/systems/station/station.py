@@ -265,6 +265,7 @@ def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         joint.set_default_positions([q])
         if not config.enforce_constraints:
             joint.set_position_limits([-np.inf], [np.inf])
+            actuator.set_effort_limit(np.inf)
     gripper = plant.GetModelInstanceByName("gripper")
     finger = plant.GetJointActuatorByName("left_finger_joint", gripper)
     finger.set_controller_gains(PdControllerGains(p=FINGER_KP, d=FINGER_KD))

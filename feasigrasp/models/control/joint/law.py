@@ -25,7 +25,7 @@ from feasigrasp.models.control.joint.field import (
 )
 from feasigrasp.models.control.joint.search import SolutionOptions, SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
-from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
@@ -42,8 +42,11 @@ class JointControlOptions:
     """Gains of the joint-space controller.
 
     Attributes:
-        gain: k, rate at which the distance decreases [1/s].
-        max_speed: Largest share of the velocity limits used for it.
+        law: ``preconditioned``: the way that is left decreases at the rate k, within the speed
+            limits and so that it can be stopped in time; ``gradient``: ``-k d grad d`` as it is.
+        gain: k [1/s].
+        max_speed: Largest share of the velocity limits used for it; infinite: neither speed nor
+            braking is looked at.
         feed_forward: Whether the solutions' own velocity is added; not in the paper.
         solutions: Which solutions the field is fitted to.
         prices: What they cost, and how far is looked ahead.
@@ -51,6 +54,7 @@ class JointControlOptions:
         safety: Margins of the QP.
     """
 
+    law: str = Law.PRECONDITIONED
     gain: float = 8.0
     max_speed: float = 0.8
     feed_forward: bool = True
@@ -59,10 +63,22 @@ class JointControlOptions:
     funnel: Funnel = field(default_factory=lambda: Funnel(closing_axis_share=0.3))
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
-    def as_in_the_paper(self) -> JointControlOptions:
-        """All solutions are worth the same, go straight to the grasps, and do not glide."""
+    def __post_init__(self) -> None:
+        """Checks the law.
+
+        Raises:
+            ControlError: There is no such law.
+        """
+        parse_choice(Law, self.law, "law", ControlError)
+
+    def unplanned(self) -> JointControlOptions:
+        """All solutions are worth the same, go straight to the grasps, and do not glide.
+
+        Nor is any speed looked at: what is left for a controller that enforces nothing.
+        """
         return replace(
             self,
+            max_speed=np.inf,
             solutions=replace(self.solutions, glide=0.0),
             prices=Prices(times=(0.0,)),
             funnel=self.funnel._replace(max_standoff=0.0),
@@ -73,7 +89,8 @@ class JointControlOptions:
 def _descent_kernel(left, gradient, gain, max_speed, qd):
     """Writes ``-k d grad d`` (7,), within the speed limits and so that it can be stopped in time.
 
-    Half of the acceleration limits is taken to suffice for the way left along every joint.
+    Half of the acceleration limits is taken to suffice for the way left along every joint. An
+    infinite ``max_speed`` leaves both out.
     """
     slope = 0.0
     for k in range(IIWA_7.joints):
@@ -83,10 +100,11 @@ def _descent_kernel(left, gradient, gain, max_speed, qd):
         qd[:] = 0.0
         return
     speed = gain * left
-    for k in range(IIWA_7.joints):
-        part = max(abs(gradient[k]) / slope, 1e-9)
-        speed = min(speed, max_speed * IIWA_7.velocity_limits[k] / part)
-        speed = min(speed, np.sqrt(IIWA_7.acceleration_limits[k] * left / part))
+    if max_speed < np.inf:
+        for k in range(IIWA_7.joints):
+            part = max(abs(gradient[k]) / slope, 1e-9)
+            speed = min(speed, max_speed * IIWA_7.velocity_limits[k] / part)
+            speed = min(speed, np.sqrt(IIWA_7.acceleration_limits[k] * left / part))
     for k in range(IIWA_7.joints):
         qd[k] = -speed * min(1.0, slope) * gradient[k] / slope
 
@@ -96,7 +114,7 @@ def field_velocity_kernel(
     q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, gains
 ):
     """Joint velocity (7,) of the field: inverse kinematics of all solutions, fit, and gradient."""
-    gain, max_speed, feed_forward = gains
+    as_printed, gain, max_speed, feed_forward = gains
     n = len(branch)
     X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
     pose_jacobian_kernel(q, X_FG, X_WH, J)
@@ -124,12 +142,17 @@ def field_velocity_kernel(
     r, gradient, weights = np.empty((count, count)), np.empty(IIWA_7.joints), np.empty(count)
     distances_kernel(q_i, r)
     fit_kernel(r, costs, scale, NOISE_VARIANCE, lowest, beta)
-    _, left = evaluate_kernel(q, q_i, lowest, beta, scale, gradient, weights)
-    _descent_kernel(left, gradient, gain, max_speed, qd)
+    d, left = evaluate_kernel(q, q_i, lowest, beta, scale, gradient, weights)
+    if as_printed:
+        qd[:] = -gain * d * gradient
+    else:
+        _descent_kernel(left, gradient, gain, max_speed, qd)
     if feed_forward:
         forward = np.empty(IIWA_7.joints)
+        most = np.inf if max_speed == np.inf else 1.0
         feed_forward_kernel(
-            X_WF, V_WO, X_WO[:3, 3].copy(), branch, angles, index, weights, q_i, forward
+            *(X_WF, V_WO, X_WO[:3, 3].copy(), branch, angles, index, weights, q_i),
+            *(most, forward),
         )
         qd += forward
     return qd
@@ -143,7 +166,7 @@ class JointSpaceControl:
         reachability: Limits, clearances, and the hand.
         options: Gains.
         period: Time between updates of the solutions [s].
-        mode: ``safe``, or ``paper``: all solutions are worth the same, and nothing is enforced.
+        mode: ``safe``; in the others all solutions are worth the same, and nothing is enforced.
     """
 
     reachability: Reachability
@@ -156,15 +179,15 @@ class JointSpaceControl:
     def __post_init__(self) -> None:
         """Derives what every step needs."""
         object.__setattr__(self, "mode", parse_choice(ControlMode, self.mode, "mode", ControlError))
-        paper = self.mode is ControlMode.PAPER
-        if paper:
-            object.__setattr__(self, "options", self.options.as_in_the_paper())
+        safe = self.mode is ControlMode.SAFE
+        if not safe:
+            object.__setattr__(self, "options", self.options.unplanned())
         options, gripper = self.options, self.reachability.gripper
         search = SolutionSearch(
             self.reachability, options.funnel, options.prices, options.solutions, self.period
         )
         object.__setattr__(self, "search", search)
-        safety = None if paper else Safety(options.safety, gripper)
+        safety = Safety(options.safety, gripper) if safe else None
         object.__setattr__(self, "safety", safety)
 
     def update(
@@ -220,7 +243,12 @@ class JointSpaceControl:
             solutions.cost,
             solutions.length_scale,
             options.funnel.parameters,
-            (options.gain, options.max_speed, options.feed_forward),
+            (
+                options.law == Law.GRADIENT,
+                options.gain,
+                options.max_speed,
+                options.feed_forward,
+            ),
         )
         return np.asarray(qd)
 

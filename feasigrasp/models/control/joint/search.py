@@ -4,7 +4,8 @@ Between two updates solutions move by themselves (`feasigrasp.models.control.joi
 update matches them with the grasps that are offered now, lets arm angles glide to where they cost
 less, looks for new ones, and drops those that do not count. Nothing that counts appears or vanishes
 at once: a new solution starts at a cost at which it has no influence, and costs change at a bounded
-rate; one whose grasp is gone rises in cost until it has none.
+rate; one whose grasp is gone rises in cost until it has none. The paper draws them all anew
+instead, from the same seed: `SolutionOptions.resample`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,11 @@ from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.joint.field import distances_kernel, length_scale_kernel
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.joint.sources import Source, new_configurations
+from feasigrasp.models.control.joint.sources import (
+    Source,
+    drawn_configurations,
+    new_configurations,
+)
 from feasigrasp.models.control.planning.continuation import (
     branch_kernel,
     flange_pose_kernel,
@@ -59,7 +64,10 @@ class SolutionOptions:
         source: Where they come from: ``closed_form``, ``flow`` (drawn from the IK flow, refined) or
             ``dls`` (damped least squares from random configurations).
         n_solutions: How many are kept. The best one of every grasp comes first.
-        per_grasp: How many of one grasp, at most.
+        resample: Whether they are drawn anew at every update, with the same random numbers, as in
+            the paper, and cost nothing; from ``flow`` or ``dls``.
+        length_scale: Of the field [rad]; 0 follows the spacing of the solutions.
+        per_grasp: How many of one grasp, at most; not if they are drawn anew.
         cost_rate: How fast a cost changes at most [rad/s].
         glide: Largest rate of an arm angle [rad/s].
         glide_acceleration: Its largest change [rad/s^2].
@@ -69,6 +77,8 @@ class SolutionOptions:
 
     source: str = Source.CLOSED_FORM
     n_solutions: int = 64
+    resample: bool = False
+    length_scale: float = 0.0
     per_grasp: int = 4
     cost_rate: float = 4.0
     glide: float = 0.6
@@ -84,6 +94,16 @@ class SolutionOptions:
             raise ControlError(
                 f"n_solutions is {self.n_solutions} and per_grasp {self.per_grasp}; "
                 "give at least 1 of each"
+            )
+        if not 0.0 <= self.length_scale < np.inf:
+            raise ControlError(
+                f"length_scale is {self.length_scale}; give a positive one [rad], or 0 for that of "
+                "the solutions' spacing"
+            )
+        if self.resample and source is Source.CLOSED_FORM:
+            raise ControlError(
+                "resample needs something to draw from: give the source flow or dls, or "
+                "resample: false"
             )
 
 
@@ -137,7 +157,9 @@ def _judge(
     start = np.linalg.norm(X_WF[:3, 3] - X_WO[0, :3, 3])
     for i in range(len(branch)):
         flange_pose_kernel(X_WO[0], X_OG[i], standoffs[i], X_GF, X_WF)
-        reached[i] = solve_kernel(X_WF, branch[i], psi[i], q[i]) and inside_limits_kernel(q[i], 0.0)
+        reached[i] = solve_kernel(X_WF, branch[i], psi[i], q[i]) and inside_limits_kernel(
+            q[i], IIWA_7.position_margin
+        )
         if not reached[i] or len(times) == 1:
             continue
         for j in range(3):
@@ -191,6 +213,8 @@ class SolutionSearch:
             X_WO: Poses of the object at the prices' instants, now first, shape (k, 4, 4).
             q: Joint positions [rad], shape (7,).
         """
+        if self.options.resample:
+            return self._resampled(time, X_OG, X_WO[0], q)
         angles, costs, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
         grasp = matches(previous.X_OG, X_OG)
         old = self._items(
@@ -216,9 +240,7 @@ class SolutionSearch:
         acceleration = np.clip(
             (glide - items.rate) / period, -most.glide_acceleration, most.glide_acceleration
         )
-        r = np.empty((len(items.q),) * 2)
-        distances_kernel(items.q, r)
-        wanted = length_scale_kernel(r)
+        wanted = self._length_scale(items.q)
         if len(old.q) == 0:
             scale = wanted
         scale_rate = np.clip((wanted - scale) / period, -_LENGTH_SCALE_RATE, _LENGTH_SCALE_RATE)
@@ -231,6 +253,38 @@ class SolutionSearch:
             time,
             int((previous.turn + len(looked_at)) % max(len(X_OG), 1)),
         )
+
+    def _resampled(self, time: float, X_OG: Array, X_WO: Array, q: Array) -> Solutions:
+        """Solutions of all grasps, as many of each, drawn anew; none costs anything."""
+        if len(X_OG) == 0:
+            return Solutions.empty(time)
+        X_GF = se3.inverse(self.reachability.gripper.X_FG)
+        X_WF, standoffs = np.empty((len(X_OG), 4, 4)), self._standoffs(X_OG, X_WO, q)
+        for k, X in enumerate(X_OG):
+            flange_pose_kernel(X_WO, X, standoffs[k], X_GF, X_WF[k])
+        n = self.options.n_solutions
+        drawn = drawn_configurations(self.options.source, X_WF, -(-n // len(X_OG)))
+        # The first of every grasp, then the second, up to the number that is wanted.
+        found = drawn.swapaxes(0, 1).reshape(-1, IIWA_7.joints)[:n]
+        grasp = (np.arange(len(found)) % len(X_OG))[np.isfinite(found).all(axis=1)]
+        found = found[np.isfinite(found).all(axis=1)]
+        still = np.zeros((len(found), 2))
+        return Solutions(
+            X_OG[grasp],
+            np.array([branch_kernel(one) for one in found], dtype=np.int64),
+            np.column_stack([[arm_angle_kernel(one) for one in found], still]),
+            still,
+            np.array([self._length_scale(found), 0.0]),
+            time,
+        )
+
+    def _length_scale(self, q: Array) -> float:
+        """The length scale [rad] of a field over configurations (n, 7)."""
+        if self.options.length_scale > 0.0:
+            return self.options.length_scale
+        r = np.empty((len(q), len(q)))
+        distances_kernel(q, r)
+        return float(length_scale_kernel(r))
 
     def _items(
         self,

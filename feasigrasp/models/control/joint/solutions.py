@@ -88,7 +88,7 @@ class Solutions(Frozen):
 
 @njit(cache=True)
 def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index):
-    """Writes the flange poses and configurations of all solutions inside the joint limits.
+    """Writes the flange poses and configurations of all solutions that the arm may take.
 
     ``X_WF`` (n, 4, 4), ``q`` (n, 7) and ``index`` (n,), which solution each is, are filled from the
     front. Returns how many there are.
@@ -98,15 +98,18 @@ def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index)
         standoff = standoff_kernel(X_OG[i], X_OH, funnel)
         flange_pose_kernel(X_WO, X_OG[i], standoff, X_GF, X_WF[count])
         reached = solve_kernel(X_WF[count], branch[i], angles[i, 0], q[count])
-        if reached and inside_limits_kernel(q[count], 0.0):
+        if reached and inside_limits_kernel(q[count], IIWA_7.position_margin):
             index[count] = i
             count += 1
     return count
 
 
 @njit(cache=True)
-def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, qd):
-    """Writes the mean velocity (7,) of the solutions that count, no faster than the joints are."""
+def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, most, qd):
+    """Writes the mean velocity (7,) of the solutions that count.
+
+    It is shortened to ``most`` times the joints' velocity limits, direction kept.
+    """
     moved, one = np.empty((4, 4)), np.empty(IIWA_7.joints)
     moved[3] = 0.0
     moved[3, 3] = 1.0
@@ -121,6 +124,6 @@ def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, qd)
                     qd[j] += weights[k] * one[j]
     excess = 1.0
     for j in range(IIWA_7.joints):
-        excess = max(excess, abs(qd[j]) / IIWA_7.velocity_limits[j])
+        excess = max(excess, abs(qd[j]) / (most * IIWA_7.velocity_limits[j]))
     for j in range(IIWA_7.joints):
         qd[j] /= excess

@@ -30,8 +30,10 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Two solutions of one grasp are at least so far apart [rad].
 APART = 1.0
-# Draws for each pose of the flow and of damped least squares; steps and damping of the latter.
-_DRAWS, _STEPS, _DAMPING = 8, 20, 0.05
+#: Draws for each pose of the flow and of damped least squares, unless told otherwise.
+DRAWS = 8
+# Steps and damping of the latter.
+_STEPS, _DAMPING = 20, 0.05
 # A configuration reaches its pose below these errors [m, rad].
 _POSITION_TOLERANCE, _ANGLE_TOLERANCE = 1e-3, 0.02
 
@@ -106,27 +108,25 @@ def _drawn(q, q_now, known, search, prices, worth, found):
     return _select(q, scores, known, search, found) if len(q) > 0 else 0
 
 
-@lru_cache(maxsize=1)
-def _random_configurations() -> Array:
-    return np.random.default_rng(0).uniform(
-        -IIWA_7.position_limits, IIWA_7.position_limits, (_DRAWS, 7)
-    )
+@lru_cache(maxsize=8)
+def _random_configurations(draws: int) -> Array:
+    return IIWA_7.random_positions(np.random.default_rng(0), draws)
 
 
-def drawn_configurations(source: str, X_WF: Array) -> Array:
-    """Configurations (m, k, 7) of flange poses (m, 4, 4), NaN where they do not reach them.
+def drawn_configurations(source: str, X_WF: Array, draws: int = DRAWS) -> Array:
+    """Configurations (m, draws, 7) of flange poses (m, 4, 4), NaN where they do not reach them.
 
     The random numbers are the same at every call, as in the paper: what is drawn moves with the
     poses.
     """
-    poses = np.repeat(X_WF, _DRAWS, axis=0)
+    poses = np.repeat(X_WF, draws, axis=0)
     if source == Source.FLOW:
         q, position, angle = refine(poses, IkFlow.load_default().solve(poses, seed=0), steps=0)
     else:
-        starts = np.tile(_random_configurations(), (len(X_WF), 1))
+        starts = np.tile(_random_configurations(draws), (len(X_WF), 1))
         q, position, angle = refine(poses, starts, _STEPS, _DAMPING, limit_margin=0.0)
     q[~((position < _POSITION_TOLERANCE) & (angle < _ANGLE_TOLERANCE))] = np.nan
-    return q.reshape(len(X_WF), _DRAWS, 7)
+    return q.reshape(len(X_WF), draws, IIWA_7.joints)
 
 
 def new_configurations(

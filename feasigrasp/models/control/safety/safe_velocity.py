@@ -73,7 +73,7 @@ class SafetyOptions:
     """
 
     period: float = 0.005
-    position_margin: float = 0.03
+    position_margin: float = IIWA_7.position_margin
     velocity_scale: float = 0.8
     acceleration_scale: float = 0.95
     clearance: float = 0.01

@@ -1,8 +1,10 @@
 """The paper's law in task space (section IV-D.1): up the log density of a mixture of grasps.
 
-The hand follows the gradient of the mixture's log density, preconditioned so that every component
-is approached along its geodesic, while it is carried along with the object's twist: without that
-feed-forward it lags behind by speed over gain.
+As printed, ``qd = J^+ grad log p``, with the right Jacobian where it belongs
+(`RiemannianMixture.log_density_gradient`). Corrected, the hand follows the direction preconditioned
+so that every component is approached along its geodesic, about grasps in place of means, while it
+is carried along with the object's twist: without that feed-forward it lags behind by speed over
+gain.
 """
 
 from __future__ import annotations
@@ -11,10 +13,11 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, hand_twist_kernel
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel
-from feasigrasp.models.mixtures.ascent import ascent_kernel
+from feasigrasp.models.mixtures.ascent import ascent_kernel, gradient_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
@@ -58,12 +61,15 @@ def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
 
 
 @njit(cache=True)
-def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gains, damping):
-    gain, max_angular, max_linear = gains
+def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gain, gradient, damping):
     X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, IIWA_7.joints)), np.empty(6)
     pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
-    ascent_kernel(compose_kernel(inverse_kernel(X_WO), X_WH), parameters, u_H)
-    V_WH = hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, max_angular, max_linear)
+    X_OH = compose_kernel(inverse_kernel(X_WO), X_WH)
+    if gradient:
+        gradient_kernel(X_OH, parameters, u_H)
+    else:
+        ascent_kernel(X_OH, parameters, u_H)
+    V_WH = hand_twist_kernel(gain * u_H, X_WH, X_WO, V_WO, np.inf, np.inf)
     qd = least_norm_kernel(J_WH, V_WH, damping)
     return qd if np.isfinite(np.sum(qd)) else np.zeros(IIWA_7.joints)
 
@@ -76,11 +82,12 @@ def paper_task_space_velocity(
     X_FG: Array,
     options: TaskControlOptions,
 ) -> Array:
-    """The paper's law with its corrections: ``qd = J^+ V`` (damped), nothing enforced.
+    """The paper's law, printed or corrected as the options say: ``qd = J^+ V``, nothing enforced.
 
-    The twist V is the preconditioned direction of the log density, whose maxima are the medoids of
-    the components, plus the object's own twist. Where the pulls of components cancel, surrounding
-    points decide (`feasigrasp.models.mixtures.ascent`).
+    The twist V is ``gain`` times the gradient of the log density of the grasps, or the
+    preconditioned direction, plus the object's own twist if it is fed forward. Neither is cut
+    anywhere. Where the pulls of components cancel, surrounding points decide
+    (`feasigrasp.models.mixtures.ascent`).
 
     Args:
         q: Joint positions [rad], shape (7,).
@@ -88,11 +95,20 @@ def paper_task_space_velocity(
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
         X_FG: The grasp frame on the flange, shape (4, 4).
-        options: Gains.
+        options: Law, gain, damping, feed-forward, targets.
 
     Returns:
         Joint velocity [rad/s], shape (7,); zero if anything is not finite.
     """
-    parameters = grasps.targets.parameters
-    qd: Array = _paper_kernel(q, X_FG, X_WO, V_WO, parameters, options.gains, options.damping)
+    mixture = grasps.targets if options.targets == Targets.MEDOIDS else grasps.mixture
+    qd: Array = _paper_kernel(
+        q,
+        X_FG,
+        X_WO,
+        V_WO if options.feed_forward else np.zeros(6),
+        mixture.parameters,
+        options.gain,
+        options.law == Law.GRADIENT,
+        options.damping,
+    )
     return qd

@@ -21,7 +21,10 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
@@ -38,11 +41,16 @@ class TaskControlOptions:
     """Gains of the task-space controller.
 
     Attributes:
-        gain: Rate at which the hand closes its distance to a grasp [1/s].
-        max_linear: Largest speed relative to the object [m/s].
-        max_angular: Largest angular speed relative to the object [rad/s].
-        damping: Of the pseudo-inverse of the paper's law; it matters where singular
-            values of the Jacobian are not far above it.
+        gain: Rate at which the hand closes its distance to a grasp [1/s]; of the law ``gradient``
+            the velocity per gradient.
+        max_linear: Largest speed relative to the object [m/s]; only for `task_space_velocity`.
+        max_angular: Largest angular speed relative to the object [rad/s]; likewise.
+        law: Of `paper_task_space_velocity`, as are the next three: which velocity leads up the
+            density.
+        damping: Of the pseudo-inverse; it matters where singular values of the Jacobian are not far
+            above it.
+        feed_forward: Whether the object's twist is added.
+        targets: What the density is made of: components about their medoids, or their means.
         near: Travel time to the chosen configuration up to which the hand follows the geodesic [s];
             from twice as much on the joints go to it.
         choice: Which grasp is followed, and in which configuration.
@@ -53,11 +61,23 @@ class TaskControlOptions:
     gain: float = 5.0
     max_linear: float = 0.4
     max_angular: float = 1.5
+    law: str = Law.PRECONDITIONED
     damping: float = 0.02
+    feed_forward: bool = True
+    targets: str = Targets.MEDOIDS
     near: float = 0.2
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     pursuit: PursuitOptions = field(default_factory=PursuitOptions)
     safety: SafetyOptions = field(default_factory=SafetyOptions)
+
+    def __post_init__(self) -> None:
+        """Checks the words.
+
+        Raises:
+            ControlError: There is no such law or target.
+        """
+        parse_choice(Law, self.law, "law", ControlError)
+        parse_choice(Targets, self.targets, "targets", ControlError)
 
     @cached_property
     def gains(self) -> tuple[float, float, float]:
