@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -42,6 +43,8 @@ class Perceived(Frozen):
     views: ViewRecord = field(default_factory=ViewRecord)
     looked: float = -np.inf
     contradicted: bool = False
+    faults: Mapping[str, int] = field(default_factory=dict)
+    last_fault: str = ""
 
 
 class PointCloudToGPDF(LeafSystem):

@@ -16,6 +16,7 @@ from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.provenance import git_revision, machine, versions
@@ -72,7 +73,7 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
             error = str(failure)
         ended = time.perf_counter()
         if meshcat is not None and replay is not None:
-            write_replay(meshcat, replay)
+            write_replay(meshcat, replay, _history(diagram, simulator.get_context()))
 
     context = simulator.get_context()
     times, samples, metrics = _measured(diagram, context, scenario)
@@ -85,7 +86,8 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         "simulated_s": simulated,
         "real_time_factor": simulated / (ended - started),
     }
-    record |= {"timings": timings, "metrics": metrics, "error": error}
+    status = [[s.time, str(s.code), s.detail] for s in _history(diagram, context)]
+    record |= {"timings": timings, "metrics": metrics, "error": error, "status": status}
     return RunResult(record, times, samples)
 
 
@@ -105,8 +107,16 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
         "timings": dict.fromkeys(("build_s", "wall_s", "simulated_s", "real_time_factor")),
         "metrics": metrics,
         "error": error,
+        "status": [],
         "scenario_yaml": dump_scenario(scenario),
     }
+
+
+def _history(diagram: Diagram, context: Context) -> tuple[Status, ...]:
+    """What the status monitor said."""
+    monitor = diagram.GetSubsystemByName("status")
+    history: tuple[Status, ...] = monitor.history(monitor.GetMyContextFromRoot(context))
+    return history
 
 
 def _measured(

@@ -207,11 +207,9 @@ def _remember(state, t):
 @njit(cache=True)
 def _is_a_jump(s, t, X):
     """Notes that ``X`` is far from what was expected; whether that has gone on for long enough."""
-    again = not np.isnan(s.far_since[0])
-    if again:
-        turn = so3_log_kernel(X[:3, :3].copy() @ s.far_R.T.copy())
-        again = np.linalg.norm(X[:3, 3] - s.far_p) < _JUMP and np.linalg.norm(turn) < _JUMP
-    if not again:
+    turn = so3_log_kernel(X[:3, :3].copy() @ s.far_R.T.copy())
+    elsewhere = np.linalg.norm(X[:3, 3] - s.far_p) > _JUMP or np.linalg.norm(turn) > _JUMP
+    if np.isnan(s.far_since[0]) or elsewhere:
         s.far_since[0] = t
     s.far_p[:], s.far_R[:] = X[:3, 3], X[:3, :3]
     return t - s.far_since[0] >= _JUMP_FOR - 1e-9

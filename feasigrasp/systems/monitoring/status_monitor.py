@@ -23,17 +23,36 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 
 #: Time between looks at the situation [s].
 PERIOD = 0.1
+#: So long it takes until it is said [s]: an arm that starts or turns round stands still, too. All
+#: else takes one look, since stages that follow each other are one look late.
+LASTS = {StatusCode.COMMAND_FAULTY: 0.0, StatusCode.BRAKING_FOR_OBSTACLE: 0.5}
 #: What counts as reachable among the verdicts.
 _FINE = (Verdict.KEPT, Verdict.REACHABLE)
 
 
 @dataclass(frozen=True, eq=False)
 class _Said(Frozen):
-    """What was said until now, latest last, and how many commands had been faulty by then."""
+    """What was said until now.
+
+    Attributes:
+        history: Every status, oldest first.
+        next: What is going on, and will be said if it lasts; None if it has been said.
+        command_faults: How many commands had been faulty by now.
+    """
 
     history: tuple[Status, ...] = ()
+    next: Status | None = None
     command_faults: int = 0
-    view_faults: int = 0
+
+    def heard(self, time: float, code: StatusCode, detail: str, command_faults: int) -> _Said:
+        """With what is judged now; what passes at once is not said."""
+        if self.history and code == self.history[-1].code:
+            return _Said(self.history, None, command_faults)
+        going_on = self.next is not None and self.next.code == code
+        now = Status(self.next.time if going_on and self.next else time, code, detail)
+        if time - now.time >= LASTS.get(code, PERIOD) - 1e-9:
+            return _Said((*self.history, now), None, command_faults)
+        return _Said(self.history, now, command_faults)
 
 
 class StatusMonitor(LeafSystem):
@@ -96,7 +115,6 @@ class StatusMonitor(LeafSystem):
         said: _Said = self._said.Eval(context)
         perceived = self._perceived.Eval(context)
         command_faults = int(self._faults.Eval(context)[0])
-        view_faults = sum(perceived.faults.values())
         grasps: GraspSet = self._grasps.Eval(context)
         reachable: GraspSet = self._reachable.Eval(context)
         verdicts = Counter(map(str, self._verdicts.Eval(context)))
@@ -116,10 +134,7 @@ class StatusMonitor(LeafSystem):
                 left=self._left(context, reachable),
             )
         )
-        history = said.history
-        if not history or history[-1].code != code:
-            history = (*history, Status(context.get_time(), code, detail))
-        return _Said(history, command_faults, view_faults)
+        return said.heard(context.get_time(), code, detail, command_faults)
 
     def _left(self, context: Context, reachable: GraspSet) -> float:
         """Distance of the hand to the nearest grasp that it is given [m]."""

@@ -1,0 +1,108 @@
+"""The monitor says what lasts, once, and when it began."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.control.status import StatusCode
+from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.objects.tracking import Tracking
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
+from feasigrasp.systems.point_cloud_to_gpdf import Perceived
+
+GPDF = fit_gpdf(sphere_points(64, 0.03))
+NOTHING = Perceived(FusedCloud.empty(0.003), None)
+SEEN = Perceived(FusedCloud.empty(0.003), GPDF)
+GRASPS = GraspSet(np.eye(4)[None], np.array([0.04]), np.array([1.0]))
+
+
+class Monitored:
+    """A monitor whose inputs are set by hand."""
+
+    def __init__(self):
+        self.dut = StatusMonitor(ParallelGripper())
+        self.simulator = Simulator(self.dut)
+        self.context = self.simulator.get_mutable_context()
+        self.fix(
+            position=np.full(7, 0.5),
+            desired_velocity=np.full(7, 0.5),
+            object_pose=RigidTransform([0.5, 0.0, 0.5]),
+            tracking=Value[object](Tracking.of_age(0.0, 0.5)),
+            perceived=Value[object](SEEN),
+            grasps=GRASPS,
+            verdicts=Value[object](("kept",)),
+            reachable=GRASPS,
+            phase=[Phase.APPROACH],
+            command_faults=[0.0],
+        )
+
+    def fix(self, **inputs):
+        for name, value in inputs.items():
+            self.dut.GetInputPort(name).FixValue(self.context, value)
+
+    def said(self, t):
+        """Codes and times of all that has been said by time t."""
+        self.simulator.AdvanceTo(t)
+        history = self.dut.GetOutputPort("history").Eval(self.context)
+        return [(status.code, pytest.approx(status.time)) for status in history]
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    dut = StatusMonitor(ParallelGripper())
+    inputs, outputs = ports(dut)
+    assert (list(inputs), list(outputs)) == documented_ports(StatusMonitor)
+
+
+def test_a_change_is_said_once_with_its_beginning():
+    monitored = Monitored()
+    monitored.fix(perceived=Value[object](NOTHING))
+    assert monitored.said(0.35) == [(StatusCode.NOTHING_SEEN, 0.0)]
+    monitored.fix(perceived=Value[object](SEEN))
+    expected = [(StatusCode.NOTHING_SEEN, 0.0), (StatusCode.FOLLOWING, 0.4)]
+    assert monitored.said(1.05) == expected
+    monitored.fix(tracking=Value[object](Tracking.of_age(0.7, 0.5)))
+    assert monitored.said(1.95) == [*expected, (StatusCode.POSE_LOST, 1.1)]
+    status = monitored.dut.GetOutputPort("status").Eval(monitored.context)
+    assert status.code is StatusCode.POSE_LOST
+    assert "0.7 s" in status.detail
+
+
+def test_what_passes_at_once_is_not_said():
+    monitored = Monitored()
+    monitored.said(0.55)
+    monitored.fix(reachable=GraspSet.empty(), verdicts=Value[object](("table", "table")))
+    monitored.said(0.65)
+    monitored.fix(reachable=GRASPS)
+    assert [code for code, _ in monitored.said(2.0)] == [StatusCode.FOLLOWING]
+
+
+def test_an_arm_that_stands_before_its_grasp_is_said_to_be_held_up():
+    monitored = Monitored()
+    monitored.said(0.25)
+    monitored.fix(desired_velocity=np.zeros(7))
+    assert [code for code, _ in monitored.said(0.75)] == [StatusCode.FOLLOWING]
+    assert monitored.said(1.0)[-1] == (StatusCode.BRAKING_FOR_OBSTACLE, 0.3)
+
+
+def test_faulty_commands_are_said_at_once_and_while_they_come():
+    monitored = Monitored()
+    monitored.said(0.25)
+    monitored.fix(command_faults=[3.0])
+    assert monitored.said(0.35)[-1] == (StatusCode.COMMAND_FAULTY, 0.3)
+    assert monitored.said(0.75)[-1] == (StatusCode.FOLLOWING, 0.4)
+
+
+def test_the_most_frequent_reason_is_told():
+    monitored = Monitored()
+    reasons = ("joint limits", "table", "table", "kept")
+    monitored.fix(reachable=GraspSet.empty(), verdicts=Value[object](reasons))
+    monitored.said(0.5)
+    status = monitored.dut.GetOutputPort("status").Eval(monitored.context)
+    assert (status.code, status.detail) == (StatusCode.NONE_REACHABLE, "table")
