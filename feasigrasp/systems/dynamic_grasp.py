@@ -21,10 +21,10 @@ from feasigrasp.systems.from_scenario import (
     make_station,
 )
 from feasigrasp.systems.grasp_sampler import GraspSampler
-from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
-from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
+from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
@@ -78,9 +78,9 @@ def make_dynamic_grasp(
 
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
     ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
-    ``tracker``, ``metrics``, ``obstacle_distance`` and ``status``. The vector logs ``log(metrics)`` and
-    ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded and
-    the true state of the arm at the control rate. With a Meshcat there are ``scene`` and
+    ``tracker``, ``metrics``, ``obstacle_distance`` and ``status``. The vector logs ``log(metrics)``
+    and ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded
+    and the true state of the arm at the control rate. With a Meshcat there are ``scene`` and
     ``visualizer`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
     ``clear_hand_poses``.
 

@@ -47,9 +47,11 @@ class GripperSequencer(LeafSystem):
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
     connected. While the object is lost (``tracking``, a `Tracking`), or a view contradicts its pose
     (``perceived``, a `Perceived`), grasps lapse: none is passed on, and the arm waits; nor are the
-    fingers closed on a pose that is merely extrapolated. Both ports are optional. Once the hand has been at a grasp for a moment, only that grasp is passed on, with
-    the pose extrapolated from then, and the fingers close; from then on there is no field, since
-    the object is there to be touched. After it is let go, pose and twist are those of a lift.
+    fingers closed on a pose that is merely extrapolated. Both ports are optional.
+
+    Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
+    extrapolated from then, and the fingers close; from then on there is no field, since the object
+    is there to be touched. After it is let go, pose and twist are those of a lift.
 
     ``gripper_position`` is the commanded distance between the pads [m], ``gripper_state`` the
     measured one and its rate, ``object_hold`` 1 until the object is let go, ``phase`` a `Phase`.

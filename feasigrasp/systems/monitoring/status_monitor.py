@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, InputPort, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.control.status import Situation, Status, StatusCode, judge
