@@ -15,6 +15,7 @@ from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
+from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.schema import Scenario
 
 _CHOICES: dict[str, tuple[str, ...]] = {
@@ -48,9 +49,24 @@ def check_scenario(scenario: Scenario) -> None:
         )
     if not 0 <= scenario.random_seed < 2**32:
         raise ScenarioError(f"random_seed is {scenario.random_seed}; give one of 0 to 2^32 - 1")
+    _check_law(scenario)
     _check_camera_noise(scenario)
     _check_vectors(scenario)
     _check_positive(scenario)
+
+
+def _check_law(scenario: Scenario) -> None:
+    """In task space the law of ``safe`` mode is what it is."""
+    config = scenario.control
+    if not config.safe or config.controller == ControlSpace.JOINT:
+        return
+    for name in ("law", "damping", "feed_forward", "targets"):
+        value, ours = getattr(config, name), PRESETS[f"control.{name}"][0]
+        if value != ours:
+            raise ScenarioError(
+                f"control.{name} is {value} in task space, where safe mode has {ours}; give "
+                "control.mode: corrected or paper"
+            )
 
 
 def _check_camera_noise(scenario: Scenario) -> None:
