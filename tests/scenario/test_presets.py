@@ -72,7 +72,9 @@ def test_a_key_that_is_given_wins():
     assert (given.control.feed_forward, given.control.gain) == (True, 0.7)
     assert (given.perception.latency, given.control.law) == (0.2, "gradient")
     # Whichever text comes first.
-    late = load_scenario(FILE, "PaperLinear", "{control: {damping: 0.1}}", "{control: {mode: paper}}")
+    late = load_scenario(
+        FILE, "PaperLinear", "{control: {damping: 0.1}}", "{control: {mode: paper}}"
+    )
     assert (late.control.damping, late.control.targets) == (0.1, "means")
 
 

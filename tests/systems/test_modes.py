@@ -131,7 +131,9 @@ def test_paper_in_joint_space_is_distance_times_gradient():
     def kernel(a):
         return np.exp(-np.linalg.norm(a[:, None] - nodes[None], axis=2) / 0.3)
 
-    alpha = np.linalg.solve(kernel(nodes) + DISTANCE_NOISE * np.eye(len(nodes)), np.ones(len(nodes)))
+    alpha = np.linalg.solve(
+        kernel(nodes) + DISTANCE_NOISE * np.eye(len(nodes)), np.ones(len(nodes))
+    )
 
     def d(at):
         return -0.3 * np.log(kernel(at[None]) @ alpha)[0]

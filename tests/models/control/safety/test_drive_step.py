@@ -113,7 +113,9 @@ def test_a_blocked_arm_is_waited_for():
     assert_limits_kept(path)
     np.testing.assert_allclose(path[-1], LEAD, atol=0.01)  # braking takes some way
     assert (np.diff(path, axis=0) >= -1e-12).all()  # never back
-    freed, _ = sent(blocked, np.full((800, 7), 0.5), measured=lambda k, q: blocked if k < 400 else q)
+    freed, _ = sent(
+        blocked, np.full((800, 7), 0.5), measured=lambda k, q: blocked if k < 400 else q
+    )
     assert (freed[-1] > 0.9).all()
 
 

@@ -72,7 +72,10 @@ def test_the_printed_law_is_the_gradient_through_the_pseudo_inverse(ring_of_gras
     np.testing.assert_allclose(qd, expected, atol=1e-5 * np.abs(expected).max())
     # Every difference to the corrected law shows.
     for change in (
-        {"law": "preconditioned"}, {"damping": 0.1}, {"feed_forward": True}, {"targets": "medoids"}
+        {"law": "preconditioned"},
+        {"damping": 0.1},
+        {"feed_forward": True},
+        {"targets": "medoids"},
     ):
         other = dataclasses.replace(printed, **change)
         apart = paper_task_space_velocity(HOME, mixture, X_WO, V_WO, X_FG, other) - qd
