@@ -56,8 +56,13 @@ def check_scenario(scenario: Scenario) -> None:
 
 
 def _check_law(scenario: Scenario) -> None:
-    """In task space the law of ``safe`` mode is what it is."""
+    """What is drawn anew has a source; in task space the law of ``safe`` mode is what it is."""
     config = scenario.control
+    if config.resample and config.source == Source.CLOSED_FORM:
+        raise ScenarioError(
+            "control.resample is true, but closed_form draws nothing; give control.source: flow or "
+            "dls"
+        )
     if not config.safe or config.controller == ControlSpace.JOINT:
         return
     for name in ("law", "damping", "feed_forward", "targets"):
@@ -118,6 +123,8 @@ def _check_positive(scenario: Scenario) -> None:
         "scene.resolution": scenario.scene.resolution,
         "reachability.period": scenario.reachability.period,
         "control.period": scenario.control.period,
+        "control.gain": scenario.control.gain,
+        "control.n_solutions": scenario.control.n_solutions,
         "tracker.period": scenario.tracker.period,
         "simulation_duration": scenario.simulation_duration,
         "object.scale": scenario.object.scale,
@@ -126,3 +133,10 @@ def _check_positive(scenario: Scenario) -> None:
     for key, value in positive.items():
         if not 0.0 < value < np.inf:
             raise ScenarioError(f"{key} is {value}; it must be positive and finite")
+    for key, value in {
+        "control.damping": scenario.control.damping,
+        "control.length_scale": scenario.control.length_scale,
+        "perception.views": scenario.perception.views,
+    }.items():
+        if not 0.0 <= value < np.inf:
+            raise ScenarioError(f"{key} is {value}; it must be finite and not negative")

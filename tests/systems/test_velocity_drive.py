@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
@@ -123,7 +124,16 @@ def test_the_desired_position_never_leaves_the_limits(sign):
     assert np.all(np.abs(change) <= IIWA_7.acceleration_limits * (1 + 1e-9))
 
 
-def test_without_position_limits_it_goes_on():
+def test_one_margin_keeps_drive_program_and_judge_off_the_limits():
+    """The drive has nothing to do where the program in front of it has not stopped the arm before."""
+    margin = IIWA_7.position_margin
+    assert (IIWA_7.driver.position < IIWA_7.position_limits).all()
+    assert (IIWA_7.position_limits - margin < IIWA_7.driver.position - np.deg2rad(0.5)).all()
+    assert SafetyOptions().position_margin >= margin
+    assert Reachability().limit_margin >= SafetyOptions().position_margin
+
+
+def test_without_limits_it_goes_on():
     states = drive(
         np.full(7, 5.0), 60, q=0.99 * IIWA_7.position_limits, enforce_limits=False, follow=False
     )

@@ -267,6 +267,8 @@ def field(solutions, X, length_scale):
     for k, node in enumerate(nodes):
         flange_pose_kernel(X, solutions.X_OG[k], 0.0, X_GF, X_WF)
         assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k, 0], node)
+    limits = IIWA_7.position_limits - IIWA_7.position_margin
+    nodes = nodes[(np.abs(nodes) <= limits).all(axis=1)]
 
     def kernel(a, b):
         return np.exp(-np.linalg.norm(a[:, None] - b[None], axis=2) / length_scale)
