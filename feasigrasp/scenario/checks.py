@@ -15,6 +15,7 @@ from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
+from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.schema import Scenario
 
 _CHOICES: dict[str, tuple[str, ...]] = {
@@ -48,9 +49,29 @@ def check_scenario(scenario: Scenario) -> None:
         )
     if not 0 <= scenario.random_seed < 2**32:
         raise ScenarioError(f"random_seed is {scenario.random_seed}; give one of 0 to 2^32 - 1")
+    _check_law(scenario)
     _check_camera_noise(scenario)
     _check_vectors(scenario)
     _check_positive(scenario)
+
+
+def _check_law(scenario: Scenario) -> None:
+    """What is drawn anew has a source; in task space the law of ``safe`` mode is what it is."""
+    config = scenario.control
+    if config.resample and config.source == Source.CLOSED_FORM:
+        raise ScenarioError(
+            "control.resample is true, but closed_form draws nothing; give control.source: flow or "
+            "dls"
+        )
+    if not config.safe or config.controller == ControlSpace.JOINT:
+        return
+    for name in ("law", "damping", "feed_forward", "targets"):
+        value, ours = getattr(config, name), PRESETS[f"control.{name}"][0]
+        if value != ours:
+            raise ScenarioError(
+                f"control.{name} is {value} in task space, where safe mode has {ours}; give "
+                "control.mode: corrected or paper"
+            )
 
 
 def _check_camera_noise(scenario: Scenario) -> None:
@@ -102,6 +123,8 @@ def _check_positive(scenario: Scenario) -> None:
         "scene.resolution": scenario.scene.resolution,
         "reachability.period": scenario.reachability.period,
         "control.period": scenario.control.period,
+        "control.gain": scenario.control.gain,
+        "control.n_solutions": scenario.control.n_solutions,
         "tracker.period": scenario.tracker.period,
         "simulation_duration": scenario.simulation_duration,
         "object.scale": scenario.object.scale,
@@ -110,3 +133,10 @@ def _check_positive(scenario: Scenario) -> None:
     for key, value in positive.items():
         if not 0.0 < value < np.inf:
             raise ScenarioError(f"{key} is {value}; it must be positive and finite")
+    for key, value in {
+        "control.damping": scenario.control.damping,
+        "control.length_scale": scenario.control.length_scale,
+        "perception.views": scenario.perception.views,
+    }.items():
+        if not 0.0 <= value < np.inf:
+            raise ScenarioError(f"{key} is {value}; it must be finite and not negative")

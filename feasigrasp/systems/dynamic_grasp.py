@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort, System
-from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
+from pydrake.systems.primitives import LogVectorOutput, PassThrough, ZeroOrderHold
 
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
@@ -160,7 +160,11 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> None:
     )
     cell.add("perception", field, segmentation, cell["tracker"], camera_pose=camera_pose)
     grasps = cell.add("sampler", GraspSampler(sampler, cell.gripper), field)
-    latency = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()), config.latency)
+    nothing = AbstractValue.Make(GraspSet.empty())
+    # A hold that samples with the camera would see what there was before the view.
+    latency = PassThrough(nothing)
+    if config.latency > 0.0:
+        latency = ZeroOrderHold(config.period, nothing, config.latency)
     cell.add("latency", latency, u=grasps.get_output_port())
     if scene_config.enabled:
         scene = PointCloudToScene(

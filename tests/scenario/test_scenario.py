@@ -20,6 +20,9 @@ NAMES = (
     "PaperCircular",
     "PaperLinear",
     "PaperSinusoidal",
+    "PaperCircularFast",
+    "PaperLinearFast",
+    "PaperSinusoidalFast",
 )
 PAPER = [name for name in NAMES if name.startswith("Paper")]
 TIMES = np.linspace(0.0, 20.9, 53)
@@ -38,7 +41,12 @@ def test_the_file_holds_the_documented_scenarios():
 
 
 def test_paper_motions_are_the_authors():
-    s = 0.3 * TIMES
+    """At 0.3 rad/s, and four times as fast: either is a reading of the authors' loop."""
+    for suffix, rate in (("", 0.3), ("Fast", 1.2)):
+        assert_motions_of_the_authors(suffix, rate * TIMES)
+
+
+def assert_motions_of_the_authors(suffix, s):
     zero, one = np.zeros_like(s), np.ones_like(s)
     expected = {
         "PaperCircular": [0.45 * np.cos(s), 0.45 * np.sin(s), 0.2 * one],
@@ -47,7 +55,7 @@ def test_paper_motions_are_the_authors():
     }
     roll = Rotation.from_rotvec(np.outer(s, [1.0, 0.0, 0.0])).as_matrix()
     for name, positions in expected.items():
-        X = poses(load_scenario(FILE, name))
+        X = poses(load_scenario(FILE, name + suffix))
         np.testing.assert_allclose(X[:, :3, 3], np.transpose(positions), atol=1e-12, err_msg=name)
         turned = X[:, :3, :3] @ X[0, :3, :3].T
         np.testing.assert_allclose(turned, roll, atol=1e-12, err_msg=name)
@@ -68,7 +76,9 @@ def test_the_seed_turns_the_paper_s_object_about_the_vertical(name):
 @pytest.mark.parametrize("name", PAPER)
 def test_paper_scenarios_last_three_laps_and_keep_the_gripper_open(name):
     scenario = load_scenario(FILE, name)
-    assert scenario.simulation_duration == pytest.approx(3 * 2 * np.pi / 0.3)
+    rate = 1.2 if name.endswith("Fast") else 0.3
+    assert scenario.simulation_duration == pytest.approx(3 * 2 * np.pi / rate)
+    assert scenario.object.model == "duck"
     assert scenario.plant_config.contact_model == "hydroelastic_with_fallback"
     assert scenario.q_start == [0, 30, 0, -60, 0, 90, 0]
     assert not scenario.grasp.close
@@ -201,7 +211,7 @@ def test_missing_and_broken_files_are_named(tmp_path):
     [
         ("{objct: {model: mug}}", "objct"),
         ("{object: {colour: red}}", "colour"),
-        ("{control: {gain: 3}}", "gain"),
+        ("{control: {gian: 3}}", "gian"),
     ],
 )
 def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
@@ -219,7 +229,7 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
     ("text", "message"),
     [
         ("{control: {controller: magic}}", "control.controller is 'magic'; .* task, joint"),
-        ("{control: {mode: fast}}", "control.mode is 'fast'; .* safe, paper"),
+        ("{control: {mode: fast}}", "control.mode is 'fast'; .* safe, corrected, paper"),
         ("{control: {period: 0.0}}", "control.period is 0.0"),
         ("{perception: {period: -0.5}}", "perception.period is -0.5"),
         ("{perception: {camera: ceiling}}", "'ceiling', but cameras has wrist_camera"),

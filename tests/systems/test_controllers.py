@@ -78,7 +78,7 @@ def test_ports_are_those_of_the_docstring(make, ports, documented_ports):
 
 @both
 def test_a_mode_that_there_is_not_is_refused(make):
-    with pytest.raises(ControlError, match="mode is 'Paper'; choose one of safe, paper"):
+    with pytest.raises(ControlError, match="mode is 'Paper'; choose one of safe, corrected, paper"):
         make(REACH, mode="Paper")
 
 
@@ -175,7 +175,7 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
 
 @both
 def test_an_unknown_mode_is_refused(make):
-    with pytest.raises(ControlError, match="'Paper'; choose one of safe, paper"):
+    with pytest.raises(ControlError, match="'Paper'; choose one of safe, corrected, paper"):
         make(REACH, mode="Paper")
 
 

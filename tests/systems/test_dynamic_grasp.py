@@ -147,7 +147,7 @@ def own_controller():
     return names["FirstGrasp"]
 
 
-@pytest.mark.parametrize("mode", ["safe", "paper"])
+@pytest.mark.parametrize("mode", ["safe", "corrected"])
 def test_a_sampler_and_a_controller_of_one_s_own(mode):
     """They do the work in the diagram: the arm comes to the best of the grasps sampled."""
     sets, antipodal = [], AntipodalSampler(n_grasps=8)
@@ -172,7 +172,7 @@ def test_a_sampler_and_a_controller_of_one_s_own(mode):
     error = samples["grasp_position_error"]
     assert np.nanmax(error) > 0.1
     # With limits and clearances enforced, the straight way need not lead all the way.
-    assert error[-1] < (0.01 if mode == "paper" else 0.5 * np.nanmax(error))
+    assert error[-1] < (0.01 if mode == "corrected" else 0.5 * np.nanmax(error))
 
 
 class Still(LeafSystem):

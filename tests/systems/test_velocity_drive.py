@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
@@ -41,7 +42,7 @@ def test_ports_are_those_of_the_docstring(ports, documented_ports):
     inputs, outputs = ports(VelocityDrive(PERIOD))
     assert (list(inputs), list(outputs)) == documented_ports(VelocityDrive)
     assert inputs == {"velocity": 7, "position": 7}
-    assert outputs == {"desired_state": 14, "desired_velocity": 7}
+    assert outputs == {"desired_state": 14, "command_faults": 1, "desired_velocity": 7}
 
 
 def test_the_measured_position_is_latched_at_initialisation():
@@ -99,7 +100,7 @@ def test_a_small_command_is_integrated():
 
 def test_velocity_and_acceleration_saturate_at_the_limits_of_each_joint():
     signs = np.array([1, -1, 1, -1, 1, -1, 1.0])
-    states = drive(100.0 * signs, 80, q=np.zeros(7))
+    states = drive(10.0 * signs, 80, q=np.zeros(7))
     v = np.vstack([np.zeros(7), states[:, 7:]])
     acceleration = np.diff(v, axis=0) / PERIOD
     np.testing.assert_allclose(acceleration[0], signs * IIWA_7.acceleration_limits)
@@ -110,17 +111,35 @@ def test_velocity_and_acceleration_saturate_at_the_limits_of_each_joint():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_the_desired_position_never_leaves_the_limits(sign):
-    states = drive(np.full(7, sign * 100.0), 60, q=sign * 0.95 * IIWA_7.position_limits)
-    assert np.all(np.abs(states[:, :7]) <= IIWA_7.position_limits)
-    margin = VelocityDrive.LIMIT_MARGIN
+    start = sign * 0.95 * IIWA_7.position_limits
+    states = drive(np.full(7, sign * 10.0), 200, q=start)
+    # Farther inside than where the driver of the real arm clamps.
+    assert np.all(np.abs(states[:, :7]) < IIWA_7.driver.position - np.deg2rad(0.5))
+    margin = IIWA_7.position_margin
     np.testing.assert_allclose(states[-1, :7], sign * (IIWA_7.position_limits - margin))
+    # The desired velocity is that of the desired positions, and comes to rest as it may.
+    path = np.vstack([start, states[:, :7]])
+    np.testing.assert_allclose(np.diff(path, axis=0) / PERIOD, states[:, 7:], atol=1e-9)
+    change = np.diff(np.vstack([np.zeros(7), states[:, 7:]]), axis=0) / PERIOD
+    assert np.all(np.abs(change) <= IIWA_7.acceleration_limits * (1 + 1e-9))
 
 
-def test_without_position_limits_it_goes_on():
+def test_one_margin_keeps_drive_program_and_judge_off_the_limits():
+    """The drive has nothing to do where the program in front of it has not stopped the arm before."""
+    margin = IIWA_7.position_margin
+    assert (IIWA_7.driver.position < IIWA_7.position_limits).all()
+    assert (IIWA_7.position_limits - margin < IIWA_7.driver.position - np.deg2rad(0.5)).all()
+    assert SafetyOptions().position_margin >= margin
+    assert Reachability().limit_margin >= SafetyOptions().position_margin
+
+
+def test_without_limits_it_goes_on():
     states = drive(
-        np.full(7, 1.0), 60, q=0.99 * IIWA_7.position_limits, enforce_position_limits=False
+        np.full(7, 5.0), 60, q=0.99 * IIWA_7.position_limits, enforce_limits=False, follow=False
     )
+    # Neither velocity nor acceleration nor the arm that stays behind hold it back.
     assert np.all(states[-1, :7] > IIWA_7.position_limits)
+    np.testing.assert_array_equal(states[:, 7:], 5.0)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -136,6 +155,16 @@ def test_a_command_that_is_not_finite_brakes_like_zero(bad):
     np.testing.assert_array_equal(states[-1, 7:], np.zeros(7))
 
 
+def test_faulty_commands_are_counted():
+    dut, simulator, context = fixed()
+    for k, command in enumerate([0.1, np.nan, 1e6, 0.2, np.inf]):
+        dut.GetInputPort("velocity").FixValue(context, np.full(7, command))
+        simulator.AdvanceTo((k + 0.5) * PERIOD)
+    assert dut.GetOutputPort("command_faults").Eval(context) == [3.0]
+
+
 def test_a_blocked_arm_is_not_left_far_behind():
     states = drive(np.full(7, 0.5), 200, q=np.zeros(7), follow=False)
-    np.testing.assert_allclose(states[-1, :7], VelocityDrive.MAX_LEAD)
+    np.testing.assert_allclose(states[-1, :7], VelocityDrive.MAX_LEAD, atol=0.01)
+    change = np.diff(np.vstack([np.zeros(7), states[:, 7:]]), axis=0) / PERIOD
+    assert np.all(np.abs(change) <= IIWA_7.acceleration_limits * (1 + 1e-9))

@@ -219,7 +219,13 @@ def test_random_configurations_and_objects_give_finite_solutions(ring_of_grasps)
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"source": "guess"}, {"n_solutions": 0}, {"per_grasp": 0}],
+    [
+        {"source": "guess"},
+        {"n_solutions": 0},
+        {"per_grasp": 0},
+        {"length_scale": -0.1},
+        {"resample": True},
+    ],
     ids=lambda w: next(iter(w)),
 )
 def test_options_that_mean_nothing_are_refused(wrong):

@@ -62,7 +62,8 @@ def placed(solutions, X_WO, X_OH, funnel=STRAIGHT, elapsed=0.0):
 @settings(max_examples=50, deadline=None)
 def test_where_the_object_is_still_the_configurations_are_what_they_were(seed):
     rng = np.random.default_rng(seed)
-    q, X_WO = rng.uniform(-1, 1, (5, 7)) * IIWA_7.position_limits, se3.random_pose(rng, 1)[0]
+    q = rng.uniform(-1, 1, (5, 7)) * (IIWA_7.position_limits - IIWA_7.position_margin)
+    X_WO = se3.random_pose(rng, 1)[0]
     _, found, index = placed(solutions_at(q, X_WO), X_WO, np.eye(4))
     np.testing.assert_array_equal(index, np.arange(5))
     np.testing.assert_allclose(found, q, atol=1e-6)
@@ -78,7 +79,8 @@ def test_they_reach_their_grasps_wherever_the_object_goes(seed):
     X_OH = se3.inverse(X_WO) @ forward_kinematics(rng.uniform(-1, 1, 7), X_FG)
     funnel = Funnel()
     X_WF, found, index = placed(solutions, X_WO, X_OH, funnel)
-    assert (np.abs(found) <= IIWA_7.position_limits).all()
+    # Where the arm may not go there is no solution, or it would be stopped on its way and stay.
+    assert (np.abs(found) <= IIWA_7.position_limits - IIWA_7.position_margin).all()
     np.testing.assert_array_equal(branches_of(found), solutions.branch[index])
     targets = X_WO @ solutions.X_OG[index]
     standoff = [standoff_kernel(X, X_OH, funnel.parameters) for X in solutions.X_OG[index]]
@@ -120,10 +122,10 @@ def test_what_is_fed_forward_is_the_mean_and_no_faster_than_the_joints():
     X_WF, found, index = placed(solutions, X_WO, np.eye(4))
     angles = solutions.at(0.0)[0]
 
-    def forward(V_WO, weights):
+    def forward(V_WO, weights, most=1.0):
         qd = np.empty(7)
         feed_forward_kernel(
-            X_WF, V_WO, np.zeros(3), solutions.branch, angles, index, weights, found, qd
+            X_WF, V_WO, np.zeros(3), solutions.branch, angles, index, weights, found, most, qd
         )
         return qd
 
@@ -133,6 +135,8 @@ def test_what_is_fed_forward_is_the_mean_and_no_faster_than_the_joints():
     np.testing.assert_allclose(forward(V_WO, weights), weights @ each, atol=1e-7)
     fast = forward(100.0 * V_WO, weights)
     assert np.max(np.abs(fast) / IIWA_7.velocity_limits) == pytest.approx(1.0)
+    free = forward(100.0 * V_WO, weights, np.inf)
+    assert np.max(np.abs(free) / IIWA_7.velocity_limits) > 2.0
     np.testing.assert_allclose(
         fast / np.linalg.norm(fast), weights @ each / np.linalg.norm(weights @ each), atol=1e-3
     )
