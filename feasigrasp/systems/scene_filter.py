@@ -28,7 +28,7 @@ class SceneFilter(LeafSystem):
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; ``scene`` a `SceneField` in W, or None, which drops nothing. What is dropped
-    is counted as "hits the scene".
+    is counted as "hits the scene", or as "the object's pose is unknown" while it is not finite.
     """
 
     def __init__(
@@ -55,7 +55,10 @@ class SceneFilter(LeafSystem):
         scene: SceneField | None = self._scene.Eval(context)
         if scene is None or len(grasps) == 0:
             return grasps
-        X_WG = self._pose.Eval(context).GetAsMatrix4() @ grasps.X_OG
+        X_WO = self._pose.Eval(context).GetAsMatrix4()
+        if not np.isfinite(X_WO).all():
+            return grasps.select(np.zeros(len(grasps), dtype=bool), Rejection.UNKNOWN_POSE)
+        X_WG = X_WO @ grasps.X_OG
         clear = scene_clear(scene, X_WG, self._gripper, self._margin)
         if self._either:
             other = np.flatnonzero(~clear)

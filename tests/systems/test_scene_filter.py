@@ -44,6 +44,17 @@ def test_grasps_in_the_table_are_dropped_at_the_objects_pose(scene, fixed_contex
         assert left.rejected.get("hits the scene", 0) == 2 - len(kept)
 
 
+@pytest.mark.parametrize("either", [False, True])
+def test_where_the_object_is_unknown_no_grasp_is_known_to_be_clear(scene, fixed_context, either):
+    dut = SceneFilter(ParallelGripper(), either_way_round=either)
+    grasps = grasp_set(downwards(0.1), downwards(0.2))
+    unknown = RigidTransform(np.full((4, 4), np.nan))
+    context = fixed_context(dut, grasps=grasps, object_pose=unknown, scene=scene)
+    left = dut.get_output_port().Eval(context)
+    assert len(left) == 0
+    assert left.rejected == {"the object's pose is unknown": 2}
+
+
 def test_without_a_scene_all_grasps_stay(fixed_context):
     dut, grasps = SceneFilter(ParallelGripper()), grasp_set(downwards(0.0))
     context = fixed_context(dut, grasps=grasps, object_pose=RigidTransform(), scene=None)
