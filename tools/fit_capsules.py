@@ -90,6 +90,7 @@ class Fit:
         found = (np.inf, np.zeros(5 * n))
         for _ in range(ROUNDS):
             ends = rng.uniform(low + 0.04, np.maximum(high - 0.04, low + 0.05), (n, 2, 2))
+            ends[0, :, 1] = low[1] + 0.03, high[1] - 0.03  # along the link
             x = np.hstack([ends.reshape(n, 4), rng.uniform(0.05, 0.08, (n, 1))]).ravel()
             for size in (0.03, 0.01):
                 simplex = x + size * np.vstack([np.zeros(len(x)), np.eye(len(x))])

@@ -7,11 +7,13 @@ are cut out of the visible meshes, the distances and the gravity torques are Dra
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import combinations, pairwise
 
 import numpy as np
 import trimesh
 from pydrake.common import MemoryFile
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from pydrake.geometry import (
     CollisionFilterDeclaration,
     Convex,
@@ -39,6 +41,16 @@ from feasigrasp.resources import model_path
 #: Of how many slices across its z-axis the hulls of a body are made, if not of the whole: the hull
 #: of the whole forearm would fill the fork in which the wrist turns.
 SLICES = {"iiwa_link_5": 12}
+
+
+def robot_twin(directives: Sequence[ModelDirective]) -> RobotTwin:
+    """The twin of a cell, made once for a process."""
+    return _twin(yaml_dump_typed(ModelDirectives(directives=list(directives))))
+
+
+@lru_cache(maxsize=4)
+def _twin(text: str) -> RobotTwin:
+    return RobotTwin(yaml_load_typed(schema=ModelDirectives, data=text).directives)
 
 
 class RobotTwin:
