@@ -21,10 +21,11 @@ from scipy.optimize import minimize
 from feasigrasp.models.arrays import Array
 from feasigrasp.resources import model_path
 
-#: Capsules of each shape, the link that shows it and the coordinate that its symmetry leaves out.
-#: Links 3 and 4 are links 1 and 2 mirrored.
-SHAPES = {"base": (2, 0, 1), "link 1": (2, 1, 0), "link 2": (2, 2, 0)}
-SHAPES |= {"link 5": (2, 5, 0), "link 6": (2, 6, 0), "link 7": (1, 7, 0)}
+#: Capsules of each shape, the link that shows it, the coordinate that its symmetry leaves out, and
+#: whether the first capsule is a tube along the joint's axis (where it does not move with joint 1,
+#: and then costs reachability less). Links 3 and 4 are links 1 and 2 mirrored.
+SHAPES = {"base": (3, 0, 1, True), "link 1": (2, 1, 0, True), "link 2": (2, 2, 0, True)}
+SHAPES |= {"link 5": (2, 5, 0, True), "link 6": (2, 6, 0, False), "link 7": (1, 7, 0, True)}
 #: Step of the grid on which volumes are counted, and how far a capsule may stand out [m].
 STEP, AROUND = 0.010, 0.06
 ROUNDS = 4
@@ -48,16 +49,17 @@ def segment_distances(points: Array, ends: Array) -> Array:
 class Fit:
     """Capsules around the vertices of one link."""
 
-    def __init__(self, points: Array, flat: int, floor: float | None = None) -> None:
+    def __init__(self, points: Array, flat: int, tube: bool, floor: float) -> None:
         """Capsules around ``points`` (n, 3), whose coordinate ``flat`` is zero at their axes.
 
-        What lies below the height ``floor`` is no volume: nothing gets there.
+        With ``tube`` the first of them lies on the z-axis. What lies below the height ``floor`` is
+        no volume: nothing gets there.
         """
+        self.tube = tube
         points = points[points[:, flat] >= -1e-6]  # the other half is the same
         low, high = points.min(0) - AROUND, points.max(0) + AROUND
         low[flat] = 0.5 * STEP
-        if floor is not None:
-            low[2] = floor
+        low[2] = max(low[2], floor)
         axes = [np.arange(a, b, STEP) for a, b in zip(low, high, strict=True)]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         self.points, self.all, self.grid = _thinned(points), points, grid
@@ -66,7 +68,8 @@ class Fit:
     def capsules(self, x: Array) -> tuple[Array, Array]:
         """Ends (k, 2, 3) and radii (k,) of a candidate (k * 5,)."""
         x = x.reshape(-1, 5).copy()
-        x[0, [0, 2]] = 0.0  # what does not move with its joint costs reachability less
+        if self.tube:
+            x[0, [0, 2]] = 0.0
         ends = np.zeros((len(x), 2, 3))
         ends[:, :, self.axes] = x[:, :4].reshape(-1, 2, 2)
         return ends, self.radii(ends, x[:, 4], self.points)
@@ -117,9 +120,10 @@ def main() -> None:
     parser.add_argument("--capsules", type=int, help="so many of each shape")
     chosen = parser.parse_args()
     for shape in chosen.shapes:
-        n, link, flat = SHAPES[shape]
+        n, link, flat, tube = SHAPES[shape]
         points = vertices(f"link_{link}")
-        volume, ends, radii = Fit(points, flat, 0.0 if link == 0 else None).best(chosen.capsules or n, np.random.default_rng(0))
+        fit = Fit(points, flat, tube, 0.0 if link == 0 else -np.inf)
+        volume, ends, radii = fit.best(chosen.capsules or n, np.random.default_rng(0))
         hull = 1e3 * trimesh.convex.convex_hull(points).volume
         print(f"{shape}: {volume:.2f} l (convex hull {hull:.2f} l)")
         for (a, b), radius in sorted(zip(ends.tolist(), radii.tolist()), key=str):
