@@ -79,8 +79,9 @@ def make_dynamic_grasp(
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
     ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
     ``tracker``, ``metrics``, ``obstacle_distance`` and ``status``. The vector logs ``log(metrics)``
-    and ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded
-    and the true state of the arm at the control rate. With a Meshcat there are ``scene`` and
+    and ``log(obstacle_distance)`` hold their samples, ``log(drive)``, ``log(arm)`` and
+    ``log(torque)`` the commanded and the true state of the arm and its motors' torques at the
+    control rate. With a Meshcat there are ``scene`` and
     ``visualizer`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
     ``clear_hand_poses``.
 
@@ -245,6 +246,7 @@ def _add_measurement(cell: _Cell) -> None:
         ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
         ("drive", cell["drive"].GetOutputPort("desired_state"), control_period),
         ("arm", state, control_period),
+        ("torque", station.GetOutputPort("iiwa.torque_measured"), control_period),
     ):
         LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
 

@@ -9,7 +9,6 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kernel
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.robot.capsules import NON_ADJACENT_PAIRS, capsule_model
 from feasigrasp.models.robot.condition import arm_condition_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -21,8 +20,6 @@ SAMPLE_PERIOD = 0.02
 
 #: The entries of one sample, in order; lengths in metres, angles in radians.
 SAMPLE_NAMES = (
-    "self_collision",
-    "self_distance",
     "limit_margin",
     "velocity_ratio",
     "manipulability",
@@ -56,9 +53,7 @@ class Metrics(LeafSystem):
         - sample
 
     ``state`` is the arm's V14 state, ``object_pose`` the true one, ``grasps`` what the controller
-    is given, in the object frame. ``sample`` holds `SAMPLE_NAMES`: 1 if any two non-adjacent bodies
-    of the arm and hand penetrate, by capsules and independent of the simulation's collision filter;
-    smallest distance of those that can meet inside the joint limits; smallest distance to a joint
+    is given, in the object frame. ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint
     limit (negative beyond it); largest joint speed over its limit; manipulability at the flange;
     error to the nearest grasp (NaN without grasps); the object's position in the hand, the hand's
     orientation on the object as a rotation vector, the object's position in the world; the `Phase`.
@@ -68,8 +63,6 @@ class Metrics(LeafSystem):
         """Metrics for an arm that carries ``gripper``."""
         super().__init__()
         self._gripper = gripper
-        self._capsules = capsule_model(gripper)
-        self._all_capsules = capsule_model(gripper, body_pairs=NON_ADJACENT_PAIRS)
         self._state = self.DeclareVectorInputPort("state", 2 * IIWA_7.joints)
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
@@ -89,7 +82,7 @@ class Metrics(LeafSystem):
         output.SetFromVector(
             np.concatenate(
                 [
-                    arm_condition_kernel(q, v, self._capsules, self._all_capsules),
+                    arm_condition_kernel(q, v),
                     nearest,
                     p_HO,
                     so3_log_kernel(np.ascontiguousarray(X_OH[:3, :3])),

@@ -1,4 +1,4 @@
-"""Every entry of a sample against Drake's own kinematics and collision geometry."""
+"""Every entry of a sample against Drake's own kinematics."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.robot.capsules import BODY_NAMES, BODY_PAIRS
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station
@@ -53,16 +51,13 @@ class DrakeArm:
     """The station's plant at a configuration of the arm, object out of the way."""
 
     def __init__(self, station, q):
-        self.plant, self.scene_graph = station.plant, station.scene_graph
+        self.plant = station.plant
         self.iiwa = self.plant.GetModelInstanceByName("iiwa")
         root = station.CreateDefaultContext()
         self.context = self.plant.GetMyMutableContextFromRoot(root)
         self.plant.SetPositions(self.context, self.iiwa, q)
         self.plant.SetFreeBodyPose(
             self.context, station.object_body, RigidTransform([5.0, 5.0, 5.0])
-        )
-        self.query = self.scene_graph.get_query_output_port().Eval(
-            self.scene_graph.GetMyContextFromRoot(root)
         )
 
     def manipulability(self):
@@ -83,19 +78,6 @@ class DrakeArm:
         """The contact centre: midway between the pads, in front of the flange."""
         flange = self.plant.GetFrameByName("iiwa_flange").CalcPoseInWorld(self.context)
         return flange.GetAsMatrix4() @ GRIPPER.X_FG
-
-    def distances(self):
-        """Signed distances between geometries of bodies that are no neighbours [m]."""
-        inspector = self.scene_graph.model_inspector()
-        pairs = self.query.ComputeSignedDistancePairwiseClosestPoints(0.5)
-        names = []
-        for pair in pairs:
-            bodies = [
-                self.plant.GetBodyFromFrameId(inspector.GetFrameId(g)).name()
-                for g in (pair.id_A, pair.id_B)
-            ]
-            names.append((bodies, pair.distance))
-        return names
 
 
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
@@ -126,30 +108,6 @@ def test_the_object_is_told_in_the_hand_and_in_the_world(station, sample):
         distance = np.linalg.norm(X_WO.translation() - X_WH[:3, 3])
         assert np.linalg.norm(p_HO) == pytest.approx(distance)
         assert [x[f"p_WO_{axis}"] for axis in "xyz"] == list(X_WO.translation())
-
-
-def test_self_distance_is_that_of_the_simulated_bodies(station, sample):
-    """Links are capsules in both; the hand's boxes lie inside their capsules."""
-    in_drake = {"palm": "gripper_body", "camera": "camera_body"}
-    names = [in_drake.get(name, name) for name in BODY_NAMES]
-    checked = [{names[i], names[j]} for i, j in BODY_PAIRS]
-    many = configurations(2000, seed=2)
-    near = np.argsort([min_distance(q) for q in many])[[0, 5, 20, 50, 100, 200, 400, 800]]
-    collisions = 0
-    for q in many[near]:
-        x = sample(q)
-        true = min(d for bodies, d in DrakeArm(station, q).distances() if set(bodies) in checked)
-        assert -1e-5 < true - x["self_distance"] < 0.03
-        assert x["self_collision"] >= float(true < 0.0)
-        collisions += true < 0.0
-    assert 0 < collisions < len(near)
-
-
-def test_a_straight_arm_is_clear_and_a_folded_one_is_not(sample):
-    clear = sample(HOME)
-    assert (clear["self_collision"], clear["self_distance"] > 0.0) == (0.0, True)
-    folded = sample(np.array([0.0, 0.0, 0.0, -2.9, 0.0, -2.5, 0.0]))
-    assert folded["self_collision"] == 1.0
 
 
 def test_limit_margin_and_speed_are_those_of_the_worst_joint(sample):

@@ -27,8 +27,10 @@ from pydrake.systems.primitives import (
 )
 from threadpoolctl import threadpool_limits
 
+from feasigrasp.evaluation.measures.robot_twin import robot_twin
 from feasigrasp.evaluation.runs.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
+from feasigrasp.evaluation.runs.robot_limits import self_collision_metrics
 from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, summarize
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
@@ -200,8 +202,11 @@ def roll_out(
         diagram.GetSubsystemByName(f"log({name})").FindLog(context) for name in ("metrics", "drive")
     ]
     (times, samples), (_, states) = [(log.sample_times().copy(), log.data().copy()) for log in logs]
+    every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
+    Q = states.T[::every, : IIWA_7.joints]
     return Rollout(
-        rollout_metrics(samples, states.T, scenario.control.period),
+        rollout_metrics(samples, states.T, scenario.control.period)
+        | self_collision_metrics(robot_twin(scenario.directives), Q),
         times,
         samples,
         states.T,
@@ -221,10 +226,10 @@ def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, A
         period: Time between ticks [s].
     """
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))
-    qd = states[:, IIWA_7.joints :]
+    q, qd = np.split(states, 2, axis=1)
     distance = np.linalg.norm([x["p_HO_x"], x["p_HO_y"], x["p_HO_z"]], axis=0)
     close = x["grasp_position_error"] < TRACKED_POSITION
     tracked = close & (x["grasp_angle_error"] < TRACKED_ANGLE)
     cost = 100.0 * float(distance.mean() - distance[tracked].mean()) if tracked.any() else None
-    ticks = JointTicks(commanded=qd, measured=qd, period=period)
+    ticks = JointTicks(sent=q, position=q, velocity=qd, period=period)
     return summarize(samples, closes=False, ticks=ticks) | {"regrip_cost_cm": cost}

@@ -8,17 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
+from feasigrasp.evaluation.measures.robot_twin import robot_twin
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
+from feasigrasp.evaluation.runs.robot_limits import self_collision_metrics, torque_metrics
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
+from feasigrasp.evaluation.runs.tick_times import TickTimes
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.schema import Scenario
@@ -61,6 +64,7 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         meshcat = start_recording() if replay else None
         built = time.perf_counter()
         diagram = make_dynamic_grasp(scenario, meshcat)
+        tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
         simulator = Simulator(diagram)
         ApplySimulatorConfig(scenario.simulator_config, simulator)
         simulator.set_monitor(_StopWhenDone(diagram))
@@ -77,6 +81,7 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
 
     context = simulator.get_context()
     times, samples, metrics = _measured(diagram, context, scenario)
+    metrics |= tick_times.metrics()
     if error is not None and metrics["grasp_held"] is not None:
         metrics["grasp_held"] = False
     simulated = context.get_time()
@@ -129,13 +134,18 @@ def _measured(
         return found.sample_times().copy(), found.data().copy()
 
     times, samples = log("metrics")
-    commanded, measured = (log(name)[1][IIWA_7.joints :].T for name in ("drive", "arm"))
+    (sent, _), (q, v) = (np.split(log(name)[1].T, 2, axis=1) for name in ("drive", "arm"))
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,
-        ticks=JointTicks(commanded, measured, scenario.control.period),
+        ticks=JointTicks(sent, q, v, scenario.control.period),
         obstacle_distance=log("obstacle_distance")[1],
     )
+    if len(q):
+        twin = robot_twin(scenario.directives)
+        every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
+        metrics |= self_collision_metrics(twin, q[::every])
+        metrics |= torque_metrics(twin, q, log("torque")[1].T)
     return times, samples, metrics
 
 

@@ -59,6 +59,14 @@ METRICS: dict[str, Metric] = {
     "object_end_x_m": Metric("m"),
     "object_end_y_m": Metric("m"),
     "object_end_z_m": Metric("m"),
+    "true_acceleration_peak_percent": Metric("%", 0.0),
+    "torque_limit_violation_percent": Metric("%", 0.0, 100.0),
+    "torque_peak_percent": Metric("%", 0.0),
+    "control_ms_p99": Metric("ms", 0.0),
+    "control_ms_worst": Metric("ms", 0.0),
+    "planning_ms_median": Metric("ms", 0.0),
+    "planning_ms_p99": Metric("ms", 0.0),
+    "planning_ms_worst": Metric("ms", 0.0),
 }
 
 
@@ -74,12 +82,13 @@ def summarize(
     Args:
         samples: One row per entry of `SAMPLE_NAMES`, one column per sample, shape (s, n).
         closes: Whether the scenario closes the gripper; if not, ``grasp_held`` is None.
-        ticks: Joint velocities at the control rate; without them, speeds are those of the samples
+        ticks: Joint positions at the control rate; without them, speeds are those of the samples
             and there is nothing to say about accelerations.
         obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
 
     Returns:
-        A figure for each of `METRICS`; None where it does not apply.
+        A figure for each of `METRICS`; None where it does not apply, and for what samples and ticks
+        do not show: self-collision, torques, tick times.
     """
     result: dict[str, float | bool | None] = dict.fromkeys(METRICS)
     if closes:
@@ -91,7 +100,6 @@ def summarize(
     distance = np.linalg.norm(p_HO, axis=1)
     approach = x["phase"] == Phase.APPROACH
     result |= {
-        "self_collision_percent": 100.0 * float(np.mean(x["self_collision"])),
         "joint_limit_violation_percent": 100.0 * float(np.mean(x["limit_margin"] < 0.0)),
         "velocity_limit_violation_percent": 100.0 * float(np.mean(x["velocity_ratio"] > 1.0)),
         "manipulability_mean": float(x["manipulability"].mean()),
@@ -102,7 +110,6 @@ def summarize(
             x["grasp_angle_error"][approach], math.degrees(1.0)
         ),
         "no_grasp_percent": 100.0 * float(np.mean(np.isnan(x["grasp_position_error"]))),
-        "self_distance_min_mm": 1e3 * float(x["self_distance"].min()),
         "limit_margin_min_deg": math.degrees(float(x["limit_margin"].min())),
     }
     X_OH = se3.make_pose(se3.so3_exp(_vector(x, "r_OH")), np.zeros(3))
@@ -110,7 +117,7 @@ def summarize(
     result |= tracking_metrics(
         x["grasp_position_error"], x["grasp_angle_error"], X_OH, approach, SAMPLE_PERIOD
     )
-    if ticks is not None and len(ticks.commanded):
+    if ticks is not None and len(ticks.sent):
         result |= limit_metrics(ticks)
     if obstacle_distance is not None and len(obstacle_distance):
         nearest = float(np.min(obstacle_distance))

@@ -1,15 +1,15 @@
-"""Capsules around the arm and its hand: the one source for URDF, self-collision and table checks.
+"""Capsules that hold the arm and its hand: the one source for URDF, self-collision, table checks.
 
-A capsule is a segment with a radius. The links' sizes follow the real arm (tubes of 0.136 m
-diameter; at the shoulder, the elbow and the wrist each link bulges to one side of the joint, to
-0.115 m or 0.099 m from the arm's centre line; a capsule's round end goes a little further, because
-the drums are flatter). The hand is `ParallelGripper` fully opened.
+A capsule is a segment with a radius. Every vertex of a visible link lies in a capsule of that link,
+so that what the capsules keep apart is apart. ``python tools/fit_capsules.py`` finds the capsules
+of least volume that do so; the numbers below are what it prints. Those of the hand follow from
+`ParallelGripper`, fully opened.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations, product
+from collections.abc import Iterator, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -25,22 +25,13 @@ BODY_NAMES = (*IIWA_7.link_names, *HAND_NAMES)
 BODY_LINK = np.array([*range(IIWA_7.joints + 1), *[IIWA_7.joints] * len(HAND_NAMES)])
 PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
 
-TUBE_RADIUS = 0.068
-
 #: Pairs of bodies that can come close inside the joint limits. Left out are neighbours, links 5 and
-#: 7 (both turn about the wrist, which keeps them 7 mm apart), and every pair whose distance never
-#: falls below 3 cm; a test searches for the minima.
+#: 7 (both turn about the wrist, whose limit stops them before they touch), and every pair whose
+#: visible bodies never come nearer than 2 cm; a test searches for the minima.
 BODY_PAIRS: tuple[tuple[int, int], ...] = (
     *product((0,), (4, 5, 6, 7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
     *product((1,), (7, PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA)),
     *product((2,), (PALM, LEFT_FINGER, RIGHT_FINGER)),
-)
-
-#: Every pair that is not neighbours: joints that leave their limits can bring any of them together.
-NON_ADJACENT_PAIRS: tuple[tuple[int, int], ...] = tuple(
-    (low, high)
-    for low, high in combinations(range(len(BODY_NAMES)), 2)
-    if BODY_LINK[high] - BODY_LINK[low] >= 2
 )
 
 
@@ -87,53 +78,81 @@ class CapsuleModel(NamedTuple):
         return model
 
 
+Segment = tuple[tuple[float, float, float], tuple[float, float, float], float]
+#: Links 1 and 2, tube and drum: ends and radius [m]. Links 3 and 4 are the same mirrored.
+_UPPER: tuple[Segment, ...] = (
+    ((0.0, 0.0, 0.031), (0.0, 0.0, 0.186), 0.074),
+    ((0.0, -0.010, 0.129), (0.0, -0.057, 0.189), 0.076),
+)
+_LOWER: tuple[Segment, ...] = (
+    ((0.0, 0.0, -0.001), (0.0, 0.0, 0.193), 0.072),
+    ((0.0, 0.059, 0.0), (0.0, 0.008, 0.077), 0.075),
+)
+
+
+def _along(body: int, *segments: Segment) -> Iterator[Capsule]:
+    return (Capsule(body, *segment) for segment in segments)
+
+
+def _mirrored(segment: Segment) -> Segment:
+    """The segment on the other side of the plane y = 0."""
+    (ax, ay, az), (bx, by, bz), radius = segment
+    return (ax, -ay, az), (bx, -by, bz), radius
+
+
 def arm_capsules() -> tuple[Capsule, ...]:
-    """The capsules of the base and the seven links."""
-    _, shoulder, upper_tube, elbow, lower_tube, wrist, _, _ = IIWA_7.link_steps
-    r, out = TUBE_RADIUS, 0.120 - TUBE_RADIUS
+    """The capsules of the base and the seven links, in the order of the bodies."""
     return (
-        Capsule(0, (-0.010, 0.0, 0.0), (-0.010, 0.0, 0.050), 0.108),
-        Capsule(1, (0.0, 0.0, 0.02), (0.0, 0.0, shoulder), r),
-        Capsule(1, (0.0, -out, shoulder), (0.0, 0.0, shoulder), r),
-        Capsule(2, (0.0, 0.0, 0.0), (0.0, 0.0, upper_tube - 0.02), r),
-        Capsule(2, (0.0, 0.0, 0.0), (0.0, out, 0.0), r),
-        Capsule(3, (0.0, 0.0, 0.02), (0.0, 0.0, elbow), r),
-        Capsule(3, (0.0, 0.0, elbow), (0.0, out, elbow), r),
-        Capsule(4, (0.0, 0.0, 0.0), (0.0, 0.0, lower_tube - 0.02), r),
-        Capsule(4, (0.0, -out, 0.0), (0.0, 0.0, 0.0), r),
-        Capsule(5, (0.0, 0.0, 0.02), (0.0, 0.0, 0.05), r),
-        Capsule(5, (0.0, -0.054, wrist - 0.09), (0.0, -0.054, wrist), 0.045),
-        Capsule(6, (0.0, -0.018, 0.0), (0.0, 0.022, 0.0), 0.070),
-        Capsule(7, (0.0, 0.0, 0.020), (0.0, 0.0, 0.024), 0.050),
+        *_along(0, ((0.0, 0.0, 0.124), (0.0, 0.0, 0.125), 0.075)),
+        *_along(0, ((-0.067, 0.0, 0.037), (0.001, 0.0, 0.104), 0.075)),
+        *_along(0, ((0.0, 0.0, -0.009), (0.0, 0.0, -0.005), 0.115)),
+        *_along(1, *_UPPER),
+        *_along(2, *_LOWER),
+        *_along(3, *map(_mirrored, _UPPER)),
+        *_along(4, *map(_mirrored, _LOWER)),
+        *_along(5, ((0.0, 0.0, 0.035), (0.0, 0.0, 0.058), 0.074)),
+        *_along(5, ((0.0, -0.004, 0.043), (0.0, -0.077, 0.189), 0.056)),
+        *_along(6, ((0.0, -0.012, 0.0), (0.0, 0.003, 0.039), 0.069)),
+        *_along(6, ((0.0, 0.036, 0.0), (0.0, 0.011, 0.023), 0.071)),
+        *_along(7, ((0.0, 0.0, 0.014), (0.0, 0.0, 0.024), 0.050)),  # holds the hand's adapter too
     )
 
 
 def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]:
     """The capsules of palm, opened fingers and wrist camera, carried by link 7.
 
-    The palm and the camera are enclosed. A finger's capsule ends at its tip and is as wide as the
-    finger, so the finger's corners stand out of it by less than its radius of ``finger_width/2``.
+    They hold the boxes of `ParallelGripper` and what the hand's visible bodies add to them: the
+    guide in which the fingers run, and the bracket of the camera.
     """
     gripper = gripper or ParallelGripper()
     X_7G = _link_to_grasp(gripper)
 
-    def capsule(body: int, a: list[float], b: list[float], radius: float) -> Capsule:
+    def capsule(body: int, a: ArrayLike, b: ArrayLike, radius: float) -> Capsule:
         ends = np.array([a, b]) @ X_7G[:3, :3].T + X_7G[:3, 3]
-        return Capsule(body, tuple(ends[0].tolist()), tuple(ends[1].tolist()), radius)
+        return Capsule(body, tuple(ends[0].tolist()), tuple(ends[1].tolist()), float(radius))
 
-    palm_x, palm_y, palm_z = gripper.palm_size
-    finger = gripper.finger_width / 2
+    palm_x, palm_y, palm_z = np.array(gripper.palm_size) / 2
+    reach = gripper.max_opening / 2 + gripper.finger_thickness
+    guide = np.array([reach, gripper.finger_width / 2, palm_z]) + (0.003, 0.003, 0.0)
+    palm_radius = 1.1 * max(np.hypot(palm_y, palm_z), np.hypot(*guide[1:]))
+    palm_half = max(
+        half - np.sqrt(palm_radius**2 - y**2 - palm_z**2)
+        for half, y in ((palm_x, palm_y), (guide[0], guide[1]))
+    )
+    palm_half = max(palm_half, 0.001)
+    middle = gripper.heel - palm_z
+
+    thick, wide = gripper.finger_thickness / 2 + 0.0006, gripper.finger_width / 2
+    # Fatter than it must be to be shorter: it ends less far in front of the finger's tip.
+    finger = 1.3 * np.hypot(thick, wide)
+    top = gripper.tip - np.sqrt(finger**2 - thick**2 - wide**2)
     x = gripper.max_opening / 2 + gripper.finger_thickness / 2
-    top = gripper.tip - finger
     length, height, _ = gripper.camera_box
     _, y, z = gripper.camera_center
+    back = gripper.heel - 2 * palm_z
     return (
-        capsule(
-            PALM,
-            [0, 0, gripper.heel - palm_z],
-            [0, 0, gripper.heel],
-            float(np.hypot(palm_x, palm_y) / 2),
-        ),
+        capsule(PALM, [-palm_half, 0, middle], [palm_half, 0, middle], palm_radius),
+        capsule(PALM, [0, 0, back - 0.014], [0, y, back - 0.014], 0.024),
         capsule(LEFT_FINGER, [x, 0, gripper.heel], [x, 0, top], finger),
         capsule(RIGHT_FINGER, [-x, 0, gripper.heel], [-x, 0, top], finger),
         capsule(CAMERA, [-length / 2, y, z], [length / 2, y, z], height / np.sqrt(2)),

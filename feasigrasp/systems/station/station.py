@@ -103,6 +103,7 @@ class Station(Diagram):
         output_ports:
         - iiwa.position_measured
         - iiwa.state_estimated
+        - iiwa.torque_measured
         - gripper.state_measured
         - object.pose
         - object.velocity
@@ -115,7 +116,8 @@ class Station(Diagram):
         - query_object
 
     ``iiwa.desired_state`` and ``iiwa.state_estimated`` are V14 (positions [rad], velocities
-    [rad/s]); ``gripper.position`` is the distance between the pads [m] and
+    [rad/s]), ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm];
+    ``gripper.position`` is the distance between the pads [m] and
     ``gripper.state_measured`` that distance and its rate; ``object.hold`` is 1 while the object is
     carried along its motion and 0 once it is let go. Point clouds are in the world frame.
     """
@@ -189,6 +191,7 @@ class Station(Diagram):
         builder.Connect(state, position.get_input_port())
         builder.ExportOutput(position.get_output_port(0), "iiwa.position_measured")
         builder.ExportOutput(state, "iiwa.state_estimated")
+        builder.ExportOutput(plant.get_net_actuation_output_port(iiwa), "iiwa.torque_measured")
 
     def _export_gripper(self, builder: DiagramBuilder) -> None:
         plant, gripper = self.plant, self._gripper

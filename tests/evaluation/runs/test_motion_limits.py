@@ -1,60 +1,103 @@
-"""Shares of ticks beyond the limits, from motions made by hand."""
+"""Limits of motions whose velocities and accelerations are known in closed form."""
 
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
+from feasigrasp.evaluation.runs.motion_limits import WINDOW, JointTicks, limit_metrics
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 PERIOD = 0.005
-STEP = IIWA_7.acceleration_limits * PERIOD
+V, A = IIWA_7.velocity_limits, IIWA_7.acceleration_limits
+TIME = np.arange(400)[:, None] * PERIOD
+
+
+def sent(position):
+    """Figures of positions (m, 7) that are sent to an arm at rest."""
+    rest = np.zeros_like(position)
+    return limit_metrics(JointTicks(position, rest, rest, PERIOD))
+
+
+def moved(position, velocity):
+    """Figures of a true motion of an arm that is sent nothing."""
+    return limit_metrics(JointTicks(np.zeros_like(position), position, velocity, PERIOD))
 
 
 def ramp(*shares):
-    """Velocities that change by these shares of what the acceleration limits allow."""
-    return np.cumsum(np.outer(shares, STEP), axis=0)
+    """Positions whose second differences are these shares of what the limits allow."""
+    return np.cumsum(np.cumsum(np.outer(shares, A * PERIOD**2), axis=0), axis=0)
 
 
 def test_a_motion_at_its_limits_keeps_them():
-    v = ramp(0.0, 1.0, 1.0, -1.0, -1.0)
-    found = limit_metrics(JointTicks(v, v, PERIOD))
+    found = sent(1.0 + ramp(0.0, 1.0, 1.0, -1.0, -1.0))
     assert found["velocity_limit_violation_percent"] == 0.0
     assert found["acceleration_limit_violation_percent"] == 0.0
     assert found["acceleration_peak_percent"] == pytest.approx(100.0)
-    still = np.tile(IIWA_7.velocity_limits, (5, 1))
-    found = limit_metrics(JointTicks(still, -still, PERIOD))
-    assert found["velocity_limit_violation_percent"] == 0.0
-    assert found["velocity_peak_percent"] == pytest.approx(100.0)
 
 
 def test_one_joint_in_one_tick_counts():
-    v = ramp(0.0, 0.5, 0.5, 0.5, 0.5)
-    v[3, 4] += 0.6 * STEP[4]  # faster up by 0.1 than allowed, then down by 0.1
-    found = limit_metrics(JointTicks(v, v, PERIOD))
-    assert found["acceleration_limit_violation_percent"] == pytest.approx(25.0)
+    q = ramp(0.0, 0.5, 0.5, 0.5, 0.5)
+    q[3:, 4] += 0.6 * A[4] * PERIOD**2  # one step more, which is kept: 1.1, then 0.5 - 0.6
+    found = sent(q)
+    assert found["acceleration_limit_violation_percent"] == pytest.approx(20.0)
     assert found["acceleration_peak_percent"] == pytest.approx(110.0)
     assert found["velocity_limit_violation_percent"] == 0.0
 
 
-@pytest.mark.parametrize("which", ["commanded", "measured"])
-def test_too_fast_is_too_fast_in_the_command_or_in_truth(which):
-    ticks = {"commanded": np.zeros((4, 7)), "measured": np.zeros((4, 7))}
-    ticks[which][1:3, 0] = -1.01 * IIWA_7.velocity_limits[0]
+def test_a_drive_that_clips_nothing_is_found_out():
+    """Random velocities of 50 rad/s, integrated: every tick is beyond both limits."""
+    commands = np.random.default_rng(0).uniform(-50.0, 50.0, (200, 7))
+    found = sent(np.cumsum(PERIOD * commands, axis=0))
+    assert found["velocity_limit_violation_percent"] > 99.0
+    assert found["acceleration_limit_violation_percent"] > 99.0
+    assert found["acceleration_peak_percent"] > 1e4
+
+
+def test_a_position_that_stops_dead_is_found_out():
+    """As at a joint limit where positions are cut off: the velocity says nothing of it."""
+    q = 0.5 * V * TIME
+    found = sent(np.minimum(q, q[200]))
+    assert found["velocity_limit_violation_percent"] == 0.0
+    # From rest to half the limit at the start, and from there to rest: two ticks.
+    assert found["acceleration_limit_violation_percent"] == pytest.approx(100.0 * 2 / 400)
+    assert found["acceleration_peak_percent"] == pytest.approx(100.0 * (0.5 * V / PERIOD / A).max())
+
+
+@pytest.mark.parametrize("share", [0.2, 0.9, 1.2])
+def test_a_sine_has_the_peaks_of_its_derivatives(share):
+    """q = a (1 - cos wt) / w^2: velocity a / w sin wt, acceleration a cos wt."""
+    rate, a = 12.0, share * A.min() * np.eye(7)[1]
+    position, velocity = a * (1 - np.cos(rate * TIME)) / rate**2, a * np.sin(rate * TIME) / rate
+    found, true = sent(position), moved(position, velocity)
+    assert A.argmin() == 1
+    for peak in (found["acceleration_peak_percent"], true["true_acceleration_peak_percent"]):
+        assert peak == pytest.approx(100.0 * share, rel=0.01)
+    assert (found["acceleration_limit_violation_percent"] > 0.0) == (share > 1.0)
+    assert true["acceleration_limit_violation_percent"] == 0.0
+    assert true["velocity_peak_percent"] == pytest.approx(100.0 * (a / rate / V).max(), rel=1e-3)
+
+
+@pytest.mark.parametrize("which", ["sent", "velocity"])
+def test_too_fast_is_too_fast_as_sent_or_in_truth(which):
+    ticks = dict.fromkeys(("sent", "position", "velocity"), np.zeros((400, 7)))
+    velocity = np.zeros((400, 7))
+    velocity[100:300, 0] = -1.01 * V[0]
+    ticks[which] = velocity if which == "velocity" else np.cumsum(PERIOD * velocity, axis=0)
     found = limit_metrics(JointTicks(**ticks, period=PERIOD))
     assert found["velocity_limit_violation_percent"] == 50.0
-    expected = 101.0 if which == "measured" else 0.0
+    expected = 101.0 if which == "velocity" else 0.0
     assert found["velocity_peak_percent"] == pytest.approx(expected)
 
 
-def test_the_acceleration_is_that_of_the_command():
-    v = np.zeros((3, 7))
-    jerky = np.array([np.zeros(7), 5.0 * STEP, np.zeros(7)])
-    assert limit_metrics(JointTicks(v, jerky, PERIOD))["acceleration_limit_violation_percent"] == 0
-    found = limit_metrics(JointTicks(jerky, v, PERIOD))
-    assert found["acceleration_limit_violation_percent"] == 100.0
+def test_the_true_acceleration_leaves_out_what_is_shorter_than_its_window():
+    """A vibration with the period of the window has no mean acceleration over it."""
+    amplitude = 1e-4
+    shaken = np.tile(amplitude * np.sin(2 * np.pi * TIME / WINDOW), 7)
+    assert (np.abs(np.diff(shaken, 2, axis=0) / PERIOD**2) > A).any()
+    assert moved(shaken, 0.0 * shaken)["true_acceleration_peak_percent"] < 1e-3
 
 
-def test_a_single_tick_has_no_acceleration():
-    found = limit_metrics(JointTicks(np.zeros((1, 7)), np.zeros((1, 7)), PERIOD))
-    assert found["acceleration_limit_violation_percent"] is None
+def test_a_single_tick_is_at_rest():
+    found = sent(np.ones((1, 7)))
+    assert found["acceleration_limit_violation_percent"] == 0.0
     assert found["velocity_limit_violation_percent"] == 0.0
+    assert found["true_acceleration_peak_percent"] is None

@@ -58,7 +58,10 @@ def test_the_same_seed_gives_the_same_samples_bit_for_bit():
     first, again = (run(short("ReachCircular", duration=0.8)) for _ in range(2))
     assert np.isfinite(first.samples[SAMPLE_NAMES.index("grasp_position_error"), -1])
     np.testing.assert_array_equal(first.samples, again.samples)
-    assert first.record["metrics"] == again.record["metrics"]
+    metrics = [result.record["metrics"] for result in (first, again)]
+    times = [name for name in METRICS if "_ms_" in name]
+    assert all(record.pop(name) > 0.0 for record in metrics for name in times) and len(times) == 5
+    assert metrics[0] == metrics[1]
 
 
 def test_another_seed_gives_another_run():
@@ -77,8 +80,13 @@ def test_metrics_of_the_record_are_those_of_the_samples():
         "velocity_peak_percent",
         "acceleration_peak_percent",
         "obstacle_distance_min_mm",
+        "true_acceleration_peak_percent",
+        *(name for name in METRICS if name.startswith(("self_", "torque_"))),
+        *(name for name in METRICS if name.startswith(("control_ms", "planning_ms"))),
     }
-    # These are of the control's ticks and of Drake's geometry.
+    # These are of the control's ticks, of Drake's geometry, and of a clock.
+    assert record["self_collision_percent"] == 0.0
+    assert 20.0 < record["torque_peak_percent"] < 100.0  # the arm's weight alone is a quarter
     assert of_samples["acceleration_peak_percent"] is None
     assert record["acceleration_limit_violation_percent"] == 0.0
     assert 0.0 <= record["velocity_peak_percent"] < 100.0
