@@ -10,6 +10,8 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
+from feasigrasp.outputs import write_text
+
 #: Pictures per simulated second.
 FRAMES_PER_SECOND = 32.0
 #: Size of the pictures [pixels].
@@ -44,8 +46,7 @@ def write_replay(meshcat: Meshcat, filename: Path) -> None:
 
 def write_html(meshcat: Meshcat, filename: Path) -> None:
     """Writes what is shown as a self-contained HTML file."""
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    filename.write_text(meshcat.StaticHtml())
+    write_text(filename, meshcat.StaticHtml())
 
 
 def take_picture(replay: Path) -> bool:
