@@ -7,17 +7,24 @@ For example::
 """
 
 import argparse
+import json
 import sys
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pydot
 import yaml
 
-from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.runs.run import run
+from feasigrasp.errors import FeasigraspError, OutputError
+from feasigrasp.evaluation.runs.run import INTERRUPTED, run
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
+from feasigrasp.outputs import check_outputs, replacing, write_text
+from feasigrasp.results.arguments import print_notes
+from feasigrasp.results.interrupts import STATUS
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
@@ -59,19 +66,25 @@ def _given(**options: object) -> dict[str, object]:
 def draw_diagram(scenario: Scenario, filename: Path) -> None:
     """Draws a scenario's diagram; a ``.dot`` file needs nothing, pictures need Graphviz."""
     text = make_dynamic_grasp(scenario).GetGraphvizString(max_depth=1)
-    filename.parent.mkdir(parents=True, exist_ok=True)
     picture = filename.suffix.lstrip(".")
     if picture in ("", "dot"):
-        filename.write_text(text)
+        write_text(filename, text)
         return
-    graphs = pydot.graph_from_dot_data(text) or []
+    graphs: Any = pydot.graph_from_dot_data(text) or []
     try:
-        graphs[0].write(str(filename), format=picture)
+        drawn: bytes = graphs[0].create(format=picture)
+    except AssertionError as error:
+        raise FeasigraspError(
+            f"--graphviz {filename}: Graphviz knows no format {picture!r}; end it in .svg, .png or "
+            ".dot"
+        ) from error
     except FileNotFoundError as error:
         raise FeasigraspError(
             f"--graphviz {filename} needs the program 'dot': install the package graphviz, or "
             "give a file that ends in .dot"
         ) from error
+    with replacing(filename) as file:
+        file.write(drawn)
 
 
 def print_table(record: dict) -> None:
@@ -84,25 +97,40 @@ def print_table(record: dict) -> None:
         text = str(value) if value is None or isinstance(value, bool) else f"{value:.3f}"
         print(f"  {name:36s} {text:>8s}")
     if record["error"]:
-        print(f"  the simulation failed: {record['error']}")
+        print(f"  the simulation broke off: {record['error']}")
+
+
+def keep(record: dict, results: Path | None) -> None:
+    """Prints what a run brought, and writes it; a full disk leaves it on the console."""
+    print_table(record)
+    if results is not None:
+        try:
+            write_json(record, results)
+        except OutputError:
+            print(json.dumps(record))
+            raise
 
 
 def main() -> int:
     """Runs one scenario."""
     args = parse_arguments()
+    outputs = {name: getattr(args, name) for name in ("replay", "results", "graphviz")}
     try:
+        check_outputs({f"--{name}": filename for name, filename in outputs.items()})
         scenario = load(args)
+        print_notes(load_scenario_object(scenario))
         if args.graphviz is not None:
             draw_diagram(scenario, args.graphviz)
             return 0
-        result = run(scenario, args.scenario_name, replay=args.replay)
+        name, results = args.scenario_name, args.results
+        result = run(scenario, name, replay=args.replay, keep=partial(keep, results=results))
     except FeasigraspError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    print_table(result.record)
-    if args.results is not None:
-        write_json(result.record, args.results)
-    return 0 if result.record["error"] is None else 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return STATUS
+    return {None: 0, INTERRUPTED: STATUS}.get(result.record["error"], 1)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,8 @@ from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.outputs import check_outputs
+from feasigrasp.results.interrupts import STATUS
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
 REASONS: dict[str, str] = {
@@ -96,20 +98,24 @@ def main() -> int:
     args = parse_arguments()
     viewpoint = None if args.merged else args.viewpoint
     picture = args.picture or Path("out/perceive") / f"{args.cloud.stem}.png"
+    html = args.html or picture.with_suffix(".html")
     try:
+        check_outputs({"--picture": picture, "--html": html})
         points = prepare_cloud(
             read_cloud(args.cloud), scale=args.scale, crop=args.crop, viewpoint=viewpoint
         )
         perception = perceive(
             points, viewpoint, sampler=args.sampler, voxel_size=args.voxel, seed=args.seed
         )
+        print_table(args.cloud.name, perception)
+        draw_perception(perception, picture, args.cloud.stem)
+        write_perception_html(perception, html)
     except FeasigraspError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    print_table(args.cloud.name, perception)
-    draw_perception(perception, picture, args.cloud.stem)
-    html = args.html or picture.with_suffix(".html")
-    write_perception_html(perception, html)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return STATUS
     print(f"  wrote {picture} and {html}")
     return 0
 

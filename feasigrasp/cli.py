@@ -15,6 +15,9 @@ from pathlib import Path
 
 from feasigrasp import __version__
 from feasigrasp.errors import FeasigraspError
+from feasigrasp.outputs import check_folder
+from feasigrasp.results.folder_lock import only_one_in
+from feasigrasp.results.interrupts import STATUS, Unfinished
 
 #: By group: what its commands are for, and the modules that they are, ``*`` being their names.
 GROUPS = {
@@ -59,24 +62,32 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: Arguments without the program name; ``sys.argv`` when None.
 
     Returns:
-        The exit status of the process: 0, 1 or more if the command failed, 2 if it was wrong.
+        The exit status of the process: 0, 1 or more if the command failed, 2 if it was wrong,
+        130 after Ctrl-C.
     """
     chosen, rest = _make_parser().parse_known_args(argv)
     if chosen.module is None:
         chosen.parser.print_help()
         return 0
-    module = import_module(chosen.module)
-    parser = argparse.ArgumentParser(prog=chosen.prog, description=f"{chosen.description}.")
-    module.add_arguments(parser)
-    args = parser.parse_args(rest)
     try:
-        return int(module.main(args))
+        module = import_module(chosen.module)
+        parser = argparse.ArgumentParser(prog=chosen.prog, description=f"{chosen.description}.")
+        module.add_arguments(parser)
+        args = parser.parse_args(rest)
+        if "out" not in args:
+            return int(module.main(args))
+        check_folder("--out", args.out)
+        with only_one_in(args.out):
+            return int(module.main(args))
+    except Unfinished as error:
+        print(error, file=sys.stderr)
+        return error.status
     except FeasigraspError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+        return STATUS
 
 
 def _make_parser() -> argparse.ArgumentParser:

@@ -29,5 +29,13 @@ class ReachabilityError(FeasigraspError, ValueError):
     """An arm or a file that no reachable space can be made from."""
 
 
+class InputError(FeasigraspError, ValueError):
+    """A file that cannot be read (missing, cut off, of another kind)."""
+
+
+class OutputError(FeasigraspError, OSError):
+    """A file that cannot be written (a folder of its name, no right to, a full disk)."""
+
+
 class ControlError(FeasigraspError, ValueError):
     """Options of a controller that contradict each other or the arm."""

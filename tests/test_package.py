@@ -22,7 +22,14 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 #: package that they lie in.
 ORDER = (
     ("errors", "models.arrays"),
-    ("resources", "models.choices", "models.control.mode", "models.weights_file"),
+    (
+        "resources",
+        "inputs",
+        "outputs",
+        "models.choices",
+        "models.control.mode",
+        "models.weights_file",
+    ),
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),

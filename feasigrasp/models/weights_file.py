@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from feasigrasp.errors import FeasigraspError
+from feasigrasp.errors import FeasigraspError, InputError
+from feasigrasp.inputs import read_arrays
+from feasigrasp.outputs import replacing
 
 if TYPE_CHECKING:
     from torch import nn
@@ -44,12 +45,9 @@ class WeightsFormat:
 
     def save(self, path: str | Path, header: Mapping[str, Any], arrays: WeightArrays) -> None:
         """Writes header and arrays into one file, whole or not at all."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
         text = np.array(json.dumps({"format": self.format, **header}))
-        partial = path.with_name(f"{path.name}.part.npz")
-        np.savez_compressed(partial, header=text, **arrays)  # type: ignore[arg-type]
-        partial.replace(path)
+        with replacing(path) as file:
+            np.savez_compressed(file, header=text, **arrays)  # type: ignore[arg-type]
 
     def load(
         self, path: str | Path, build: Callable[[dict[str, Any], WeightArrays], _Network]
@@ -65,13 +63,12 @@ class WeightsFormat:
             WeightsError: The file is missing, broken, or of another network.
         """
         mend = f"train it with `{self.command}`, or reinstall feasigrasp"
+        if not Path(path).exists():
+            raise WeightsError(f"there are no {self.name} weights at {path}; {mend}")
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-        except FileNotFoundError:
-            raise WeightsError(f"there are no {self.name} weights at {path}; {mend}") from None
-        except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-            raise WeightsError(f"{path} is not a readable weights file ({error}); {mend}") from None
+            arrays = read_arrays(path)
+        except InputError as error:
+            raise WeightsError(f"{error}; {mend}") from error
         try:
             header = json.loads(str(arrays.pop("header")))
             if header["format"] != self.format:

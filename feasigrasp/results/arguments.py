@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import sys
 from pathlib import Path
 
 import joblib
 
-from feasigrasp.models.objects.rigid_object import builtin_objects, find_objects
+from feasigrasp.models.objects.rigid_object import RigidObject, builtin_objects, find_objects
 
 
 def add_run_arguments(parser: argparse.ArgumentParser, *, out: str, jobs: bool = True) -> None:
@@ -76,6 +77,12 @@ def command_line(args: argparse.Namespace, command: str) -> str:
         elif value is not None and value is not False:
             words += [f"--{name}", ",".join(value) if isinstance(value, list) else str(value)]
     return shlex.join(words)
+
+
+def print_notes(obj: RigidObject) -> None:
+    """Says what the loader had to repair, or could not do."""
+    for note in obj.notes:
+        print(f"note: {obj.name}: {note}", file=sys.stderr)
 
 
 def select_objects(selection: str) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,9 @@ import joblib
 import numpy as np
 from tqdm import tqdm
 
+from feasigrasp.errors import InputError
+from feasigrasp.inputs import read_arrays, read_json
+from feasigrasp.outputs import replacing
 from feasigrasp.results.provenance import git_revision, versions
 from feasigrasp.results.rows import write_json
 
@@ -32,8 +35,8 @@ def read_finished(filename: Path, wanted: Mapping[str, Any]) -> dict[str, Any] |
         wanted: Entries that it must have, e.g. revision, versions and settings.
     """
     try:
-        content = json.loads(filename.read_text())
-    except (FileNotFoundError, json.JSONDecodeError):
+        content = read_json(filename)
+    except InputError:
         return None
     same = isinstance(content, dict) and all(
         key in content and content[key] == value
@@ -94,16 +97,37 @@ def finish_all(
     with tqdm(total=len(items), initial=len(items) - len(missing), desc=desc) as bar:
         for _ in work:
             bar.update()
-    return {name: json.loads(files[name].read_text())["records"] for name in items}
+    return {name: read_json(files[name])["records"] for name in items}
+
+
+def finished_arrays(filename: Path) -> dict[str, Any] | None:
+    """What `write_arrays` wrote; None if there is no such file, or no whole one."""
+    try:
+        return read_arrays(filename)
+    except InputError:
+        return None
 
 
 def write_arrays(filename: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
     """Writes an ``npz`` file: one of its name is a whole one."""
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    partial = filename.with_suffix(".part")
-    with partial.open("wb") as file:
+    with replacing(filename) as file:
         (np.savez_compressed if compressed else np.savez)(file, **arrays)
-    partial.replace(filename)
+
+
+def read_shard(filename: Path, names: Iterable[str]) -> dict[str, Any]:
+    """Arrays of a file that `write_arrays` wrote, in the order of their names.
+
+    Raises:
+        InputError: It is cut off, or holds something else.
+    """
+    try:
+        content = read_arrays(filename)
+        return {name: content[name] for name in names}
+    except (InputError, KeyError) as error:
+        raise InputError(
+            f"{filename} is no shard of this version ({error}); delete it, and the same command "
+            "makes it again"
+        ) from error
 
 
 def make_shards(

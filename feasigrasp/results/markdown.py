@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from feasigrasp.errors import FeasigraspError
+from feasigrasp.outputs import write_text
 
 #: Between these lines, `replace_section` writes.
 BEGIN, END = "<!-- report: begin -->", "<!-- report: end -->"
@@ -34,4 +35,4 @@ def replace_section(filename: Path, text: str) -> None:
         raise SectionError(
             f"{filename} must exist and have one line '{BEGIN}' and, after it, one line '{END}'"
         ) from error
-    filename.write_text(f"{before}{BEGIN}\n\n{text.strip()}\n\n{END}{after}")
+    write_text(filename, f"{before}{BEGIN}\n\n{text.strip()}\n\n{END}{after}")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any, SupportsFloat
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.outputs import write_text
 from feasigrasp.results.arguments import command_line
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.results.statistics import Estimate, proportion
@@ -66,11 +67,9 @@ def write_json(content: dict[str, Any], filename: Path) -> None:
 
     Raises:
         ValueError: There is a NaN or an infinity in it, which JSON does not know.
+        OutputError: The file cannot be written.
     """
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    partial = filename.with_name(f"{filename.name}.{os.getpid()}.part")
-    partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
-    partial.replace(filename)
+    write_text(filename, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def write_csv(
@@ -89,15 +88,15 @@ def write_csv(
     """
     table = list(rows)
     columns = list(heads or table[0])
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    with filename.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        for row in table:
-            cells = [row[head] for head in columns] if isinstance(row, Mapping) else row
-            if floats:
-                cells = [format(c, floats) if isinstance(c, float) else c for c in cells]
-            writer.writerow(cells)
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    for row in table:
+        cells = [row[head] for head in columns] if isinstance(row, Mapping) else row
+        if floats:
+            cells = [format(c, floats) if isinstance(c, float) else c for c in cells]
+        writer.writerow(cells)
+    write_text(filename, text.getvalue())
 
 
 def write_summary(
@@ -142,7 +141,7 @@ def format_rows(rows: Sequence[Row]) -> str:
 def report_rows(
     args: argparse.Namespace, command: str, rows: Sequence[Row], table: str = "", **more: Any
 ) -> None:
-    """Ends a command: writes ``summary.json`` and prints its rows and what lies beside it.
+    """Ends a command: prints its rows, writes ``summary.json`` and says what lies beside it.
 
     Args:
         args: Arguments of the command, as `add_common_arguments` makes them.
@@ -151,8 +150,9 @@ def report_rows(
         table: What is printed instead of all rows.
         **more: Further entries of the summary.
     """
+    print(table or format_rows(rows), flush=True)  # first: the disk may be full
     line = command_line(args, command)
     filename = args.out / "summary.json"
     write_summary(filename, line, git_revision(), args.seed, rows, quick=args.quick, **more)
-    print(table or format_rows(rows))
-    print(f"{args.out}: {', '.join(sorted(p.name for p in args.out.iterdir() if p.is_file()))}")
+    files = sorted(p.name for p in args.out.iterdir() if p.is_file() and p.name[0] != ".")
+    print(f"{args.out}: {', '.join(files)}")

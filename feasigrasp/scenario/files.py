@@ -9,10 +9,21 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.scenario.checks import check_scenario
+from feasigrasp.scenario.keys import check_keys, compose, nearest
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
 
-_YAML_ERRORS = (RuntimeError, ValueError, TypeError, KeyError, yaml.YAMLError)
+#: What Drake's reader raises; it takes much for granted.
+_YAML_ERRORS = (
+    RuntimeError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    AssertionError,
+    ArithmeticError,
+    yaml.YAMLError,
+)
 
 
 def scenario_names(filename: str | Path) -> list[str]:
@@ -21,13 +32,7 @@ def scenario_names(filename: str | Path) -> list[str]:
     Raises:
         ScenarioError: There is no such file, or it is not YAML.
     """
-    try:
-        content = yaml.load(Path(filename).read_text(), Loader=yaml.BaseLoader)
-    except FileNotFoundError as error:
-        raise ScenarioError(f"no scenario file {filename}; check --scenario_file") from error
-    except yaml.YAMLError as error:
-        raise ScenarioError(f"{filename} is not valid YAML: {error}") from error
-    return [name for name in content or {} if not name.startswith("_")]
+    return [name for name in _nodes(filename) if not name.startswith("_")]
 
 
 def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Scenario:
@@ -44,13 +49,20 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
     """
     names = scenario_names(filename)
     if name not in names:
-        raise ScenarioError(f"no scenario {name!r} in {filename}; it has {', '.join(names)}")
+        raise ScenarioError(
+            f"no scenario {name!r} in {filename}; it has {', '.join(names)}{nearest(name, names)}"
+        )
     what = f"scenario {name!r} in {filename}"
-    scenario = _load(what, Scenario(), filename=str(filename), child_name=name)
-    for text in filter(None, overrides):
-        scenario = _load(what, scenario, data=text)
-    scenario = resolve(scenario)
-    check_scenario(scenario)
+    try:
+        check_keys(_nodes(filename)[name], Scenario)
+        scenario = _load(Scenario(), filename=str(filename), child_name=name)
+        for text in filter(None, overrides):
+            what = f"scenario {name!r} as changed by {_shortened(text)}"
+            scenario = _parse(text, scenario)
+        scenario = resolve(scenario)
+        check_scenario(scenario)
+    except ScenarioError as error:
+        raise ScenarioError(f"{what}: {error}") from error
     return scenario
 
 
@@ -69,12 +81,34 @@ def parse_scenario(text: str) -> Scenario:
     Raises:
         ScenarioError: Unknown key or value.
     """
-    scenario = resolve(_load("not a scenario", Scenario(), data=text))
-    check_scenario(scenario)
+    try:
+        scenario = resolve(_parse(text, Scenario()))
+        check_scenario(scenario)
+    except ScenarioError as error:
+        raise ScenarioError(f"not a scenario: {error}") from error
     return scenario
 
 
-def _load(what: str, defaults: Scenario, **source: str) -> Scenario:
+def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
+    """What a file has under each name."""
+    try:
+        text = Path(filename).read_text()
+    except FileNotFoundError as error:
+        raise ScenarioError(f"no scenario file {filename}; check --scenario_file") from error
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{filename} cannot be read: {error}") from error
+    try:
+        return {key.value: value for key, value in compose(text).value}
+    except ScenarioError as error:
+        raise ScenarioError(f"{filename} is {error}") from error
+
+
+def _parse(text: str, defaults: Scenario) -> Scenario:
+    check_keys(compose(text), Scenario)
+    return _load(defaults, data=text)
+
+
+def _load(defaults: Scenario, **source: str) -> Scenario:
     try:
         # Drake merges maps, so that an empty one would change nothing.
         given = yaml.load(source.get("data", ""), Loader=yaml.BaseLoader)
@@ -85,4 +119,9 @@ def _load(what: str, defaults: Scenario, **source: str) -> Scenario:
         defaults = dc.replace(defaults, **changes)
         return yaml_load_typed(schema=Scenario, defaults=defaults, **source)
     except _YAML_ERRORS as error:
-        raise ScenarioError(f"{what}: {error}") from error
+        raise ScenarioError(str(error) or type(error).__name__) from error
+
+
+def _shortened(text: str, length: int = 60) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= length else f"{line[:length]}..."

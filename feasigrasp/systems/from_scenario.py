@@ -29,23 +29,31 @@ from feasigrasp.systems.station.station import Station, StationConfig
 
 
 def make_station(scenario: Scenario) -> Station:
-    """The robot cell of a scenario, with its moving object."""
+    """The robot cell of a scenario, with its moving object.
+
+    Raises:
+        ScenarioError: Drake cannot build it, e.g. a camera stands on a frame that there is not.
+        MeshError: The object cannot be simulated.
+    """
     safe = scenario.control.safe
-    return Station(
-        StationConfig(
-            plant=scenario.plant_config,
-            directives=scenario.directives,
-            cameras=scenario.cameras,
-            camera_noise=make_camera_noise(scenario),
-            noise_seed=scenario.random_seed,
-            q_start=np.deg2rad(scenario.q_start),
-            friction=scenario.object.friction,
-            enforce_constraints=safe,
-            touch_object=safe or scenario.grasp.close,
-        ),
-        load_scenario_object(scenario),
-        make_motion(scenario),
-    )
+    try:
+        return Station(
+            StationConfig(
+                plant=scenario.plant_config,
+                directives=scenario.directives,
+                cameras=scenario.cameras,
+                camera_noise=make_camera_noise(scenario),
+                noise_seed=scenario.random_seed,
+                q_start=np.deg2rad(scenario.q_start),
+                friction=scenario.object.friction,
+                enforce_constraints=safe,
+                touch_object=safe or scenario.grasp.close,
+            ),
+            load_scenario_object(scenario),
+            make_motion(scenario),
+        )
+    except RuntimeError as error:
+        raise ScenarioError(f"Drake cannot build the cell: {error}") from error
 
 
 def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> GraspSamplerFn:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -14,11 +13,13 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
+from feasigrasp.inputs import read_json
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
 from feasigrasp.models.mixtures.mixture import bic
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_run_arguments, command_line, positive
 from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.rows import Row, write_csv, write_json, write_summary
@@ -235,7 +236,7 @@ def _write_bic(table: list[tuple[int, float, float]], out: Path) -> None:
     axes.set_xticks(components, [str(k) for k in components])
     axes.set(xlabel="components K", ylabel="BIC / 10⁶  (lower is better)")
     axes.grid(alpha=0.3)
-    figure.savefig(out / "bic.png", dpi=150)
+    save_figure(figure, out / "bic.png", dpi=150)
 
 
 def _arm(args: argparse.Namespace) -> tuple[SerialArm, int]:
@@ -267,7 +268,7 @@ def _keep_folder(out: Path, settings: dict[str, Any]) -> None:
     file = out / "settings.json"
     if not file.is_file():
         write_json(settings, file)
-    elif json.loads(file.read_text()) != settings:
+    elif read_json(file) != settings:
         raise ReachabilityError(f"{out} holds results of other settings; give another --out")
 
 

@@ -16,6 +16,7 @@ from tqdm import tqdm
 from feasigrasp.models.arrays import Indices, Mask
 from feasigrasp.models.grasps.network.architectures import Contacts, ring_directions
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
+from feasigrasp.results.finished import read_shard
 from feasigrasp.training.grasp_losses import Labels, free_share
 from feasigrasp.training.loop import TrainingError
 
@@ -74,7 +75,8 @@ def load_examples(
         Examples to train on, and held-out ones.
 
     Raises:
-        TrainingError: There are no shards, one is broken, or one side would be empty.
+        TrainingError: There are no shards, or one side would be empty.
+        InputError: A shard is broken.
     """
     files = sorted(Path(folder).glob("*.npz"))
     if not files:
@@ -82,7 +84,7 @@ def load_examples(
             f"there are no shards in {folder}; make them with `feasigrasp "
             "train sampler-data`, or name their folder with --data"
         )
-    shards = [_read(file) for file in files]
+    shards = [read_shard(file, ENTRIES) for file in files]
     data = {name: np.concatenate([shard[name] for shard in shards]) for name in ENTRIES}
     family = data["family"]
     of_held = np.isin(family, list(held_out))
@@ -96,14 +98,6 @@ def load_examples(
     held = np.sort(rng.permutation(held)[:n_held_out])
     rest = np.sort(rng.permutation(rest)[:most])
     return _stack(data, rest), _stack(data, held)
-
-
-def _read(file: Path) -> dict[str, NDArray[Any]]:
-    try:
-        with np.load(file, allow_pickle=False) as content:
-            return {name: content[name] for name in ENTRIES}
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise TrainingError(f"{file} is not a shard of training data: {error}") from None
 
 
 def _stack(data: dict[str, NDArray[Any]], rows: Indices) -> Examples:

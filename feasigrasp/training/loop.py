@@ -24,6 +24,7 @@ from tqdm import tqdm
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Indices
+from feasigrasp.outputs import replacing
 from feasigrasp.results.arguments import minutes, positive
 from feasigrasp.results.finished import made_with
 from feasigrasp.results.rows import write_json
@@ -155,9 +156,14 @@ class TrainingRun(ABC, Generic[Network]):
             (self.folder / _CURVE).unlink(missing_ok=True)
 
     def _resume(self) -> None:
-        state = torch.load(
-            self.folder / _CHECKPOINT, map_location=self.args.device, weights_only=True
-        )
+        file = self.folder / _CHECKPOINT
+        try:
+            state = torch.load(file, map_location=self.args.device, weights_only=True)
+        except Exception as error:  # torch raises whatever it stumbles over
+            raise TrainingError(
+                f"{file} is no whole checkpoint ({str(error).splitlines()[0]}); delete it to begin "
+                "anew, or choose another --out"
+            ) from error
         if state["identity"] != self.identity:
             raise TrainingError(
                 f"{self.folder} holds a run with {state['identity']}, this one has "
@@ -257,9 +263,8 @@ class TrainingRun(ABC, Generic[Network]):
         """Writes the checkpoint, whole or not at all."""
         state = {name: part.state_dict() for name, part in self._parts().items()}
         progress = [self.step, self.seconds, self.best, self.worse]
-        partial = self.folder / f"{_CHECKPOINT}.part"
-        torch.save({"identity": self.identity, **state, "progress": progress}, partial)
-        partial.replace(self.folder / _CHECKPOINT)
+        with replacing(self.folder / _CHECKPOINT) as file:
+            torch.save({"identity": self.identity, **state, "progress": progress}, file)
 
     def run(self) -> int:
         """Trains until it is finished, and prints where the results are; the exit status."""

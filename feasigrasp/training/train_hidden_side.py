@@ -31,7 +31,7 @@ from feasigrasp.models.shape.hidden_side_network import (
     HiddenSideNetwork,
 )
 from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.results.finished import make_shards, write_arrays
+from feasigrasp.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.object_streams import ObjectStream
 from feasigrasp.training.data.views import ViewedObject, fused, turning_views
@@ -142,8 +142,8 @@ def read_pictures(files: list[Path]) -> tuple[Pictures, Pictures]:
     """Pictures and thickness to train on, and those that judge."""
     shards = []
     for file in files:
-        with np.load(file) as shard:
-            shards.append((shard["pictures"], shard["thickness"], shard["held_out"]))
+        shard = read_shard(file, ("pictures", "thickness", "held_out"))
+        shards.append(tuple(shard.values()))
     pictures, thickness, held = (np.concatenate(part) for part in zip(*shards, strict=True))
     return (pictures[~held], thickness[~held]), (pictures[held], thickness[held])
 

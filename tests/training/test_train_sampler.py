@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from feasigrasp import cli
+from feasigrasp.errors import InputError
 from feasigrasp.models.grasps.network.architectures import Heads
 from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
 from feasigrasp.training import train_sampler
@@ -180,7 +181,7 @@ def test_data_that_cannot_be_used_are_refused(tmp_path, capsys):
     with pytest.raises(TrainingError, match="families box; .* held out are needed"):
         load_examples(tmp_path, HELD_OUT, 0, 3)
     np.savez(tmp_path / "b.npz", points=np.zeros((1, 4, 3)))
-    with pytest.raises(TrainingError, match="b.npz is not a shard"):
+    with pytest.raises(InputError, match="b.npz is no shard"):
         load_examples(tmp_path, HELD_OUT, 0, 3)
 
 

@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.outputs import save_figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ def plot_slices(
     first = axes[0, 0].collections[0]
     percent = "{x:.0%}"
     figure.colorbar(first, ax=axes[:, 1], shrink=0.7, ticks=ticks, format=percent)
-    figure.savefig(filename, dpi=95, bbox_inches="tight")
+    save_figure(figure, filename, dpi=95, bbox_inches="tight")
 
 
 def _draw_arm(ax: Axes, posture: Array, normal: int) -> None:

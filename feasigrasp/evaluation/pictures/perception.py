@@ -18,6 +18,7 @@ from feasigrasp.models.grasps.perceive import Perception
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_points import SurfacePoints
+from feasigrasp.outputs import save_figure
 from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
 
 #: From surface that was seen to surface that was made up.
@@ -102,5 +103,4 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
     label, place = "uncertainty: distance from what was seen [mm]", (0.375, 0.075, 0.25, 0.022)
     add_scale(figure, UNCERTAINTY_COLORS, 1e3 * MOST_UNCERTAIN, label, place)
     figure.suptitle(title, y=0.985, fontsize=12)
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(filename, dpi=100)
+    save_figure(figure, filename, dpi=100)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from feasigrasp.evaluation.report.paper_tables import TABLE_2, TABLE_2_COLUMNS
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.markdown import markdown_table
 from feasigrasp.results.rows import Row
 
@@ -161,7 +162,7 @@ def draw_table_2(found: Rows, filename: Path) -> None:
         _draw_column(axis, found, name, column)
     handles = [Patch(color=color, label=label) for label, color in _COLORS.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
-    figure.savefig(filename, dpi=110)
+    save_figure(figure, filename, dpi=110)
 
 
 def _draw_column(axis: Axes, found: Rows, name: str, column: int) -> None:

@@ -8,7 +8,6 @@ its rows.
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import shutil
 from pathlib import Path
@@ -16,6 +15,8 @@ from typing import Any
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.report.dynamic import FIGURE, dynamic_report
+from feasigrasp.inputs import read_json
+from feasigrasp.outputs import write_text
 from feasigrasp.results.markdown import markdown_table, replace_section
 from feasigrasp.results.rows import Row
 
@@ -40,7 +41,7 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     text = report(args.folder)
     filename = args.folder / "report.md"
-    filename.write_text(text + "\n")
+    write_text(filename, text + "\n")
     print(filename)
     if args.into is not None:
         images = args.into.parent / "images"
@@ -70,20 +71,27 @@ def report(folder: Path) -> str:
 
 
 def _section(file: Path) -> str:
-    summary: dict[str, Any] = json.loads(file.read_text())
-    rows = [Row(**row) for row in summary["rows"]]
+    try:
+        summary: dict[str, Any] = read_json(file)
+        rows = [Row(**row) for row in summary["rows"]]
+        heading, origin = f"## `{summary['command']}`", _origin(summary)
+    except (FeasigraspError, KeyError, TypeError, AttributeError) as error:
+        raise ReportError(
+            f"{file} is no summary ({error}); repeat the command that makes it"
+        ) from error
     body = ""
     if any(row.name.startswith("dynamic.") for row in rows):
         body = dynamic_report(rows, file.parent)
     body = body or _plain_table(rows)
-    return f"## `{summary['command']}`\n\n{_origin(summary)}\n\n{body}"
+    return f"{heading}\n\n{origin}\n\n{body}"
 
 
 def _origin(summary: dict[str, Any]) -> str:
     found = summary["versions"]
     versions = ", ".join(f"{n} {found[n]}" for n in ("python", "drake", "numpy") if n in found)
     quick = " A quick sample, no result to rely on." if summary.get("quick") else ""
-    return f"Revision {summary['git']}, seed {summary['seed']}; {versions}.{quick}"
+    partial = " Broken off: not all runs are in it." if summary.get("partial") else ""
+    return f"Revision {summary['git']}, seed {summary['seed']}; {versions}.{quick}{partial}"
 
 
 def _plain_table(rows: list[Row]) -> str:

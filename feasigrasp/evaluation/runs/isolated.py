@@ -12,19 +12,25 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import signal
+import sys
 import tempfile
 import threading
 import traceback
+from collections import Counter
 from collections.abc import Sequence
 from functools import cache
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import joblib
 from tqdm import tqdm
 
+from feasigrasp.errors import OutputError
 from feasigrasp.evaluation.runs.plan import PlannedRun
 from feasigrasp.evaluation.runs.run import crash_record, run
+from feasigrasp.outputs import check_folder
 from feasigrasp.results.finished import Record, made_with, read_finished, report_reuse
+from feasigrasp.results.interrupts import STATUS, Unfinished
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
@@ -45,39 +51,80 @@ def run_all(
         jobs: Processes at a time.
         desc: What the progress bar is called.
         replays: Whether every run leaves a replay ``<id>.html`` as well.
+
+    Raises:
+        Unfinished: Ctrl-C, or a full disk; with the records of all runs that came to their end.
     """
     code = made_with()
+    check_folder("--out", folder)
     folder.mkdir(parents=True, exist_ok=True)
 
-    def is_finished(planned: PlannedRun) -> bool:
+    def finished(planned: PlannedRun) -> Record | None:
         text = dump_scenario(planned.scenario)
         wanted = code | {"scenario": planned.name, "scenario_yaml": text}
         record = read_finished(folder / f"{planned.id}.json", wanted)
         if record is None or (replays and not (folder / f"{planned.id}.html").exists()):
-            return False
-        return record.get("timings", {}).get("wall_s") is not None
+            return None
+        timings = record.get("timings")
+        ended = isinstance(timings, dict) and timings.get("wall_s") is not None
+        return record if ended and record.keys() >= _ENTRIES else None
 
-    missing = [planned for planned in runs if not is_finished(planned)]
+    records = {planned.id: finished(planned) for planned in runs}
+    missing = [planned for planned in runs if records[planned.id] is None]
     outdated = sum((folder / f"{planned.id}.json").exists() for planned in missing)
     if outdated:
         print(f"{outdated} results are from another revision or setting, or crashed: run again")
     report_reuse(len(runs) - len(missing), len(runs), folder)
-    work = joblib.Parallel(jobs, prefer="threads", return_as="generator_unordered")(
-        joblib.delayed(run_isolated)(
-            planned.scenario,
-            planned.name,
-            folder / f"{planned.id}.json",
-            replay=folder / f"{planned.id}.html" if replays else None,
-        )
-        for planned in missing
-    )
+
+    def one(planned: PlannedRun) -> tuple[PlannedRun, Record]:
+        replay = folder / f"{planned.id}.html" if replays else None
+        file = folder / f"{planned.id}.json"
+        return planned, run_isolated(planned.scenario, planned.name, file, replay=replay)
+
     with tqdm(total=len(runs), initial=len(runs) - len(missing), unit="run", desc=desc) as bar:
-        for record in work:
-            bar.update()
-            if record["error"]:
-                bar.write(f"{record['scenario']}, {record['object']}: {record['error'][:200]}")
-    # From the files: they are what a later command finds too.
-    return [json.loads((folder / f"{planned.id}.json").read_text()) for planned in runs]
+        try:
+            work = joblib.Parallel(jobs, prefer="threads", return_as="generator_unordered")
+            for planned, record in work(joblib.delayed(one)(planned) for planned in missing):
+                records[planned.id] = record
+                bar.update()
+                if record["error"]:
+                    bar.write(f"{record['scenario']}, {record['object']}: {record['error'][:200]}")
+                if replays and not (folder / f"{planned.id}.html").exists():
+                    bar.write(f"{planned.id}: there is no replay; is the disk full?")
+        except (KeyboardInterrupt, Unfinished) as stopped:
+            for process in multiprocessing.active_children():
+                process.terminate()
+            there = [record for record in records.values() if record is not None]
+            raise _unfinished(stopped, there, len(runs)) from None
+    found = (records[planned.id] for planned in runs)
+    return [record for record in found if record is not None]
+
+
+def _unfinished(
+    stopped: KeyboardInterrupt | Unfinished, there: list[Record], total: int
+) -> Unfinished:
+    """What is said after Ctrl-C, or when a record could not be written."""
+    reason, status = "interrupted", STATUS
+    if isinstance(stopped, Unfinished):
+        reason, status, there = str(stopped), stopped.status, there + stopped.records
+    return Unfinished(
+        f"{reason}; {len(there)} of {total} runs came to their end, and the same command goes on "
+        "with the others",
+        there,
+        status,
+    )
+
+
+def report_crashes(records: Sequence[Record]) -> int:
+    """Says how many runs broke off; the exit status of a command that evaluates them.
+
+    Returns:
+        0 if none did, else 1.
+    """
+    broken = [record for record in records if record["error"] is not None]
+    for error, count in Counter(str(record["error"])[:200] for record in broken).most_common(3):
+        print(f"{count} of {len(records)} runs broke off: {error}", file=sys.stderr)
+    return int(bool(broken))
 
 
 def run_isolated(
@@ -85,8 +132,8 @@ def run_isolated(
 ) -> Record:
     """Runs a scenario in its own single-threaded process and writes its record.
 
-    However the process ends, there is a record: one that did not finish has its ``error``, and its
-    grasp counts as not held. All processes run the code, and name the revision, that was there when
+    However the process ends, there is a record, unless it was told to end (SIGTERM): one that did
+    not finish has its ``error``, and its grasp counts as not held. All processes run the code, and name the revision, that was there when
     the first of them started.
 
     Args:
@@ -97,27 +144,42 @@ def run_isolated(
 
     Returns:
         The record, as `feasigrasp.evaluation.runs.run.run` makes it.
+
+    Raises:
+        Unfinished: The record, which comes with it, cannot be written; or the process was told to
+            end.
     """
-    filename = filename.resolve()  # the server may be in another folder
-    replay = None if replay is None else replay.resolve()
-    filename.unlink(missing_ok=True)
-    with tempfile.TemporaryDirectory(prefix="feasigrasp-run-") as scratch:
+    replay = None if replay is None else replay.resolve()  # the server may be in another folder
+    receiver, sender = _server().Pipe(duplex=False)
+    with receiver, tempfile.TemporaryDirectory(prefix="feasigrasp-run-") as scratch:
         messages = Path(scratch) / "messages.txt"
         process = _server().Process(
             target=_run_to_file,
-            args=(dump_scenario(scenario), name, filename, replay, messages),
+            args=(dump_scenario(scenario), name, sender, replay, messages),
             daemon=True,
         )
         process.start()
+        sender.close()
+        try:
+            record: Record | None = json.loads(receiver.recv())
+        except EOFError:
+            record = None
         process.join()
-        if filename.exists():
-            record: Record = json.loads(filename.read_text())
-            return record
-        last = messages.read_text(errors="replace")[-2000:].strip() if messages.exists() else ""
-    error = f"the process ended with status {process.exitcode}: {last}"
-    record = crash_record(scenario, name, error)
-    write_json(record, filename)
+        if record is None and process.exitcode == -signal.SIGTERM:
+            raise Unfinished("a run was told to end", [], STATUS)
+        if record is None:
+            last = messages.read_text(errors="replace") if messages.exists() else ""
+            error = f"the process ended with status {process.exitcode}: {last[-2000:].strip()}"
+            record = crash_record(scenario, name, error)
+    try:
+        write_json(record, filename)
+    except OutputError as error:
+        raise Unfinished(str(error), [record], 2) from error
     return record
+
+
+#: What a record has at least.
+_ENTRIES = {"scenario", "controller", "mode", "object", "seed", "metrics", "timings", "error"}
 
 
 @cache
@@ -129,9 +191,9 @@ def _server() -> multiprocessing.context.ForkServerContext:
 
 
 def _run_to_file(
-    scenario_text: str, name: str, filename: Path, replay: Path | None, messages: Path
+    scenario_text: str, name: str, sender: Connection, replay: Path | None, messages: Path
 ) -> None:
-    """The process: runs a scenario and writes its record; file ``messages`` gets what it prints."""
+    """The process: runs a scenario and sends its record; file ``messages`` gets what it prints."""
     stdout, stderr = 1, 2
     os.dup2(os.open(os.devnull, os.O_WRONLY), stdout)
     os.dup2(os.open(messages, os.O_WRONLY | os.O_CREAT), stderr)
@@ -139,11 +201,18 @@ def _run_to_file(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, see the next line
     threading.Thread(target=_end_with_parent, daemon=True).start()
     scenario = parse_scenario(scenario_text)
+    sent = []
+
+    def send(record: Record) -> None:
+        sent.append(json.dumps(record, allow_nan=False))  # as it will be read again
+        sender.send(sent[0])
+
     try:
-        write_json(run(scenario, name, replay=replay).record, filename)
+        run(scenario, name, replay=replay, keep=send)
     except Exception as error:
         traceback.print_exc()
-        write_json(crash_record(scenario, name, f"{type(error).__name__}: {error}"), filename)
+        if not sent:
+            send(crash_record(scenario, name, f"{type(error).__name__}: {error}"))
 
 
 def _end_with_parent() -> None:

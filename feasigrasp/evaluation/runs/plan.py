@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import names, positive, select_objects
+from feasigrasp.results.arguments import names, positive, print_notes, select_objects
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
@@ -150,7 +150,8 @@ def plan(args: argparse.Namespace) -> list[PlannedRun]:
                     duration = min(scenario.simulation_duration, _QUICK_DURATION)
                     scenario.simulation_duration = duration
                 runs.append(planned)
-            load_scenario_object(runs[-1].scenario)  # a wrong mesh is told now, not run by run
+            # A wrong mesh is told now, not run by run.
+            print_notes(load_scenario_object(runs[-1].scenario))
     return runs
 
 

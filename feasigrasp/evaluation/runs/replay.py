@@ -13,6 +13,7 @@ from pathlib import Path
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from feasigrasp.models.control.status import Status
+from feasigrasp.outputs import write_text
 
 #: Pictures per simulated second.
 FRAMES_PER_SECOND = 32.0
@@ -73,10 +74,9 @@ def write_replay(meshcat: Meshcat, filename: Path, history: Sequence[Status] = (
 
 def write_html(meshcat: Meshcat, filename: Path, extra: str = "") -> None:
     """Writes what is shown as a self-contained HTML file, with something extra on the page."""
-    filename.parent.mkdir(parents=True, exist_ok=True)
     page = meshcat.StaticHtml()
     end = page.rindex("</body>")
-    filename.write_text(page[:end] + extra + page[end:])
+    write_text(filename, page[:end] + extra + page[end:])
 
 
 def _status_line(history: Sequence[Status]) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,11 +24,15 @@ from feasigrasp.evaluation.runs.tick_times import TickTimes
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
+
+#: The ``error`` of a run that Ctrl-C ended.
+INTERRUPTED = "interrupted"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +50,23 @@ class RunResult:
     samples: Array
 
 
-def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> RunResult:
+def run(
+    scenario: Scenario,
+    name: str = "",
+    *,
+    replay: Path | None = None,
+    keep: Callable[[dict[str, Any]], None] = lambda record: None,
+) -> RunResult:
     """Simulates a scenario until its grasp is over or its duration has passed.
 
-    A solver failure of the simulation ends the run; it is reported in ``error`` of the record, and
-    the grasp counts as not held.
+    A solver failure of the simulation ends the run, and so does Ctrl-C; it is reported in ``error``
+    of the record, and the grasp counts as not held.
 
     Args:
         scenario: What to run.
         name: Its name, for the record.
         replay: Where to write a self-contained HTML replay.
+        keep: Gets the record as soon as there is one, before the replay is written.
     """
     # Made now: the revision may change while the simulation runs.
     record = crash_record(scenario, name, "")
@@ -67,17 +80,18 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
         simulator = Simulator(diagram)
         ApplySimulatorConfig(scenario.simulator_config, simulator)
-        simulator.set_monitor(_StopWhenDone(diagram))
         error = None
         started = time.perf_counter()
-        try:
-            simulator.Initialize()
-            simulator.AdvanceTo(scenario.simulation_duration)
-        except RuntimeError as failure:
-            error = str(failure)
+        with postponed_interrupt() as interrupted:
+            simulator.set_monitor(_StopWhenDone(diagram, interrupted))
+            try:
+                simulator.Initialize()
+                simulator.AdvanceTo(scenario.simulation_duration)
+            except RuntimeError as failure:
+                error = str(failure)
+        if error is None and interrupted.is_set():
+            error = INTERRUPTED
         ended = time.perf_counter()
-        if meshcat is not None and replay is not None:
-            write_replay(meshcat, replay, _history(diagram, simulator.get_context()))
 
     context = simulator.get_context()
     times, samples, metrics = _measured(diagram, context, scenario)
@@ -91,8 +105,12 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
         "simulated_s": simulated,
         "real_time_factor": simulated / (ended - started),
     }
-    status = [[s.time, str(s.code), s.detail] for s in _history(diagram, context)]
+    history = _history(diagram, context)
+    status = [[s.time, str(s.code), s.detail] for s in history]
     record |= {"timings": timings, "metrics": metrics, "error": error, "status": status}
+    keep(record)
+    if meshcat is not None and replay is not None:
+        write_replay(meshcat, replay, history)
     return RunResult(record, times, samples)
 
 
@@ -150,13 +168,19 @@ def _measured(
 
 
 class _StopWhenDone:
-    """A monitor that ends the run when the grasp is over; it looks twice per sample."""
+    """A monitor that ends the run when the grasp is over; it looks twice per sample.
 
-    def __init__(self, diagram: Diagram) -> None:
+    It ends it after Ctrl-C as well.
+    """
+
+    def __init__(self, diagram: Diagram, interrupted: threading.Event) -> None:
+        self._interrupted = interrupted
         self._sequencer = diagram.GetSubsystemByName("sequencer")
         self._next = 0.0
 
     def __call__(self, context: Context) -> EventStatus:
+        if self._interrupted.is_set():
+            return EventStatus.ReachedTermination(self._sequencer, INTERRUPTED)
         time = context.get_time()
         if time < self._next:
             return EventStatus.DidNothing()

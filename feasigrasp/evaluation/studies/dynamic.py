@@ -9,11 +9,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from feasigrasp.evaluation.runs.isolated import run_all
+from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import add_plan_arguments, plan
 from feasigrasp.evaluation.runs.summary import format_table, summary_rows
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.finished import Record
+from feasigrasp.results.interrupts import Unfinished
 from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.rows import report_rows, write_csv
 
@@ -35,12 +36,22 @@ def flat(record: Record) -> Record:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     runs = plan(args)
-    records = run_all(runs, args.out / "runs", args.jobs, desc="dynamic")
+    try:
+        records = run_all(runs, args.out / "runs", args.jobs, desc="dynamic")
+    except Unfinished as stopped:
+        if stopped.records:
+            _report(args, stopped.records, partial=True)
+        raise
+    _report(args, records)
+    return report_crashes(records)
+
+
+def _report(args: argparse.Namespace, records: Sequence[Record], **more: bool) -> None:
+    """Prints and writes the figures of some runs; ``partial`` if those are not all."""
     rows = summary_rows(records)
+    report_rows(args, "evaluate dynamic", rows, format_table(rows), **more)
     write_csv(args.out / "runs.csv", map(flat, records))
-    report_rows(args, "evaluate dynamic", rows, format_table(rows))
     _report_revisions(records)
-    return 0
 
 
 def _report_revisions(records: Sequence[Record]) -> None:

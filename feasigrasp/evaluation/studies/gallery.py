@@ -16,9 +16,10 @@ from string import Template
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.evaluation.runs.isolated import run_all
+from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import PlannedRun, add_plan_arguments, plan
 from feasigrasp.evaluation.runs.replay import take_picture
+from feasigrasp.outputs import write_text
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.finished import Record
 from feasigrasp.results.provenance import git_revision
@@ -49,9 +50,9 @@ def main(args: argparse.Namespace) -> int:
         if take_picture(args.out / f"{planned.id}.html")
     }
     page = args.out / "index.html"
-    page.write_text(index_page(runs, records, pictures))
+    write_text(page, index_page(runs, records, pictures))
     print(page)
-    return 0
+    return report_crashes(records)
 
 
 def shown(runs: Sequence[PlannedRun]) -> list[PlannedRun]:

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from feasigrasp.evaluation.measures.shape import measure, true_samples
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import Preset, complete_shape
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, report_rows, write_csv
@@ -147,7 +148,7 @@ def draw_curve(rows: Sequence[Row], filename: Path) -> None:
     first = axes[next(iter(MEASURES))]
     first.set_ylabel("distance true → completed [mm]")
     first.legend(frameon=False)
-    figure.savefig(filename, dpi=110)
+    save_figure(figure, filename, dpi=110)
 
 
 def format_table(rows: Sequence[Row]) -> str:

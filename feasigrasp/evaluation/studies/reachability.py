@@ -18,7 +18,9 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import log_densities, pack
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_common_arguments, positive
+from feasigrasp.results.finished import finished_arrays, write_arrays
 from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import area_under_curve, proportion, roc_curve
 from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
@@ -76,14 +78,13 @@ def main(args: argparse.Namespace) -> int:
         # A finished judge is kept: the same command goes on where it was interrupted.
         key = f"{name}-{args.seed}-{args.poses}-{args.peer_poses}-{args.voxel_draws}"
         file = out / "judges" / f"{key}.npz"
-        if name != "rmm" and file.is_file():
-            with np.load(file) as stored:
-                score, threshold = stored["score"], float(stored["threshold"])
+        stored = finished_arrays(file) if name != "rmm" else None
+        if stored is not None:
+            score, threshold = stored["score"], float(stored["threshold"])
         else:
             score, threshold = _score(name, X, space, args)
             if name != "rmm":
-                file.parent.mkdir(exist_ok=True)
-                np.savez(file, score=score, threshold=threshold)
+                write_arrays(file, {"score": score, "threshold": threshold}, compressed=False)
         scores[name] = score
         # A count of zero in the voxel map is no evidence of reach.
         verdicts[name] = (score >= threshold) & ((score > 0.0) | (name != "voxel"))
@@ -182,4 +183,4 @@ def _write_curves(
     axes.set(ylabel="share of reachable poses found", ylim=(0, 1.005))
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize=8)
-    figure.savefig(out / "roc.png", dpi=150)
+    save_figure(figure, out / "roc.png", dpi=150)

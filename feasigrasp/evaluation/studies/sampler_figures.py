@@ -26,6 +26,7 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.surface_points import SurfacePoints
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.training.data.grasp_examples import fuse_and_complete
@@ -119,7 +120,7 @@ def draw_grasps(panels: list[Panel], gripper: ParallelGripper, filename: Path) -
             share = f"{valid.sum()} of {len(valid)} valid"
             ax.text(0.5, -0.01, share, transform=ax.transAxes, ha="center", va="top", fontsize=9)
     add_scale(figure, COLORS, 1.0, "estimated probability that the grasp is valid")
-    figure.savefig(filename, dpi=110)
+    save_figure(figure, filename, dpi=110)
 
 
 def _draw_panel(

@@ -23,6 +23,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.surface_error import surface_deviation
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, report_rows, write_csv
@@ -160,7 +161,7 @@ def write_reliability(records: Sequence[Record], folder: Path) -> list[Row]:
     axes.plot([0, top], [0, top], color="0.6", lw=1, label="perfect")
     axes.set(xlabel="predicted deviation [mm]", ylabel="distance to the true surface [mm]")
     axes.legend(fontsize=8)
-    figure.savefig(folder / "reliability.png", dpi=150)
+    save_figure(figure, folder / "reliability.png", dpi=150)
     heads = ("group", "predicted_mm", "mean_error_mm", "p90_error_mm", "points")
     write_csv(folder / "reliability.csv", lines, heads, ".3f")
     return rows

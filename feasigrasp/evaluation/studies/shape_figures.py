@@ -27,6 +27,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.training.data.views import PartialView, ViewedObject, fused, look_at
@@ -153,7 +154,7 @@ def draw_slices(slices: dict[str, dict[str, Array]], name: str, filename: Path) 
         ax.text(0.02, 0.03, "← camera", transform=ax.transAxes, fontsize=8, color="0.35")
     axes[0].set_ylabel("signed distance [mm]")
     axes[0].legend(frameon=False, fontsize=9)
-    figure.savefig(filename, dpi=110)
+    save_figure(figure, filename, dpi=110)
 
 
 def draw_uncertainty(fields: dict[str, Gpdf], filename: Path) -> None:
@@ -170,4 +171,4 @@ def draw_uncertainty(fields: dict[str, Gpdf], filename: Path) -> None:
             frame(ax, viewer, surface.points)
     label = "uncertainty: distance from what was seen [mm]"
     add_scale(figure, UNCERTAINTY_COLORS, 1e3 * MOST_UNCERTAIN, label)
-    figure.savefig(filename, dpi=90)
+    save_figure(figure, filename, dpi=90)

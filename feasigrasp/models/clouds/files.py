@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_POINTS
 
@@ -42,12 +43,14 @@ def read_cloud(filename: str | Path) -> Array:
         if path.suffix.lower() == ".npz":
             points = _only_cloud(path)
         elif path.suffix.lower() == ".npy":
-            points = np.asarray(np.load(path))
+            points = np.asarray(np.load(path, allow_pickle=False))
         else:
             import open3d as o3d  # a slow import that arrays do not need
 
             points = np.asarray(o3d.io.read_point_cloud(path).points)
-    except (OSError, ValueError, EOFError) as error:
+    except PointCloudError:
+        raise
+    except Exception as error:  # the readers raise whatever they stumble over
         raise PointCloudError(f"{path.name} cannot be read: {error}") from error
     if points.size == 0:
         raise PointCloudError(f"{path.name} holds no points, or is no valid {path.suffix} file")
@@ -129,10 +132,9 @@ def _check_viewpoint(cloud: Array, viewpoint: Array) -> None:
 
 
 def _only_cloud(path: Path) -> NDArray[np.generic]:
-    with np.load(path) as file:
-        clouds = {name: array for name, array in ((n, file[n]) for n in file) if _is_cloud(array)}
-        # A camera matrix has the shape of a cloud, too.
-        clouds = {n: a for n, a in clouds.items() if len(a) > 4} or clouds
+    clouds = {name: array for name, array in read_arrays(path).items() if _is_cloud(array)}
+    # A camera matrix has the shape of a cloud, too.
+    clouds = {n: a for n, a in clouds.items() if len(a) > 4} or clouds
     if len(clouds) != 1:
         raise PointCloudError(
             f"{path.name} holds {len(clouds)} arrays that could be a cloud"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.objects.raycasting import Raycaster
+from feasigrasp.outputs import write_text
 
 #: Largest side of a body that an arm of this size can have to do with [m].
 MIN_EXTENT, MAX_EXTENT = 0.005, 1.0
@@ -120,7 +121,7 @@ def write_obj(path: Path, vertices: Array, faces: Indices) -> None:
         "f " + " ".join(f"{v + 1}//{n + 1}" for v, n in zip(face, corner, strict=True))
         for face, corner in zip(faces, corners, strict=True)
     ]
-    path.write_text("\n".join(lines) + "\n")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _read(path: Path) -> trimesh.Trimesh:

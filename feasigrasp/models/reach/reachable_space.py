@@ -9,8 +9,6 @@ has the exact answer.
 from __future__ import annotations
 
 import json
-import os
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -21,10 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import FeasigraspError, ReachabilityError
+from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.mixtures.float32_kernels import Float32Array, log_densities, pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.outputs import replacing
 from feasigrasp.resources import model_path
 
 #: The file that is part of the project: flange poses of the iiwa 7 with its hand.
@@ -85,10 +85,7 @@ class ReachableSpace(Frozen):
 
     def save(self, path: str | Path) -> None:
         """Writes the space as ``.npz``, whole or not at all."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f"{path.name}.{os.getpid()}.part")
-        with partial.open("wb") as file:
+        with replacing(path) as file:
             np.savez_compressed(
                 file,
                 weights=self.mixture.weights,
@@ -97,7 +94,6 @@ class ReachableSpace(Frozen):
                 threshold=np.float64(self.threshold),
                 metadata=np.array(json.dumps(dict(self.metadata))),
             )
-        partial.replace(path)
 
     @classmethod
     def load(cls, path: str | Path) -> ReachableSpace:
@@ -111,18 +107,18 @@ class ReachableSpace(Frozen):
         if not path.is_file():
             raise ReachabilityError(f"{path}: no such file; {mend} --out DIR")
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                missing = sorted({*_ARRAYS, "metadata"} - set(stored.files))
-                if missing:
-                    raise ReachabilityError(
-                        f"{path} is no reachable space, it lacks {', '.join(missing)}; {mend}"
-                    )
-                weights, means, covariances, threshold = (stored[name] for name in _ARRAYS)
-                metadata = json.loads(str(stored["metadata"]))
+            stored = read_arrays(path)
+            missing = sorted({*_ARRAYS, "metadata"} - set(stored))
+            if missing:
+                raise ReachabilityError(
+                    f"{path} is no reachable space, it lacks {', '.join(missing)}; {mend}"
+                )
+            weights, means, covariances, threshold = (stored[name] for name in _ARRAYS)
+            metadata = json.loads(str(stored["metadata"]))
             return cls(RiemannianMixture(weights, means, covariances), float(threshold), metadata)
         except ReachabilityError:
             raise
-        except (OSError, ValueError, TypeError, zipfile.BadZipFile, FeasigraspError) as error:
+        except (ValueError, TypeError, FeasigraspError) as error:
             raise ReachabilityError(f"{path} is no reachable space ({error}); {mend}") from error
 
     @classmethod

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from feasigrasp.errors import MeshError
+from feasigrasp.errors import InputError, MeshError
+from feasigrasp.inputs import read_arrays
 from feasigrasp.models.objects.rigid_object import (
     DEFAULT_DENSITY,
     RigidObject,
@@ -106,10 +107,10 @@ def _entries(kind: str, path: Path) -> list[Path]:
 @cache
 def _npz(path: Path) -> dict[str, np.ndarray]:
     try:
-        with np.load(path) as content:
-            names = ("vertices", "faces", "vertex_offsets", "face_offsets")
-            return {name: content[name] for name in names}
-    except (OSError, ValueError, KeyError) as error:
+        content = read_arrays(path)
+        names = ("vertices", "faces", "vertex_offsets", "face_offsets")
+        return {name: content[name] for name in names}
+    except (InputError, KeyError) as error:
         raise MeshError(
             f"{path}: {error}; give an npz file with vertices, faces and their offsets"
         ) from error

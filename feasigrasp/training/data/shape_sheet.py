@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.outputs import save_figure
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.household_shapes import FAMILIES, HELD_OUT, make_shape
 from feasigrasp.training.data.views import ViewedObject, look_at
@@ -49,5 +50,4 @@ def draw_sheet(filename: Path, seed: int = 0, columns: int = 9) -> None:
         label = f"{family}\n(held out)" if family in HELD_OUT else family
         row[0].text(-0.08, 0.5, label, transform=row[0].transAxes, ha="right", va="center")
     figure.subplots_adjust(0.11, 0.0, 1.0, 1.0, wspace=0.0, hspace=0.0)
-    filename.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(filename, dpi=110)
+    save_figure(figure, filename, dpi=110)

@@ -29,7 +29,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, manipulability
 from feasigrasp.models.robot.self_collision import in_collision
-from feasigrasp.results.finished import make_shards, write_arrays
+from feasigrasp.results.finished import make_shards, read_shard, write_arrays
 
 #: Height in the base frame below which poses of the fitted frame are dropped [m].
 FLOOR = 0.1
@@ -189,7 +189,8 @@ def _draw_part(
 
 
 def _load(file: Path) -> ReachedPoses:
-    with np.load(file) as stored:
-        quaternions, positions = stored["quaternions"], stored["positions"]
-        counts = (int(stored[name]) for name in ReachedPoses._fields[2:])
-        return ReachedPoses(quaternions, positions, *counts)
+    stored = read_shard(file, ReachedPoses._fields)
+    quaternions, positions = stored["quaternions"], stored["positions"]
+    return ReachedPoses(
+        quaternions, positions, *(int(stored[name]) for name in ReachedPoses._fields[2:])
+    )

@@ -206,10 +206,12 @@ def test_an_interruption_keeps_what_is_finished(fake_runs, tmp_path, monkeypatch
     monkeypatch.setattr(isolated, "run_isolated", interrupted)
     arguments = ("--scenarios", "ReachLinear", "--seeds", "2")
     assert evaluate(tmp_path, *arguments) == 130
-    assert not (tmp_path / "summary.json").exists()
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["partial"] is True and summary["rows"][0]["n"] <= 3
     monkeypatch.setattr(isolated, "run_isolated", run)
     assert evaluate(tmp_path, *arguments) == 0
     assert len(fake_runs) == len(set(fake_runs)) == 8
+    assert "partial" not in json.loads((tmp_path / "summary.json").read_text())
 
 
 def test_objects_come_from_names_files_and_folders(tmp_path):

@@ -1,0 +1,45 @@
+"""Files that are read: what is broken, cut off or another's is one error, whatever is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feasigrasp.errors import InputError
+
+
+def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an ``npz`` file, by name; no pickled objects.
+
+    Raises:
+        InputError: There is no such file, or it is none, e.g. because it is cut off.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise InputError(f"there is no file {path}") from None
+    except Exception as error:  # zip, zlib and NumPy raise whatever they stumble over
+        raise InputError(f"{path} is no whole npz file ({_said(error)})") from error
+
+
+def read_json(path: str | Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        InputError: There is no such file, or it is none.
+    """
+    try:
+        return json.loads(Path(path).read_text())
+    except FileNotFoundError:
+        raise InputError(f"there is no file {path}") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no whole JSON file ({_said(error)})") from error
+
+
+def _said(error: Exception) -> str:
+    return str(error).split("\n")[0] or type(error).__name__

@@ -1,0 +1,104 @@
+"""Files that are written: tried before the work begins, whole or not at all when it is done."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from feasigrasp.errors import OutputError
+
+
+def check_outputs(options: Mapping[str, Path | None]) -> None:
+    """Makes sure, before anything is computed, that files can be written.
+
+    Args:
+        options: By the option that names it, a file; None if the option is not given.
+
+    Raises:
+        OutputError: A file is a folder, its folder cannot be made or not be written to, or two
+            options name the same file.
+    """
+    seen: dict[Path, str] = {}
+    for option, filename in options.items():
+        if filename is None:
+            continue
+        if filename.is_dir():
+            raise OutputError(f"{option} {filename} is a folder; give a file in it")
+        check_folder(option, filename.parent)
+        other = seen.setdefault(filename.resolve(), option)
+        if other != option:
+            raise OutputError(f"{other} and {option} are both {filename}; give two files")
+
+
+def check_folder(option: str, folder: Path) -> None:
+    """Makes sure that a folder can be written to, or made; it is not made yet.
+
+    Raises:
+        OutputError: It cannot be made, or not be written to.
+    """
+    there = folder.absolute()
+    while not there.exists():
+        there = there.parent
+    try:
+        with tempfile.TemporaryFile(dir=there) as file:
+            file.write(b"feasigrasp")
+    except OSError as error:
+        raise OutputError(
+            f"{option}: nothing can be written to {folder} ({error.strerror}); choose another place"
+        ) from error
+
+
+@contextmanager
+def replacing(filename: str | Path) -> Iterator[BinaryIO]:
+    """A file to write to that takes its name when it is whole; until then the old one stays.
+
+    Args:
+        filename: Its name; its folder is made if need be.
+
+    Raises:
+        OutputError: It cannot be written, e.g. because the disk is full.
+    """
+    filename = Path(filename)
+    partial = filename.with_name(f"{filename.name}.{os.getpid()}.part")
+    try:
+        try:
+            filename.parent.mkdir(parents=True, exist_ok=True)
+            with partial.open("wb") as file:
+                yield file
+            partial.replace(filename)
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(
+            f"{filename} cannot be written ({reason}); make room for it, or choose another place"
+        ) from error
+
+
+def write_text(filename: str | Path, text: str) -> None:
+    """Writes a text, whole or not at all.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    with replacing(filename) as file:
+        file.write(text.encode())
+
+
+def save_figure(figure: Any, filename: str | Path, **options: Any) -> None:
+    """Writes a figure of Matplotlib, whole or not at all, in the format that the suffix names.
+
+    Raises:
+        OutputError: It cannot be written, or Matplotlib knows no such format.
+    """
+    filename = Path(filename)
+    known = figure.canvas.get_supported_filetypes()
+    picture = filename.suffix.removeprefix(".").lower()
+    if picture not in known:
+        raise OutputError(f"{filename}: end it in .png, or in one of {', '.join(known)}")
+    with replacing(filename) as file:
+        figure.savefig(file, format=picture, **options)

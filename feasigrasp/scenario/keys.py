@@ -1,0 +1,173 @@
+"""The keys of a scenario's YAML: known, given once, and of the kind that the schema asks for.
+
+Drake's own reader takes the last of several equal keys, names no section, and ends in assertions
+where a section is no section; the text is looked at before it is read.
+"""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import difflib
+import types
+import typing
+from collections.abc import Iterable
+
+import yaml
+
+from feasigrasp.errors import ScenarioError
+
+_TAG = "tag:yaml.org,2002:"
+#: Sections whose keys are names of the user's own.
+_NAMED = ("cameras", "camera_noise")
+#: What Drake's structs for things drawn from the seed call their numbers: those of one key.
+_DRAWN = ("min", "max", "mean", "stddev", "value", "values")
+_SCALARS = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
+
+
+def members(kind: typing.Any) -> dict[str, typing.Any]:
+    """The fields of a dataclass or of one of Drake's structs, by name; none of anything else."""
+    if dc.is_dataclass(kind):
+        hints = typing.get_type_hints(kind)
+        return {field.name: hints[field.name] for field in dc.fields(kind)}
+    return {field.name: field.type for field in getattr(kind, "__fields__", ())}
+
+
+def general(path: Iterable[str]) -> str:
+    """The dotted key of names that lead to a value, with ``*`` for a name of the user's own.
+
+    The numbers of a distribution have the key of what is drawn.
+    """
+    names = list(path)
+    if len(names) > 1 and names[0] in _NAMED:
+        names[1] = "*"
+    return ".".join(name for name in names if name not in _DRAWN)
+
+
+def nearest(word: object, known: Iterable[str]) -> str:
+    """A hint for a misspelt word; empty if none of the known ones is like it."""
+    like = difflib.get_close_matches(str(word), list(known), 1)
+    return f"; do you mean {like[0]}?" if like else ""
+
+
+def compose(text: str) -> yaml.MappingNode:
+    """The tree of a YAML text whose root maps keys to values, each of them given once.
+
+    Raises:
+        ScenarioError: It is not YAML, or no such thing.
+    """
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise ScenarioError(f"not valid YAML: {error}") from error
+    if not isinstance(root, yaml.MappingNode):
+        raise ScenarioError("not a mapping; give keys with values, e.g. {random_seed: 1}")
+    _check_once(root, set())
+    return root
+
+
+def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) -> None:
+    """Checks that a tree has keys of the schema only, with values of the kinds that it asks for.
+
+    Args:
+        node: Tree of `compose`, or a part of it.
+        kind: The dataclass, or the type of the part.
+        path: Names that lead to the part.
+
+    Raises:
+        ScenarioError: An unknown key (with the nearest known one), or a value of another kind.
+    """
+    kind, given = _chosen(kind, node)
+    shown = ".".join(path) or "the scenario"
+    where = f"(line {node.start_mark.line + 1})"
+    if kind in _SCALARS:
+        if not _is_scalar(node, kind):
+            raise ScenarioError(f"{shown} is {_text(node)}; give {_SCALARS[kind]} {where}")
+    elif fields := members(kind):
+        if not isinstance(node, yaml.MappingNode):
+            raise ScenarioError(
+                f"{shown} is {_text(node)}; give keys of {', '.join(fields)} {where}"
+            )
+        if not given and not node.tag.startswith(_TAG):
+            raise ScenarioError(f"{shown} has the tag {node.tag}; leave it out {where}")
+        for key, value in node.value:
+            name = key.value
+            if key.tag == f"{_TAG}merge":
+                for part in value.value if isinstance(value, yaml.SequenceNode) else (value,):
+                    check_keys(part, kind, path)
+            elif name not in fields:
+                raise ScenarioError(
+                    f"{shown} has no key {name!r} (line {key.start_mark.line + 1})"
+                    f"{nearest(name, fields)}; it has {', '.join(fields)}"
+                )
+            else:
+                check_keys(value, fields[name], (*path, name))
+    elif typing.get_origin(kind) is dict:
+        if not isinstance(node, yaml.MappingNode):
+            raise ScenarioError(f"{shown} is {_text(node)}; give names with values {where}")
+        for key, value in node.value:
+            if key.tag != f"{_TAG}merge":
+                check_keys(value, typing.get_args(kind)[1], (*path, key.value))
+    elif typing.get_origin(kind) is list:
+        if not isinstance(node, yaml.SequenceNode):
+            raise ScenarioError(f"{shown} is {_text(node)}; give a list {where}")
+        for i, value in enumerate(node.value):
+            check_keys(value, typing.get_args(kind)[0], (*path[:-1], f"{path[-1]}[{i}]"))
+
+
+def _chosen(kind: typing.Any, node: yaml.Node) -> tuple[typing.Any, bool]:
+    """Of several kinds the one that the tag names, else the first; and whether a tag named it."""
+    if typing.get_origin(kind) not in (typing.Union, types.UnionType):
+        return kind, False
+    kinds = typing.get_args(kind)
+    if type(None) in kinds and node.tag == f"{_TAG}null":
+        return None, False
+    named = [k for k in kinds if f"!{getattr(k, '__name__', '')}" == node.tag]
+    if named:
+        return named[0], True
+    if node.tag.startswith(_TAG):
+        return kinds[0], False
+    return None, False  # Drake's reader tells which tags there are
+
+
+def _is_scalar(node: yaml.Node, kind: type) -> bool:
+    """Whether a node is a single value of a kind; ``1e-3``, which YAML takes for a word, too."""
+    if not isinstance(node, yaml.ScalarNode):
+        return False
+    tag = node.tag.removeprefix(_TAG)
+    if kind is float and tag == "str" or kind is int and tag == "str":
+        try:
+            kind(node.value)
+        except ValueError:
+            return False
+        return True
+    allowed = {float: ("float", "int"), int: ("int",), bool: ("bool",), str: ("str",)}
+    return tag in allowed[kind]
+
+
+def _text(node: yaml.Node) -> str:
+    if isinstance(node, yaml.ScalarNode):
+        return node.value or "empty"
+    return "a list" if isinstance(node, yaml.SequenceNode) else "a mapping"
+
+
+def _check_once(node: yaml.Node, seen: set[int]) -> None:
+    """Refuses keys that are given twice in one mapping."""
+    if id(node) in seen or isinstance(node, yaml.ScalarNode):
+        return
+    seen.add(id(node))
+    if isinstance(node, yaml.SequenceNode):
+        for value in node.value:
+            _check_once(value, seen)
+        return
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        line = key.start_mark.line + 1
+        if not isinstance(key, yaml.ScalarNode):
+            raise ScenarioError(f"a key in line {line} is no word; give a name")
+        if key.value in lines:
+            raise ScenarioError(
+                f"the key {key.value!r} is given twice, in line {lines[key.value]} and in line "
+                f"{line}; leave one"
+            )
+        lines[key.value] = line
+        _check_once(value, seen)

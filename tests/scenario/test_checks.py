@@ -1,0 +1,281 @@
+"""No value passes that nothing can be run with, whatever it is, and whatever text it comes in."""
+
+import typing
+from types import UnionType
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from pydrake.multibody.parsing import ModelDirective
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario.checks import CHOICES, LIMITS, check_scenario, numbers
+from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
+from feasigrasp.scenario.keys import general, members
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.from_scenario import make_station
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+
+#: Keys and values, each of which was accepted once, failed late, or ended in a raw traceback.
+BAD = {
+    "tracker.position_noise": (".nan", "-0.01", "5.0"),
+    "tracker.rotation_noise": (".inf", "-1"),
+    "tracker.dropout": ("1.5", "-0.1", ".nan"),
+    "tracker.jerk": ("0", "-1", ".nan"),
+    "tracker.angular_jerk": ("-0.3",),
+    "tracker.latency": ("-0.1", ".nan", "1000"),
+    "tracker.period": ("1e-9", "100", "true", "null"),
+    "tracker.seed": ("-1", "1.5"),
+    "reachability.horizon": ("-1", ".nan", "1e6"),
+    "reachability.period": ("1e-9", "1000"),
+    "scene.margin": ("-0.5", ".nan", "3"),
+    "scene.resolution": ("5",),
+    "perception.latency": ("-0.1", ".nan"),
+    "perception.voxel_size": ("0", "-0.003", ".nan", "1.0"),
+    "perception.max_points": ("0", "-5", "100000000", "3.7", "many"),
+    "perception.length_scale": ("-1", ".nan"),
+    "perception.n_candidates": ("0",),
+    "perception.n_grasps": ("-1",),
+    "perception.period": ("1e-12",),
+    "perception.sampler": ("magic",),
+    "object.mass": ("-1", "0", ".nan", "1e6", "[1]"),
+    "object.scale": ("1e9", "-1"),
+    "object.friction": ("1e9", "-0.1"),
+    "object.rotation.deg": ("!Rpy {deg: [.nan, 0, 0]}",),
+    "object.rotation.axis": ("!AngleAxis {angle_deg: 10, axis: [0, 0, 0]}",),
+    "q_start[6]": ("[0, 0, 0, 0, 0, 0, 900]",),
+    "q_start[1]": ("[0, 130, 0, 0, 0, 0, 0]", "[0, .nan, 0, 0, 0, 0, 0]"),
+    "plant_config.time_step": ("0", "-0.1", "0.5", ".nan"),
+    "plant_config.penetration_allowance": ("-1",),
+    "plant_config.stiction_tolerance": ("0",),
+    "plant_config.contact_model": ("magic",),
+    "plant_config.discrete_contact_approximation": ("magic",),
+    "simulator_config.max_step_size": ("0", ".nan"),
+    "simulator_config.accuracy": ("-1",),
+    "simulator_config.integration_scheme": ("magic",),
+    "simulator_config.target_realtime_rate": ("-1",),
+    "simulator_config.start_time": ("1",),
+    "cameras.wrist_camera.width": ("0", "-5", "100000"),
+    "cameras.wrist_camera.z_near": ("6.0", "-1"),
+    "cameras.wrist_camera.clipping_near": ("0", "0.2"),
+    "cameras.wrist_camera.fps": ("0",),
+    "cameras.wrist_camera.depth": ("false",),
+    "cameras.wrist_camera.label": ("false",),
+    "cameras.wrist_camera.focal.x": ("!FovDegrees {x: 0, y: 58}", "!FovDegrees {x: 180}"),
+    "cameras.wrist_camera.renderer_class": ("Magic",),
+    "control.period": ("0.5", "1e-9"),
+    "control.source": ("magic",),
+    "grasp.position_tolerance": ("-1",),
+    "grasp.angle_tolerance": (".nan",),
+    "grasp.dwell": ("-1",),
+    "grasp.closing_speed": ("0", ".nan"),
+    "grasp.squeeze_time": ("-1",),
+    "grasp.min_width": ("-1",),
+    "grasp.lift_time": ("0",),
+    "grasp.hold_time": ("-1",),
+    "grasp.lift[2]": ("[0, 0, 50]",),
+    "grasp.close": ("7", "'yes'"),
+    "motion.center[0]": ("[50, 0, 0]",),
+    "motion.center[2]": ("[0.5, 0, -3]",),
+    "motion.amplitude[0]": ("[1000, 0, 0]",),
+    "motion.harmonic[0]": ("[1e9, 1, 1]",),
+    "motion.rate": ("1e9",),
+    "motion.spin": ("1e5",),
+    "motion.start_phase": (".nan", "!Uniform {min: 3, max: 1}", "!Uniform {min: .nan}"),
+    "simulation_duration": ("1e12", "0", ".nan"),
+    "random_seed": ("-1", "1.5"),
+    "camera_noise.wrist_camera": ("{subpixel: .nan}", "{flying: 2}", "{subpixel: 1e9}"),
+    "object": ("null", "3", "[1]"),
+    "motion": ("null", "!Foo {rate: 1}"),
+    "cameras": ("null", "7"),
+}
+CASES = [(key, value) for key, values in BAD.items() for value in values]
+
+
+def text_of(key, value):
+    """The YAML that gives a key this value; of a vector or a tagged part, the whole of it."""
+    *sections, last = key.split("[")[0].split(".")
+    if value.startswith("!") and last not in ("start_phase", "motion"):
+        *sections, last = sections
+    return "{" + ": {".join(sections + [last]) + f": {value}" + "}" * (len(sections) + 1)
+
+
+@pytest.mark.parametrize(("key", "value"), CASES)
+def test_bad_values_are_refused_by_name_when_they_are_read(small_file, key, value):
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(small_file, "Mine", text_of(key, value))
+    assert f": {key}" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "{tracker: {latncy: 0.1}}",
+            "tracker has no key 'latncy'.*do you mean latency",
+        ),
+        ("{objct: {model: mug}}", "the scenario has no key 'objct'.*do you mean object"),
+        ("{cameras: {wrist_camera: {widht: 3}}}", "cameras.wrist_camera has.*do you mean width"),
+        ("{control: {mode: saef}}", "do you mean safe"),
+        ("{perception: {camera: wrst_camera}}", "do you mean wrist_camera"),
+        ("random_seed: 1\nrandom_seed: 2", "'random_seed' is given twice, in line 1 and in line 2"),
+        ("{object: {mass: 1, mass: 2}}", "'mass' is given twice"),
+        ("[1, 2]", "not a mapping"),
+        ("{}: 3", "a key in line 1 is no word"),
+        ("{tracker: {period: -1}}", "tracker.period is -1; it must be from 0.0001 to 1 s"),
+    ],
+)
+def test_messages_say_what_to_do(text, message):
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(FILE, "ReachLinear", text)
+
+
+def test_a_file_is_checked_like_what_is_applied_on_top(tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("_shared: &shared\n  random_seed: 1\nMine:\n  <<: *shared\n  object: {mas: 1}\n")
+    with pytest.raises(ScenarioError, match=r"own.yaml: object has no key 'mas' \(line 5\)"):
+        load_scenario(own, "Mine")
+    own.write_text("Mine: {random_seed: 1}\nMine: {random_seed: 2}\n")
+    with pytest.raises(ScenarioError, match="'Mine' is given twice"):
+        load_scenario(own, "Mine")
+    for content in (b"\xff\xfe\x00", b"- 1\n", b"", b"[" * 5000):
+        own.write_bytes(content)
+        with pytest.raises(ScenarioError, match="own.yaml"):
+            load_scenario(own, "Mine")
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        scenario_names(tmp_path)
+
+
+def test_what_drake_alone_can_tell_is_told_as_well():
+    text = "{cameras: {wrist_camera: {X_PB: {base_frame: nowhere}}}}"
+    with pytest.raises(ScenarioError, match="no Frame named 'nowhere'"):
+        make_station(load_scenario(FILE, "ReachLinear", text))
+
+
+# ------------------------------------------------------------------------------------ the tables
+
+
+def numeric_keys(kind, path=()):
+    """The keys of all numbers that a type can hold, as the table spells them."""
+    if kind in (float, int):
+        yield general(path)
+    elif typing.get_origin(kind) in (typing.Union, UnionType):
+        for each in typing.get_args(kind):
+            yield from numeric_keys(each, path)
+    elif typing.get_origin(kind) is dict:
+        name, entry = "any", typing.get_args(kind)[1]
+        if path == ("camera_noise",):
+            yield from numeric_keys(DepthNoise, (*path, name))
+        else:
+            yield from numeric_keys(entry, (*path, name))
+    elif typing.get_origin(kind) is list:
+        yield from numeric_keys(typing.get_args(kind)[0], path)
+    elif kind is np.ndarray or getattr(kind, "__origin__", None) is np.ndarray:
+        yield general(path)
+    elif kind is not ModelDirective and not getattr(kind, "__name__", "").startswith("RenderEng"):
+        for name, of in members(kind).items():
+            yield from numeric_keys(of, (*path, name))
+
+
+def test_every_number_of_the_schema_has_its_limits():
+    keys = set(numeric_keys(Scenario))
+    assert len(keys) > 80
+    assert sorted(keys - set(LIMITS)) == []
+    assert sorted(set(LIMITS) - keys) == []  # no line is about a key that there is not
+    assert {general(path) for path, _, _ in numbers(load_scenario(FILE, "ReachLinear"))} <= keys
+    assert all(low <= high for low, high, _ in LIMITS.values())
+
+
+def test_the_shipped_scenarios_and_defaults_lie_inside():
+    for name in scenario_names(FILE):
+        check_scenario(load_scenario(FILE, name))
+    q = np.rad2deg(IIWA_7.driver.position).tolist()
+    assert load_scenario(FILE, "ReachLinear", f"{{q_start: {q}}}").q_start == q
+
+
+# -------------------------------------------------- random values and texts
+
+VALUES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**70), 2**70),
+    st.floats(),
+    st.floats(0.001, 2.0),
+    st.text(max_size=8),
+    st.sampled_from(["safe", "paper", "network", "1e-3", "0x10", "nan", "wrist_camera"]),
+)
+TREES = st.recursive(
+    VALUES,
+    lambda of: st.lists(of, max_size=4) | st.dictionaries(st.text(max_size=6) | VALUES, of),
+    max_leaves=6,
+)
+
+
+def keys_of(kind, path=()):
+    """All keys of the schema, sections and leaves."""
+    for name, of in members(kind).items():
+        yield (*path, name)
+        if of is not kind:
+            yield from keys_of(of, (*path, name))
+
+
+KEYS = [*keys_of(Scenario), ("cameras", "wrist_camera"), ("camera_noise", "wrist_camera")]
+KEYS += [("cameras", "wrist_camera", key) for key in ("width", "focal", "X_PB", "background")]
+KEYS += [("camera_noise", "wrist_camera", key) for key in members(DepthNoise)]
+
+
+@pytest.fixture(scope="module")
+def small_file(tmp_path_factory):
+    """A file with little in it, which reads more quickly."""
+    file = tmp_path_factory.mktemp("scenarios") / "small.yaml"
+    file.write_text("Mine: {cameras: {wrist_camera: {depth: true, label: true}}}")
+    return file
+
+
+def check_reads_or_refuses(file, text):
+    try:
+        scenario = load_scenario(file, "Mine", text)
+    except ScenarioError:
+        return
+    written = dump_scenario(scenario)
+    assert dump_scenario(parse_scenario(written)) == written
+
+
+@settings(max_examples=250, deadline=None)
+@given(st.sampled_from(KEYS), TREES | st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=7))
+def test_any_value_of_any_key_is_read_or_refused(small_file, key, value):
+    for name in reversed(key):
+        value = {name: value}
+    check_reads_or_refuses(small_file, yaml.safe_dump(value, allow_unicode=True))
+
+
+@settings(max_examples=150, deadline=None)
+@given(TREES)
+def test_any_tree_is_read_or_refused(small_file, tree):
+    check_reads_or_refuses(small_file, yaml.safe_dump(tree, allow_unicode=True))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.text(alphabet="{}[]:,&*!<-#|>'\"%@ \n\tab1.", max_size=30) | st.text(max_size=30))
+def test_any_text_is_read_or_refused(small_file, text):
+    check_reads_or_refuses(small_file, text)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.dictionaries(st.sampled_from([*members(DepthNoise), "sigma"]), VALUES, max_size=3))
+def test_any_camera_noise_is_read_or_refused(small_file, changes):
+    noise = {"camera_noise": {"wrist_camera": changes}}
+    check_reads_or_refuses(small_file, yaml.safe_dump(noise, allow_unicode=True))
+
+
+def test_every_choice_is_one_of_the_schema():
+    scenario = Scenario()
+    for key, allowed in CHOICES.items():
+        section, name = key.split(".")
+        assert getattr(getattr(scenario, section), name) in allowed
