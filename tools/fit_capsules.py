@@ -79,7 +79,9 @@ class Fit:
         """Radii (k,) with which segments (k, 2, 3) hold points (n, 3)."""
         distance = segment_distances(points, ends)
         owner = np.argmin(distance - offset[:, None], axis=0)
-        return np.array([np.max(distance[k], where=owner == k, initial=0) for k in range(len(ends))])
+        return np.array(
+            [np.max(distance[k], where=owner == k, initial=0) for k in range(len(ends))]
+        )
 
     def volume(self, x: Array) -> float:
         """Volume of the union [l]."""

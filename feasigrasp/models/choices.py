@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import TypeVar
 
 from feasigrasp.errors import FeasigraspError
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
+
+
+def nearest(word: object, known: Iterable[str]) -> str:
+    """A hint for a misspelt word; empty if none of the known ones is like it."""
+    like = difflib.get_close_matches(str(word), list(known), 1)
+    return f"; do you mean {like[0]}?" if like else ""
 
 
 def parse_choice(
@@ -28,4 +36,5 @@ def parse_choice(
         return choices(value)
     except ValueError:
         valid = ", ".join(choices)
-        raise error(f"{name} is {value!r}; choose one of {valid}") from None
+        hint = nearest(value, choices)
+        raise error(f"{name} is {value!r}; choose one of {valid}{hint}") from None

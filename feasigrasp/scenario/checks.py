@@ -13,6 +13,7 @@ import numpy as np
 from pydrake.systems.analysis import GetIntegrationSchemes
 
 from feasigrasp.errors import CameraError, ScenarioError
+from feasigrasp.models.choices import nearest
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
@@ -21,7 +22,7 @@ from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
-from feasigrasp.scenario.keys import general, members, nearest
+from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.schema import Scenario
 

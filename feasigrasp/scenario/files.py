@@ -8,8 +8,9 @@ import yaml
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.choices import nearest
 from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.scenario.keys import check_keys, compose, nearest
+from feasigrasp.scenario.keys import check_keys, compose
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
 

@@ -7,7 +7,6 @@ where a section is no section; the text is looked at before it is read.
 from __future__ import annotations
 
 import dataclasses as dc
-import difflib
 import types
 import typing
 from collections.abc import Iterable
@@ -15,6 +14,7 @@ from collections.abc import Iterable
 import yaml
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.choices import nearest
 
 _TAG = "tag:yaml.org,2002:"
 #: Sections whose keys are names of the user's own.
@@ -41,12 +41,6 @@ def general(path: Iterable[str]) -> str:
     if len(names) > 1 and names[0] in _NAMED:
         names[1] = "*"
     return ".".join(name for name in names if name not in _DRAWN)
-
-
-def nearest(word: object, known: Iterable[str]) -> str:
-    """A hint for a misspelt word; empty if none of the known ones is like it."""
-    like = difflib.get_close_matches(str(word), list(known), 1)
-    return f"; do you mean {like[0]}?" if like else ""
 
 
 def compose(text: str) -> yaml.MappingNode:

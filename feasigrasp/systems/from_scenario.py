@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from feasigrasp.errors import ScenarioError
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.mode import ControlSpace

@@ -17,6 +17,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import CHOICES, LIMITS, check_scenario, numbers
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
 from feasigrasp.scenario.keys import general, members
+from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_station
 
@@ -275,7 +276,7 @@ def test_any_camera_noise_is_read_or_refused(small_file, changes):
 
 
 def test_every_choice_is_one_of_the_schema():
-    scenario = Scenario()
+    scenario = resolve(Scenario())
     for key, allowed in CHOICES.items():
         section, name = key.split(".")
         assert getattr(getattr(scenario, section), name) in allowed

@@ -81,7 +81,7 @@ def test_a_key_that_is_given_wins():
         ("{control: {law: newton}}", "control.law is 'newton'; .* preconditioned, gradient"),
         ("{control: {targets: modes}}", "control.targets is 'modes'; .* medoids, means"),
         ("{reachability: {space: large}}", "reachability.space is 'large'; .* default, paper"),
-        ("{control: {gain: 0.0}}", "control.gain is 0.0"),
+        ("{control: {gain: 0.0}}", "control.gain is 0;"),
         ("{control: {damping: -0.1}}", "control.damping is -0.1"),
         ("{control: {length_scale: .nan}}", "control.length_scale is nan"),
         ("{control: {n_solutions: 0}}", "control.n_solutions is 0"),

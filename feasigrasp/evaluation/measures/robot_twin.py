@@ -86,9 +86,7 @@ class RobotTwin:
         self._root = diagram.CreateDefaultContext()
         self._context = self.plant.GetMyContextFromRoot(self._root)
         for instance in instances[1:]:
-            upper = self.plant.GetPositionsFromArray(
-                instance, self.plant.GetPositionUpperLimits()
-            )
+            upper = self.plant.GetPositionsFromArray(instance, self.plant.GetPositionUpperLimits())
             self.plant.SetPositions(self._context, instance, upper)
 
     def self_distances(self, Q: Array, below: float = np.inf) -> Array:
