@@ -1,7 +1,8 @@
 """``feasigrasp evaluate dynamic``: follow, grasp and lift moving objects.
 
-Without options it runs everything behind the tables in ``docs/dynamic.md``; ``--study`` chooses a
-part of it. Every run is a file of its own: repeated, the command goes on where it was.
+``--study`` chooses what is run, ``docs/dynamic.md`` has the table of each. Every run is a file of its
+own: repeated, the command goes on where it was. What it was measured under is printed, and
+``conditions`` of ``summary.json``.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from feasigrasp.evaluation.runs.conditions import conditions, conditions_text
 from feasigrasp.evaluation.runs.isolated import run_all
 from feasigrasp.evaluation.runs.plan import add_plan_arguments, plan
 from feasigrasp.evaluation.runs.summary import format_table, summary_rows
@@ -23,7 +25,7 @@ _HEADS = ("scenario", "controller", "mode", "object", "seed", "git")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/dynamic", objects=None)
-    add_plan_arguments(parser)
+    add_plan_arguments(parser, default="reach")
 
 
 def flat(record: Record) -> Record:
@@ -34,11 +36,13 @@ def flat(record: Record) -> Record:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    runs = plan(args)
-    records = run_all(runs, args.out / "runs", args.jobs, desc="dynamic")
+    planned = plan(args)
+    found = conditions(planned, args.split)
+    records = run_all(planned.runs, args.out / "runs", args.jobs, desc="dynamic")
     rows = summary_rows(records)
     write_csv(args.out / "runs.csv", map(flat, records))
-    report_rows(args, "evaluate dynamic", rows, format_table(rows))
+    table = f"{format_table(rows)}\n{conditions_text(found)}"
+    report_rows(args, "evaluate dynamic", rows, table, conditions=found)
     _report_revisions(records)
     return 0
 
