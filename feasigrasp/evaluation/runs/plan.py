@@ -6,15 +6,17 @@ import argparse
 import itertools
 import json
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 from feasigrasp.errors import FeasigraspError, MeshError
 from feasigrasp.evaluation.runs.studies import STUDIES, Study, study_of
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import names, positive, select_objects
+from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
@@ -236,13 +238,17 @@ def plan_run(
         seed: Of everything.
         study: What it is part of.
     """
-    choice: dict[str, Any] = {
-        "random_seed": seed,
-        "object": {"model": chosen[1]},
-        "control": {"controller": controller, "mode": mode},
-        "tracker": {"seed": seed},
-    }
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    scenario = load_scenario(filename, name, args.scenario_text, json.dumps(choice))
+    scenario = deepcopy(_read_once(filename, name, args.scenario_text, controller, mode))
+    scenario.random_seed = scenario.tracker.seed = seed
+    scenario.object.model = chosen[1]
     study.change(scenario)
+    check_scenario(scenario)
     return PlannedRun(f"{name}{study.suffix}", chosen[0], scenario)
+
+
+@cache
+def _read_once(filename: Path, name: str, text: str | None, controller: str, mode: str) -> Scenario:
+    """A scenario without object and seed: hundreds of runs share it."""
+    choice = {"control": {"controller": controller, "mode": mode}}
+    return load_scenario(filename, name, text, json.dumps(choice))

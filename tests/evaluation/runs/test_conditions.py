@@ -55,7 +55,9 @@ def test_entries_follow_the_scenarios():
     for part in ("test split", "friction 0.4 or ", "2 objects: mug, cup", "seeds 0, 7",
                  "left out: vase (has a hole)", "or 0.2 s"):  # fmt: skip
         assert part in text
-    assert "no object left out" in conditions_text(first) and "1 object: mug" in conditions_text(first)
+    assert "no object left out" in conditions_text(first) and "1 object: mug" in conditions_text(
+        first
+    )
 
 
 def test_seeds_are_drawn_together():

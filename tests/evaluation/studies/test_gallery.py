@@ -29,7 +29,9 @@ def test_there_is_one_run_for_every_row_of_the_tables():
         assert run.scenario.random_seed == 0
         if not run.scenario.grasp.close:
             assert run.object_name == "duck"
-            assert run.scenario.simulation_duration == pytest.approx(2 * np.pi / run.scenario.motion.rate)
+            assert run.scenario.simulation_duration == pytest.approx(
+                2 * np.pi / run.scenario.motion.rate
+            )
 
 
 @pytest.fixture
