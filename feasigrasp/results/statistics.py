@@ -120,9 +120,9 @@ def mean_of_objects(
 def share_of_objects(outcomes: ArrayLike, objects: Sequence[Hashable]) -> Estimate:
     """A share of runs in [0, 1]: the mean over objects of each one's share.
 
-    Its interval is that of `mean_of_objects`. Where all runs agree, drawing anew tells nothing: then
-    it is Wilson's for as many trials as there are objects, as if each had been tried once. Runs of
-    a single object have Wilson's interval over the runs.
+    Its interval is that of `mean_of_objects`. Where all runs agree, drawing anew tells nothing:
+    then it is Wilson's for as many trials as there are objects, as if each had been tried once.
+    Runs of a single object have Wilson's interval over the runs.
 
     Args:
         outcomes: True or false per run, at least one.

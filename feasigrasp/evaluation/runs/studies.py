@@ -57,8 +57,8 @@ _REACH = ("ReachCircular", "ReachLinear", "ReachSinusoidal")
 _PAPER = ("PaperCircular", "PaperLinear", "PaperSinusoidal")
 
 #: ``reach`` grasps and lifts moving objects of all kinds, as the scenarios have them; ``ideal`` is
-#: the same with perfect sensors, ``tracking`` with the errors of motion capture; ``obstacle`` grasps
-#: beside a wall; ``paper`` repeats the paper's dynamic test, slowly and four times as fast.
+#: the same with perfect sensors, ``tracking`` with the errors of motion capture; ``obstacle``
+#: grasps beside a wall; ``paper`` is the paper's dynamic test, slowly and four times as fast.
 STUDIES = {
     "reach": Study(_REACH, seeds=3),
     "ideal": Study(_REACH, suffix="-ideal", change=_perfect_sensors),

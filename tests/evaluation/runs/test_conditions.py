@@ -17,7 +17,7 @@ def planned(name, text="{}", model="duck"):
 
 
 def test_speeds_are_those_of_the_motion():
-    """Circle of radius 0.12 m, line of half-length 0.18 m, at 2 pi / 10 s; largest at its middle."""
+    """Circle of radius 0.12 m, line of half-length 0.18 m, at 2 pi / 10 s."""
     rate = "{motion: {rate: 0.6283185307179586, spin: 0.2}}"
     runs = [planned(name, rate) for name in ("ReachCircular", "ReachLinear")]
     speeds = conditions(Plan(runs), "development")["speeds"]
