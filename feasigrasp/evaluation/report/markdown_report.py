@@ -16,6 +16,7 @@ from typing import Any
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.report.dynamic import FIGURE, dynamic_report
+from feasigrasp.results.conditions import conditions_text
 from feasigrasp.results.markdown import markdown_table, replace_section
 from feasigrasp.results.rows import Row
 
@@ -72,10 +73,12 @@ def report(folder: Path) -> str:
 def _section(file: Path) -> str:
     summary: dict[str, Any] = json.loads(file.read_text())
     rows = [Row(**row) for row in summary["rows"]]
+    found = summary.get("conditions")
+    conditions = conditions_text(found) if found else ""
     body = ""
     if any(row.name.startswith("dynamic.") for row in rows):
-        body = dynamic_report(rows, file.parent)
-    body = body or _plain_table(rows)
+        body = dynamic_report(rows, file.parent, conditions)
+    body = body or "\n\n".join(filter(None, [_plain_table(rows), conditions]))
     return f"## `{summary['command']}`\n\n{_origin(summary)}\n\n{body}"
 
 

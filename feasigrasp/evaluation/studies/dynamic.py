@@ -10,11 +10,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from feasigrasp.evaluation.runs.conditions import conditions, conditions_text
+from feasigrasp.evaluation.runs.conditions import conditions
 from feasigrasp.evaluation.runs.isolated import run_all
 from feasigrasp.evaluation.runs.plan import add_plan_arguments, plan
 from feasigrasp.evaluation.runs.summary import format_table, summary_rows
 from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.conditions import conditions_text
 from feasigrasp.results.finished import Record
 from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.rows import report_rows, write_csv

@@ -5,9 +5,10 @@ import math
 
 import pytest
 
-from feasigrasp.evaluation.runs.conditions import conditions, conditions_text
+from feasigrasp.evaluation.runs.conditions import conditions
 from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
 from feasigrasp.resources import diagram_path
+from feasigrasp.results.conditions import conditions_text
 from feasigrasp.scenario.files import load_scenario
 
 
