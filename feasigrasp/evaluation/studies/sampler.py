@@ -10,10 +10,9 @@ in docs/sampler.md. A command that was interrupted goes on after its last object
 from __future__ import annotations
 
 import argparse
-import time
 import zlib
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from operator import itemgetter
 from pathlib import Path
 
@@ -26,6 +25,7 @@ from feasigrasp.evaluation.measures.grasps import (
     proposal_measures,
     set_measures,
 )
+from feasigrasp.evaluation.measures.timing import cpu_ms
 from feasigrasp.evaluation.runs.floating_gripper import hold_trials
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
@@ -130,10 +130,8 @@ def _judge_field(field: Gpdf, truth: TrueGrasps, seed: int, proposals: bool) -> 
     records: list[Record] = []
     for preset, sampler in make_samplers().items():
         _ = field.completion
-        start = time.process_time()
-        grasps = sampler(field)
-        cpu_ms = 1e3 * (time.process_time() - start)
-        record: Record = {"kind": "set", "preset": preset, "cpu_ms": cpu_ms}
+        grasps, cpu = cpu_ms(partial(sampler, field))
+        record: Record = {"kind": "set", "preset": preset, "cpu_ms": cpu}
         record |= set_measures(grasps, truth, GRIPPER) | {"rejected": dict(grasps.rejected)}
         records.append(record)
         if proposals and preset in NETWORKS:
