@@ -183,5 +183,7 @@ def format_table_3(rows: list[Row]) -> str:
             presets = (("new solutions", 10), ("peer:numpy", 9), ("peer:torch", 9))
             more = [(found.get((name, preset)), width) for preset, width in presets]
             cells = ["" if hz is None else f"{hz:.0f}" for hz, _ in more]
-            lines.append(line + "".join(f"{c:>{w}s}" for c, (_, w) in zip(cells, more, strict=True)))
+            lines.append(
+                line + "".join(f"{c:>{w}s}" for c, (_, w) in zip(cells, more, strict=True))
+            )
     return "\n".join(lines)

@@ -67,7 +67,8 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     space = ReachableSpace.load(args.file) if args.file else ReachableSpace.load_default()
     if args.paper_poses is None:
-        args.paper_poses = int(space.metadata.get("fit_poses", 10 * args.peer_poses))
+        counts = space.metadata.get("counts", {"fitted": args.peer_poses})
+        args.paper_poses = int(counts["fitted"])
     if args.quick:
         args.paper_poses = min(args.paper_poses, 200_000)
         args.poses, args.peer_poses = min(args.poses, 2000), min(args.peer_poses, 20_000)
