@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.results.statistics import mean, proportion
+from feasigrasp.results.statistics import mean, mean_of_objects, proportion, share_of_objects
 
 
 @pytest.mark.parametrize(
@@ -38,3 +38,69 @@ def test_student_interval_of_three():
     cut = mean([1.0, 2.0, 3.0], lower=0.0, upper=4.0)
     assert (cut.low, cut.high) == (0.0, 4.0)
     assert mean([5.0]).low is None and mean([5.0]).high is None
+
+
+def runs_of_objects(rng, k, repeats, spread):
+    """Runs whose objects differ by 1 and whose repeats by ``spread``, true mean 0."""
+    values = rng.normal(size=k)[:, None] + spread * rng.normal(size=(k, repeats))
+    return values.ravel(), np.repeat(np.arange(k), repeats).tolist()
+
+
+@pytest.mark.parametrize("k", [6, 18])
+def test_resampled_objects_cover_the_truth_and_resampled_runs_do_not(k):
+    """With runs that hardly differ, an interval over runs is too narrow by the root of repeats."""
+    rng = np.random.default_rng(0)
+    hits = np.zeros(2)
+    for _ in range(600):
+        values, objects = runs_of_objects(rng, k, 6, 0.3)
+        over_objects = mean_of_objects(values, objects)
+        over_runs = mean(values)
+        hits += [e.low <= 0.0 <= e.high for e in (over_objects, over_runs)]
+    covered = hits / 600
+    assert 0.92 <= covered[0] <= 0.975
+    assert covered[1] < 0.7
+
+
+def test_with_many_objects_the_interval_is_students_over_their_means():
+    values, objects = runs_of_objects(np.random.default_rng(1), 300, 3, 0.5)
+    found, expected = mean_of_objects(values, objects), mean(values.reshape(300, 3).mean(axis=1))
+    half = expected.high - expected.value
+    assert found.value == pytest.approx(expected.value)
+    assert (found.low, found.high) == (
+        pytest.approx(expected.low, abs=0.06 * half), pytest.approx(expected.high, abs=0.06 * half)
+    )  # fmt: skip
+    assert found.n == 900
+
+
+def test_every_object_counts_once():
+    """Ten runs of the one object count as much as one of the other: (1 + 4) / 2."""
+    estimate = mean_of_objects([1.0] * 10 + [4.0], ["a"] * 10 + ["b"])
+    assert (estimate.value, estimate.n) == (2.5, 11)
+    # Two objects: nothing, or both draws, of either.
+    assert (estimate.low, estimate.high) == (1.0, 4.0)
+    assert mean_of_objects([4.0, 1.0, 1.0], ["b", "a", "a"]).value == 2.5
+
+
+def test_objects_that_are_alike_give_a_point_and_one_object_students_interval():
+    alike = mean_of_objects([0.1] * 6, list("aabbcc"))
+    assert alike.low == pytest.approx(0.1) == alike.high and alike.low <= alike.value <= alike.high
+    assert mean_of_objects([1.0, 2.0, 3.0], ["a"] * 3) == mean([1.0, 2.0, 3.0])
+    assert mean_of_objects([1.0, 2.0], ["a"] * 2, lower=0.5).low == 0.5
+
+
+def test_a_share_on_which_all_runs_agree_has_wilsons_interval_over_objects():
+    objects = [name for name in "abcdefghij" for _ in range(6)]
+    held, lost = share_of_objects([True] * 60, objects), share_of_objects([False] * 60, objects)
+    assert (held.low, held.high, held.n) == (proportion(10, 10).low, 1.0, 60)
+    assert (lost.low, lost.high, lost.n) == (0.0, proportion(0, 10).high, 60)
+    assert share_of_objects([True, False], ["a", "a"]) == proportion(1, 2)
+
+
+def test_a_share_covers_the_truth_where_objects_differ():
+    """Objects that are held always or never, half of them."""
+    rng, hits = np.random.default_rng(2), 0
+    for _ in range(400):
+        outcomes = np.repeat(rng.random(18) < 0.5, 6)
+        estimate = share_of_objects(outcomes, np.repeat(np.arange(18), 6).tolist())
+        hits += estimate.low <= 0.5 <= estimate.high
+    assert 0.92 <= hits / 400 <= 0.985

@@ -10,6 +10,7 @@ import pytest
 from feasigrasp import cli
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.evaluation.peers.reachability import FlatMixture, VoxelMap, flatten
+from feasigrasp.evaluation.studies import reachability
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -105,11 +106,21 @@ def test_another_arm_from_its_model_file(tmp_path):
     assert area_under_curve(score, truth).value > 0.7
 
 
-def test_evaluation_reports_every_judge_and_goes_on(fitted, tmp_path, capsys):
+def test_evaluation_reports_every_judge_and_goes_on(fitted, tmp_path, capsys, monkeypatch):
+    fit, sizes = reachability.fit_large_mixture, []
+
+    def noted(poses, *rest):
+        sizes.append(poses.n)
+        return fit(poses, *rest)
+
+    monkeypatch.setattr(reachability, "fit_large_mixture", noted)
     command = ["evaluate", "reachability", "--out", str(tmp_path), "--poses", "400"]
     command += ["--peer_poses", "3000", "--voxel_draws", "20000", "--jobs", "1"]
     command += ["--file", str(fitted / "reachable_space.npz")]
     assert cli.main(command) == 0
+    # The paper's mixture sees as many poses as the one that it is compared with.
+    space = ReachableSpace.load(fitted / "reachable_space.npz")
+    assert sizes == [space.metadata["counts"]["fitted"]]
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
     auc = {(row["name"], row["preset"]): row for row in rows if ".auc." in row["name"]}
     assert auc["reachability.auc.rmm", "default"]["value"] > 0.8

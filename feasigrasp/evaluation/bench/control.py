@@ -7,6 +7,8 @@ and the object's pose have changed; on one thread. `DIR/timings.csv` has all tim
 - ``bench.joint_hz.N``: joint space, paper mode; the inverse kinematics of N solutions at the new
   pose, the fit of the field to them and its gradient, at every step. Preset ``new solutions``: the
   solutions are also looked for anew at every step.
+- ``bench.planning_ms.median|p99|worst``: the update at 10 Hz in between, safe mode, in which the
+  controller chooses anew what to follow; with the sizes of the next line.
 - ``bench.task_safe_hz.8``, ``bench.joint_safe_hz.64``: safe mode, limits and clearances enforced.
 - Presets ``peer:numpy`` and ``peer:torch``: the paper's step as plain array code, for joint space
   with damped least squares in place of the paper's network.
@@ -20,6 +22,7 @@ from functools import partial
 
 import numpy as np
 import torch
+from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
 from feasigrasp.evaluation.peers.control import ArrayJointStep, ArrayTaskStep
@@ -42,6 +45,8 @@ _GROUPS = 10
 _PER_GROUP, _DRAWS = 12, 20
 #: Sizes that the peers are timed with.
 _PEERS_TASK, _PEERS_JOINT = (1, 10), (10, 100)
+#: Time between updates of the controllers [s].
+_PLANNING = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,6 +58,8 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     torch.set_num_threads(1)
     rows = time_cases(cases(args.seed), 0.1 if args.quick else 2.0)
+    with threadpool_limits(1):
+        rows += planning_rows(args.seed, 60 if args.quick else 1000)
     report_bench(args, "control", rows, f"{format_rows(rows)}\n{format_table_3(rows)}")
     return 0
 
@@ -87,6 +94,23 @@ def cases(seed: int) -> Iterator[Case]:
     yield Case(f"bench.task_safe_hz.{SAFE_COMPONENTS}", "default", safe.step)
     safe = joint_probe(reachability, SAFE_SOLUTIONS, "safe", seed)
     yield Case(f"bench.joint_safe_hz.{SAFE_SOLUTIONS}", "default", safe.step)
+
+
+def planning_rows(seed: int, count: int) -> list[Row]:
+    """How long the controllers plan: median, 99th percentile and worst of many updates."""
+    reachability, rows = Reachability(), []
+    for preset, probe in (
+        ("task/safe", task_probe(reachability, SAFE_COMPONENTS, "safe", seed)),
+        ("joint/safe", joint_probe(reachability, SAFE_SOLUTIONS, "safe", seed, period=_PLANNING)),
+    ):
+        times = probe.update_ms(_PLANNING, count)
+        for name, value in (
+            ("median", np.median(times)),
+            ("p99", np.percentile(times, 99)),
+            ("worst", times.max()),
+        ):
+            rows.append(Row.plain(f"bench.planning_ms.{name}", preset, value, "ms", count))
+    return rows
 
 
 def task_probe(reachability: Reachability, K: int, mode: str, seed: int) -> ControllerProbe:
@@ -149,12 +173,17 @@ def _fed(step: Callable[..., object], probe: ControllerProbe, *more: Array) -> o
 def format_table_3(rows: list[Row]) -> str:
     """Our figures beside the paper's, one line per size."""
     found = {(row.name, row.preset): row.value for row in rows}
-    lines = [f"{'':18s}{'paper Hz':>10s}{'ours Hz':>10s}{'times':>8s}{'numpy':>9s}{'torch':>9s}"]
+    heads = f"{'':18s}{'paper Hz':>10s}{'ours Hz':>10s}{'times':>8s}"
+    lines = [f"{heads}{'new sol.':>10s}{'numpy':>9s}{'torch':>9s}"]
     for space, letter, table in (("task", "K", TABLE_3_TASK), ("joint", "N", TABLE_3_JOINT)):
         for size, paper in table.items():
             name = f"bench.{space}_hz.{size}"
             ours = found[name, "default"]
             line = f"{space:6s}{letter} = {size:<7d}{paper:10.1f}{ours:10.0f}{ours / paper:8.0f}"
-            peers = [found.get((name, f"peer:{peer}")) for peer in ("numpy", "torch")]
-            lines.append(line + "".join(f"{hz:9.0f}" for hz in peers if hz is not None))
+            presets = (("new solutions", 10), ("peer:numpy", 9), ("peer:torch", 9))
+            more = [(found.get((name, preset)), width) for preset, width in presets]
+            cells = ["" if hz is None else f"{hz:.0f}" for hz, _ in more]
+            lines.append(
+                line + "".join(f"{c:>{w}s}" for c, (_, w) in zip(cells, more, strict=True))
+            )
     return "\n".join(lines)

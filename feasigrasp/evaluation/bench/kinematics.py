@@ -64,11 +64,14 @@ def cases(seed: int) -> Iterator[Case]:
     drake = DrakeArm()
     hit = np.empty(len(Q), dtype=bool)
     yield Case(_FK, "default", lambda: pose_and_jacobian(batch))
+    # The peers have no batches: this is what compares with them call by call.
+    yield Case(_FK, "one by one", lambda: [pose_and_jacobian(q) for q in batch])
     yield Case(_FK, "peer:drake", lambda: drake.pose_and_jacobian(batch))
     yield Case(_COLLISION, "default", lambda: in_collision(Q), len(Q))
     yield Case(_COLLISION, "one by one", lambda: _one_by_one(Q, IIWA_CAPSULES, hit), len(Q))
     yield Case(_COLLISION, "peer:drake", lambda: drake.in_collision(Q), len(Q))
     yield Case(_INVERSE, "default", lambda: reachability.nearest(X_WG, HOME))
+    yield Case(_INVERSE, "one by one", lambda: [reachability.nearest(X, HOME) for X in X_WG])
     if installed("pinocchio", "pinocchio (PyPI: pin)"):
         pinocchio = pinocchio_kinematics()
         yield Case(_FK, "peer:pinocchio", lambda: pinocchio(batch))

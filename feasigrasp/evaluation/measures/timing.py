@@ -8,13 +8,15 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import Estimate
+
+Result = TypeVar("Result")
 
 #: A repetition is this long, so that the clock's steps do not matter [s].
 REPETITION_S = 2e-3
@@ -59,6 +61,19 @@ def cpu_time(function: Callable[[], object], seconds: float = 1.0) -> Timing:
     spread = int(0.98 * n**0.5) + 1
     low, high = times[max(n // 2 - spread, 0)], times[min(n // 2 + spread, n - 1)]
     return Timing(statistics.median(times), low, high, n)
+
+
+def cpu_ms(function: Callable[[], Result]) -> tuple[Result, float]:
+    """What a function returns, and the processor time that it took on one thread [ms].
+
+    The threads of a linear algebra library spin while they wait for each other. All of them count,
+    so that beside other work a call on two threads takes many times the processor time that it
+    needs: hence one.
+    """
+    with threadpool_limits(1):
+        start = time.process_time()
+        result = function()
+        return result, 1e3 * (time.process_time() - start)
 
 
 def _elapsed(function: Callable[[], object], calls: int) -> float:

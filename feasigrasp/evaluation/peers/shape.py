@@ -138,14 +138,14 @@ def numpy_query(field: Gpdf) -> Callable[[Array], tuple[Array, Array]]:
 
 
 def torch_query(field: Gpdf) -> Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]:
-    """The same in torch, float32."""
+    """The same in torch, float32; distances by a matrix product, the quicker of its two ways."""
     nodes = torch.as_tensor(field.nodes.T + field.center, dtype=torch.float32)
     alpha = torch.as_tensor(np.array(field.alpha), dtype=torch.float32)
     length_scale = field.length_scale
     ones = torch.cat([nodes, torch.ones(len(nodes), 1)], dim=1)
 
     def query(x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        r = torch.cdist(x, nodes, compute_mode="donot_use_mm_for_euclid_dist")
+        r = torch.cdist(x, nodes, compute_mode="use_mm_for_euclid_dist")
         k = torch.exp(r / -length_scale) * alpha
         o = k.sum(dim=1)
         sums = (k / r.clamp(min=1e-9)) @ ones

@@ -17,6 +17,7 @@ from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.report.dynamic import FIGURE, dynamic_report
 from feasigrasp.inputs import read_json
 from feasigrasp.outputs import write_text
+from feasigrasp.results.conditions import conditions_text
 from feasigrasp.results.markdown import markdown_table, replace_section
 from feasigrasp.results.rows import Row
 
@@ -79,10 +80,12 @@ def _section(file: Path) -> str:
         raise ReportError(
             f"{file} is no summary ({error}); repeat the command that makes it"
         ) from error
+    found = summary.get("conditions")
+    conditions = conditions_text(found) if found else ""
     body = ""
     if any(row.name.startswith("dynamic.") for row in rows):
-        body = dynamic_report(rows, file.parent)
-    body = body or _plain_table(rows)
+        body = dynamic_report(rows, file.parent, conditions)
+    body = body or "\n\n".join(filter(None, [_plain_table(rows), conditions]))
     return f"{heading}\n\n{origin}\n\n{body}"
 
 

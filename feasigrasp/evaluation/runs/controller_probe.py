@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from itertools import cycle
 
 import numpy as np
@@ -25,6 +26,10 @@ V_WO = np.array([0.1, 0.0, 0.2, 0.1, 0.0, 0.0])
 _APART, _PER_METRE = 1.0, np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
 #: Different inputs that follow one another.
 _INPUTS = 64
+#: Updates of a controller, at 10 Hz, for which grasps stay the same.
+_UPDATES_PER_VIEW = 5
+#: Updates that are not timed, since the first ones load compiled code.
+_WARM_UP = 15
 
 
 def grasps_in_reach(
@@ -78,6 +83,9 @@ class ControllerProbe:
         self.simulator.AdvanceTo(1e-3)
         self._output = controller.GetOutputPort("commanded_velocity")
         self._position, self._pose = fixed["position"], fixed["object_pose"]
+        self._grasps = fixed["grasps"]
+        few = rng.permutation(len(grasps))[: max(1, 4 * len(grasps) // 5)]
+        self._views = cycle([grasps.select(np.sort(few)), grasps])
         poses = X_WO @ se3.exp(rng.normal(0.0, 0.01, (_INPUTS, 6)))
         self.inputs = list(
             zip(
@@ -94,8 +102,31 @@ class ControllerProbe:
 
     def step(self) -> Array:
         """The command for the next inputs, shape (7,)."""
+        self._move_on()
+        command: Array = self._output.Eval(self.context)
+        return command
+
+    def update_ms(self, period: float, count: int) -> Array:
+        """Processor time of updates that follow one another [ms], shape (count,).
+
+        Arm and object are elsewhere at every update, and grasps are others at every fifth: there are
+        two views in a second.
+
+        Args:
+            period: Time between updates of the controller [s].
+            count: Number of updates.
+        """
+        times = []
+        for k in range(_WARM_UP + count):
+            self._move_on()
+            if k % _UPDATES_PER_VIEW == 0:
+                self._grasps.GetMutableData().set_value(next(self._views))
+            start = time.process_time()
+            self.simulator.AdvanceTo(self.context.get_time() + period)
+            times.append(1e3 * (time.process_time() - start))
+        return np.array(times[_WARM_UP:])
+
+    def _move_on(self) -> None:
         q, pose = self.next_inputs()
         self._position.GetMutableData().set_value(q)
         self._pose.GetMutableData().set_value(pose)
-        command: Array = self._output.Eval(self.context)
-        return command

@@ -5,68 +5,39 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cache
 from pathlib import Path
-from typing import Any
 
+from feasigrasp.errors import FeasigraspError, MeshError
+from feasigrasp.evaluation.runs.studies import STUDIES, Study, study_of
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import names, positive, print_notes, select_objects
+from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 
-#: Object of the size of the paper's, 5.8 x 5.4 x 4.1 cm.
-PAPER_OBJECT = "duck"
 #: With ``--quick``, a run that does not end by itself is broken off [s].
 _QUICK_DURATION = 6.0
+#: Seeds from here on are those of the test split, and no tuning sees them.
+FIRST_TEST_SEED = 500
+#: Generated objects of the test split.
+TEST_OBJECTS = 24
 
 
-@dataclass(frozen=True)
-class Study:
-    """One part of the evaluation, and what its scenarios are run with unless told otherwise.
-
-    Attributes:
-        scenarios: Their names.
-        modes: Modes of the controllers.
-        objects: Names of built-in objects, separated by commas.
-        seeds: Repeats.
-        change: What is changed in every scenario, as `load_scenario` takes it.
-    """
-
-    scenarios: tuple[str, ...]
-    modes: tuple[str, ...]
-    objects: str
-    seeds: int
-    change: dict[str, Any]
+class SplitError(FeasigraspError, ValueError):
+    """Objects or seeds that do not belong to the chosen split."""
 
 
-#: ``paper`` repeats the paper's dynamic test, on an object of its size and two larger ones;
-#: ``reach`` grasps and lifts moving objects of all kinds; ``obstacle`` does so beside a wall.
-STUDIES = {
-    "paper": Study(
-        ("PaperCircular", "PaperLinear", "PaperSinusoidal"),
-        ("safe", "paper"),
-        f"{PAPER_OBJECT},small_box,soup_can",
-        5,
-        {},
-    ),
-    "reach": Study(
-        ("ReachCircular", "ReachLinear", "ReachSinusoidal"),
-        ("safe",),
-        "apple,ball,banana,box,duck,l_block,mustard_bottle,pear,screwdriver,small_box,soup_can,"
-        "spray_can",
-        3,
-        {"object": {"friction": 0.6}},
-    ),
-    "obstacle": Study(
-        ("ReachObstacle",),
-        ("safe",),
-        f"{PAPER_OBJECT},soup_can,small_box",
-        3,
-        {"object": {"friction": 0.6}},
-    ),
-}
+class Split(StrEnum):
+    """What may be looked at while constants are chosen, and what may not."""
+
+    DEVELOPMENT = "development"
+    TEST = "test"
 
 
 @dataclass(frozen=True)
@@ -74,7 +45,7 @@ class PlannedRun:
     """One run of the evaluation.
 
     Attributes:
-        name: Name of the scenario.
+        name: Name of the scenario, with the suffix of a study that changes it.
         object_name: Name of the object.
         scenario: What to run, complete.
     """
@@ -91,68 +62,160 @@ class PlannedRun:
         return f"{self.name}-{self.object_name}-{control.controller}-{control.mode}-{seed}"
 
 
-def add_plan_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments that choose runs; `plan` reads them."""
+@dataclass(frozen=True)
+class Plan:
+    """What is run, and what was asked for but is not.
+
+    Attributes:
+        runs: The runs.
+        left_out: Why, by the name of the object.
+    """
+
+    runs: list[PlannedRun]
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:
+    """Adds the arguments that choose runs; `plan` reads them.
+
+    Args:
+        parser: Parser of the command.
+        default: Its study, or ``all``.
+    """
+    choices = [*STUDIES, *(["all"] if default == "all" else [])]
+    help_ = f"part of the evaluation (default: {default})"
+    parser.add_argument("--study", choices=choices, default=default, help=help_)
     parser.add_argument(
-        "--study",
-        choices=(*STUDIES, "all"),
-        default="all",
-        help="part of the evaluation (default: all)",
+        "--split",
+        type=Split,
+        choices=list(Split),
+        default=Split.DEVELOPMENT,
+        help=f"test: {TEST_OBJECTS} generated objects of families that nothing was trained on, "
+        f"seeds from {FIRST_TEST_SEED} on (default: development)",
     )
     parser.add_argument(
         "--scenarios", type=names, help="names of scenarios, instead of those of the study"
     )
     parser.add_argument("--controllers", type=names, default=["task", "joint"])
     parser.add_argument(
-        "--mode", type=names, help="safe, paper or both, separated by commas (default: the study's)"
+        "--mode", type=names, help="modes, separated by commas (default: the study's)"
     )
     parser.add_argument("--seeds", type=positive, help="repeats, with seeds that count")
     add_scenario_arguments(parser)
+    parser.set_defaults(seed=None)
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds where scenarios come from, and what is changed in them."""
     default = diagram_path("dynamic.scenarios.yaml").name
     parser.add_argument("--scenario_file", type=Path, help=f"default: diagrams/{default}")
-    text = "{tracker: {latency: 0.05, position_noise: 0.002, rotation_noise: 0.0175}}"
+    text = "{object: {friction: 0.4}}"
     help_ = f"YAML applied on top of every scenario, e.g. '{text}'"
     parser.add_argument("--scenario_text", help=help_)
 
 
-def study_of(scenario_name: str) -> Study:
-    """The study that a scenario belongs to; of a scenario of one's own, ``reach``."""
-    return next(
-        (study for study in STUDIES.values() if scenario_name in study.scenarios), STUDIES["reach"]
-    )
-
-
-def plan(args: argparse.Namespace) -> list[PlannedRun]:
+def plan(args: argparse.Namespace) -> Plan:
     """The runs that the arguments ask for; with ``--quick``, one object and one seed of them.
 
+    ``args.seed`` is filled in if it is None.
+
     Raises:
+        SplitError: Objects, seeds or a study that do not belong to the split.
         ScenarioError: Unknown scenario, key or value.
-        MeshError: Unknown object, or one that cannot be simulated.
+        MeshError: Unknown object, or one that cannot be simulated; objects of a folder are left
+            out instead, with the reason.
     """
-    runs = []
-    studies = STUDIES.values() if args.study == "all" else [STUDIES[args.study]]
-    for name in args.scenarios or [each for part in studies for each in part.scenarios]:
-        study = study_of(name)
-        objects = list(select_objects(args.objects or study.objects).items())
-        seeds = list(range(args.seed, args.seed + (args.seeds or study.seeds)))
+    chosen = _chosen_scenarios(args)
+    _settle_seed(args, [study for _, study in chosen])
+    runs, left_out = list[PlannedRun](), dict[str, str]()
+    for name, study in chosen:
+        objects = _objects(args, study)
         modes: Sequence[str] = args.mode or study.modes
-        if args.quick:
-            objects, seeds = objects[:1], seeds[:1]
-        for chosen in objects:
-            for controller, mode, seed in itertools.product(args.controllers, modes, seeds):
-                planned = plan_run(args, name, chosen, controller, mode, seed, study.change)
-                scenario = planned.scenario
-                if args.quick and not scenario.grasp.close:
-                    duration = min(scenario.simulation_duration, _QUICK_DURATION)
-                    scenario.simulation_duration = duration
-                runs.append(planned)
-            # A wrong mesh is told now, not run by run.
-            print_notes(load_scenario_object(runs[-1].scenario))
-    return runs
+        for what, repeats in _repeats(args, study, objects).items():
+            made = [
+                _quick(args, plan_run(args, name, (what, objects[what]), *how, study=study))
+                for how in itertools.product(args.controllers, modes, repeats)
+            ]
+            try:
+                # A wrong mesh is told now, not run by run.
+                print_notes(load_scenario_object(made[0].scenario))
+            except MeshError as error:
+                if not Path(args.objects or "").is_dir():
+                    raise
+                left_out[what] = str(error)
+                continue
+            runs += made
+            if args.quick:
+                break
+    if not runs:
+        raise MeshError(f"{args.objects}: none of its meshes can be used: {left_out}")
+    return Plan(runs, left_out)
+
+
+def _chosen_scenarios(args: argparse.Namespace) -> list[tuple[str, Study]]:
+    """Names of scenarios, each with its study."""
+    studies = list(STUDIES.values()) if args.study == "all" else [STUDIES[args.study]]
+    if not args.scenarios:
+        return [(name, study) for study in studies for name in study.scenarios]
+    return [
+        (name, next((s for s in studies if name in s.scenarios), study_of(name)))
+        for name in args.scenarios
+    ]
+
+
+def _settle_seed(args: argparse.Namespace, studies: Sequence[Study]) -> None:
+    """Fills in the first seed, and refuses what does not belong to the split."""
+    test = args.split is Split.TEST
+    if args.seed is None:
+        args.seed = FIRST_TEST_SEED if test else 0
+    last = args.seed + max(args.seeds or study.seeds for study in studies) - 1
+    if test and args.seed < FIRST_TEST_SEED:
+        raise SplitError(
+            f"--seed {args.seed} belongs to development; --split test takes those from "
+            f"{FIRST_TEST_SEED} on"
+        )
+    if not test and last >= FIRST_TEST_SEED:
+        raise SplitError(
+            f"seed {last} belongs to the test split; give --split test, or seeds below "
+            f"{FIRST_TEST_SEED}"
+        )
+    if test and args.objects is not None:
+        raise SplitError(
+            f"--objects {args.objects} is for development; --split test makes its own objects: "
+            "leave --objects away"
+        )
+    if test and not all(study.generated for study in studies):
+        raise SplitError("the paper's test is one on the paper's object: leave --split test away")
+
+
+def _objects(args: argparse.Namespace, study: Study) -> dict[str, str]:
+    """What is loaded, by name of the object."""
+    if args.split is Split.DEVELOPMENT:
+        return select_objects(args.objects or study.objects)
+    # Needs a package that only training needs otherwise.
+    from feasigrasp.training.data.unseen_objects import write_test_objects
+
+    return write_test_objects(args.out / "objects", 1 if args.quick else TEST_OBJECTS)
+
+
+def _repeats(
+    args: argparse.Namespace, study: Study, objects: Mapping[str, str]
+) -> dict[str, list[int]]:
+    """Seeds by object: the same for all, but in the test split every object has its own."""
+    test = args.split is Split.TEST
+    count = 1 if args.quick else args.seeds or (1 if test else study.seeds)
+    return {
+        name: [args.seed + test * index * count + k for k in range(count)]
+        for index, name in enumerate(objects)
+    }
+
+
+def _quick(args: argparse.Namespace, planned: PlannedRun) -> PlannedRun:
+    """The run, broken off early with ``--quick`` if it does not end by itself."""
+    scenario = planned.scenario
+    if args.quick and not scenario.grasp.close:
+        scenario.simulation_duration = min(scenario.simulation_duration, _QUICK_DURATION)
+    return planned
 
 
 def plan_run(
@@ -162,9 +225,10 @@ def plan_run(
     controller: str,
     mode: str,
     seed: int,
-    change: dict[str, Any],
+    *,
+    study: Study,
 ) -> PlannedRun:
-    """One run, as the arguments of `add_scenario_arguments` change it.
+    """One run, as the arguments of `add_scenario_arguments` and the study change it.
 
     Args:
         args: Arguments of the command.
@@ -173,13 +237,19 @@ def plan_run(
         controller: The controller.
         mode: Its mode.
         seed: Of everything.
-        change: What is changed in the scenario before all that.
+        study: What it is part of.
     """
-    choice = {
-        "random_seed": seed,
-        "object": {"model": chosen[1]},
-        "control": {"controller": controller, "mode": mode},
-    }
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    texts = json.dumps(change), args.scenario_text, json.dumps(choice)
-    return PlannedRun(name, chosen[0], load_scenario(filename, name, *texts))
+    scenario = deepcopy(_read_once(filename, name, args.scenario_text, controller, mode))
+    scenario.random_seed = scenario.tracker.seed = seed
+    scenario.object.model = chosen[1]
+    study.change(scenario)
+    check_scenario(scenario)
+    return PlannedRun(f"{name}{study.suffix}", chosen[0], scenario)
+
+
+@cache
+def _read_once(filename: Path, name: str, text: str | None, controller: str, mode: str) -> Scenario:
+    """A scenario without object and seed: hundreds of runs share it."""
+    choice = {"control": {"controller": controller, "mode": mode}}
+    return load_scenario(filename, name, text, json.dumps(choice))

@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric
+from feasigrasp.evaluation.runs.studies import suffix_of
 from feasigrasp.results.rows import Row
-from feasigrasp.results.statistics import mean, proportion
+from feasigrasp.results.statistics import mean_of_objects, share_of_objects
 
 Record = dict[str, Any]
 
+#: An object that is this far off its path before the fingers close was pushed [mm].
+PUSHED_MM = 5.0
 #: Figures of the printed table: column head, row name.
 _COLUMNS = (
-    ("held %", "dynamic.held_percent"),
-    ("q limits %", "dynamic.joint_limit_violation_percent"),
-    ("v limits %", "dynamic.velocity_limit_violation_percent"),
-    ("a limits %", "dynamic.acceleration_limit_violation_percent"),
-    ("self-coll. %", "dynamic.self_collision_percent"),
-    ("manipulab.", "dynamic.manipulability_mean"),
-    ("dist. cm", "dynamic.gripper_object_distance_cm_mean"),
-    ("tracked %", "dynamic.tracked_percent"),
-    ("x real time", "dynamic.real_time_factor"),
+    ("held %", "held_percent"),
+    ("pushed %", "pushed_percent"),
+    ("contact %", "contact_before_closing_percent"),
+    ("q limits %", "joint_limit_violation_percent"),
+    ("v limits %", "velocity_limit_violation_percent"),
+    ("a limits %", "acceleration_limit_violation_percent"),
+    ("torques %", "torque_limit_violation_percent"),
+    ("self-coll. %", "self_collision_percent"),
+    ("dist. cm", "gripper_object_distance_cm_mean"),
+    ("tracked %", "tracked_percent"),
+    ("planning ms", "planning_ms.worst"),
+    ("x real time", "real_time_factor"),
 )
-#: Figures that are told for every object as well: those of the paper's table, and the errors to the
-#: nearest grasp.
+#: Figures that are told for every object as well: those of the paper's table, the errors to the
+#: nearest grasp, and what happened to the object.
 _PER_OBJECT = (
     "self_collision_percent",
     "joint_limit_violation_percent",
@@ -35,24 +43,52 @@ _PER_OBJECT = (
     "grasp_angle_error_deg_median",
     "tracked_percent",
 )
-_NOT_AVERAGED = ("grasp_held", "object_end_x_m", "object_end_y_m", "object_end_z_m")
+#: Shares of runs: row name, and whether it is so in a run; None where it does not apply.
+_SHARES: dict[str, Callable[[Record], bool | None]] = {
+    "held_percent": lambda run: run["metrics"]["grasp_held"],
+    "failed_percent": lambda run: run["error"] is not None,
+    "pushed_percent": lambda run: _exceeds(run, "pushed_mm", PUSHED_MM),
+    "contact_before_closing_percent": lambda run: _exceeds(run, "contact_force_peak_n", 0.0),
+}
+#: Figures that a mean would hide: row name, metric, and what is taken of the runs.
+_OVER_RUNS: tuple[tuple[str, str, Callable[[Sequence[float]], Any]], ...] = (
+    ("pushed_mm_max", "pushed_mm", max),
+    ("obstacle_distance_min_mm.least", "obstacle_distance_min_mm", min),
+    ("self_distance_min_mm.least", "self_distance_min_mm", min),
+    ("torque_peak_percent.worst", "torque_peak_percent", max),
+    ("control_ms.p99", "control_ms_p99", np.median),
+    ("control_ms.worst", "control_ms_worst", max),
+    ("planning_ms.median", "planning_ms_median", np.median),
+    ("planning_ms.p99", "planning_ms_p99", np.median),
+    ("planning_ms.worst", "planning_ms_worst", max),
+)
+#: Metrics that have no row of their mean.
+_NOT_AVERAGED = (
+    *("grasp_held", "cause", "object_end_x_m", "object_end_y_m", "object_end_z_m"),
+    *("control_ms_p99", "control_ms_worst"),
+    *("planning_ms_median", "planning_ms_p99", "planning_ms_worst"),
+)
 
 
 def summary_rows(records: Sequence[Record]) -> list[Row]:
     """Figures per scenario and controller, per controller, and over all runs.
 
-    Presets are ``<scenario>/<controller>/<mode>``, with ``all`` where runs are put together, and
-    ``<scenario>/<controller>/<mode>/<object>`` for single objects if there are several.
-    Shares of runs have Wilson intervals, means over runs Student's; a figure that no run of a
-    group has is left out.
+    Presets are ``<scenario>/<controller>/<mode>``, with ``all`` (and the suffix of a study) where
+    runs are put together, and ``<scenario>/<controller>/<mode>/<object>`` for single objects if
+    there are several. In means and shares every object counts once, and their intervals come from
+    drawing the objects anew; a figure that no run of a group has is left out.
 
     Args:
         records: Records of runs.
     """
-    presets = ("{scenario}/{controller}/{mode}", "all/{controller}/{mode}", "all/all/{mode}")
-    rows = [row for group in _groups(records, *presets).items() for row in _group_rows(*group)]
-    if len({Path(record["object"]).stem for record in records}) > 1:
+    causes = sorted({run["metrics"].get("cause") for run in records} - {None})
+    presets = ("{scenario}/{controller}/{mode}", "{all}/{controller}/{mode}", "{all}/all/{mode}")
+    rows = []
+    for preset, group in _groups(records, *presets).items():
+        rows += _group_rows(preset, group, causes)
+    if len({run["object"] for run in records}) > 1:
         for preset, group in _groups(records, "{scenario}/{controller}/{mode}/{stem}").items():
+            rows += _share_rows(preset, group)
             for name in _PER_OBJECT:
                 rows += _mean_row(name, preset, group)
     return rows
@@ -63,50 +99,92 @@ def _groups(records: Sequence[Record], *presets: str) -> dict[str, list[Record]]
     groups: dict[str, list[Record]] = {}
     for preset in presets:
         for record in records:
-            name = preset.format_map(record | {"stem": Path(record["object"]).stem})
-            groups.setdefault(name, []).append(record)
+            names = {"stem": Path(record["object"]).stem}
+            names["all"] = f"all{suffix_of(record['scenario'])}"
+            groups.setdefault(preset.format_map(record | names), []).append(record)
     return groups
 
 
-def _group_rows(preset: str, records: Sequence[Record]) -> list[Row]:
-    rows = []
-    held = [r["metrics"]["grasp_held"] for r in records if r["metrics"]["grasp_held"] is not None]
-    if held:
-        estimate = proportion(sum(held), len(held))
-        rows.append(Row.of("dynamic.held_percent", preset, estimate, "%", 100.0))
-    failed = proportion(sum(r["error"] is not None for r in records), len(records))
-    rows.append(Row.of("dynamic.failed_percent", preset, failed, "%", 100.0))
+def _group_rows(preset: str, records: Sequence[Record], causes: Sequence[str]) -> list[Row]:
+    rows = _share_rows(preset, records) + _cause_rows(preset, records, causes)
     for name in (*METRICS, "real_time_factor"):
         if name not in _NOT_AVERAGED:
             rows += _mean_row(name, preset, records)
+    for row_name, metric, reduce in _OVER_RUNS:
+        values = [value for value, _ in _present(metric, records)]
+        if values:
+            name, unit = f"dynamic.{row_name}", METRICS.get(metric, Metric("1")).unit
+            rows.append(Row.plain(name, preset, reduce(values), unit, len(values)))
     return rows
+
+
+def _share_rows(preset: str, records: Sequence[Record]) -> list[Row]:
+    """How many percent of the runs held, failed, pushed or touched their object."""
+    rows = []
+    for name, is_so in _SHARES.items():
+        found = [(so, run["object"]) for run in records if (so := is_so(run)) is not None]
+        if found:
+            rows.append(_percent(name, preset, *zip(*found, strict=True)))
+    return rows
+
+
+def _cause_rows(preset: str, records: Sequence[Record], causes: Sequence[str]) -> list[Row]:
+    """Of the runs that close the hand, how many percent did not hold for each reason."""
+    closing = [run for run in records if run["metrics"]["grasp_held"] is not None]
+    objects = [run["object"] for run in closing]
+    return [
+        _percent(
+            f"cause.{cause}_percent",
+            preset,
+            [run["metrics"]["cause"] == cause for run in closing],
+            objects,
+        )
+        for cause in causes
+        if closing
+    ]
 
 
 def _mean_row(name: str, preset: str, records: Sequence[Record]) -> list[Row]:
     """The mean of a metric, or of a timing, over the records that have it."""
-    values = [(r["metrics"] | r["timings"])[name] for r in records]
-    present = [value for value in values if value is not None]
+    present = _present(name, records)
     if not present:
         return []
+    values, objects = zip(*present, strict=True)
     metric = METRICS.get(name, Metric("1", 0.0))
-    estimate = mean(present, metric.lower, metric.upper)
+    estimate = mean_of_objects(values, objects, metric.lower, metric.upper)
     return [Row.of(f"dynamic.{name}", preset, estimate, metric.unit)]
+
+
+def _present(name: str, records: Sequence[Record]) -> list[tuple[float, str]]:
+    """A metric or timing of the records that have it, with their objects."""
+    found = [((r["metrics"] | r["timings"]).get(name), r["object"]) for r in records]
+    return [(float(value), each) for value, each in found if value is not None]
+
+
+def _percent(name: str, preset: str, outcomes: Sequence[bool], objects: Sequence[str]) -> Row:
+    return Row.of(f"dynamic.{name}", preset, share_of_objects(outcomes, objects), "%", 100.0)
+
+
+def _exceeds(run: Record, name: str, limit: float) -> bool | None:
+    value = run["metrics"].get(name)
+    return None if value is None else value > limit
 
 
 def format_table(rows: Sequence[Row]) -> str:
     """The main figures as text, one line per preset; the interval of ``held %`` in brackets."""
-    found = {(row.preset, row.name): row for row in rows}
-    presets = dict.fromkeys(row.preset for row in rows if row.name == "dynamic.failed_percent")
+    found = {(row.preset, row.name.removeprefix("dynamic.")): row for row in rows}
+    presets = [p for p in dict.fromkeys(row.preset for row in rows) if p.count("/") == 2]
+    columns = [c for c in _COLUMNS if any((preset, c[1]) in found for preset in presets)]
     width = max(len(preset) for preset in presets)
-    lines = [f"{'':{width}s} " + "".join(f"{head:>14s}" for head, _ in _COLUMNS) + f"{'runs':>6s}"]
+    lines = [f"{'':{width}s} " + "".join(f"{head:>14s}" for head, _ in columns) + f"{'runs':>6s}"]
     for preset in presets:
         cells = []
-        for _, name in _COLUMNS:
+        for _, name in columns:
             row = found.get((preset, name))
             text = "-" if row is None else f"{row.value:.3g}"
-            if row is not None and name == "dynamic.held_percent":
+            if row is not None and row.low is not None and name == "held_percent":
                 text += f" [{row.low:.0f}, {row.high:.0f}]"
             cells.append(f"{text:>14s}")
-        runs = found[preset, "dynamic.failed_percent"].n
+        runs = found[preset, "failed_percent"].n
         lines.append(f"{preset:{width}s} {''.join(cells)}{runs:6d}")
     return "\n".join(lines)

@@ -1,18 +1,22 @@
 """``feasigrasp evaluate dynamic``: follow, grasp and lift moving objects.
 
-Without options it runs everything behind the tables in ``docs/dynamic.md``; ``--study`` chooses a
-part of it. Every run is a file of its own: repeated, the command goes on where it was.
+``--study`` chooses what is run, ``docs/dynamic.md`` has the table of each. Every run is a file of
+its own: repeated, the command goes on where it was. What it was measured under is printed, and is
+``conditions`` of ``summary.json``.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from typing import Any
 
+from feasigrasp.evaluation.runs.conditions import conditions
 from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import add_plan_arguments, plan
 from feasigrasp.evaluation.runs.summary import format_table, summary_rows
 from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.results.conditions import conditions_text
 from feasigrasp.results.finished import Record
 from feasigrasp.results.interrupts import Unfinished
 from feasigrasp.results.provenance import git_revision
@@ -24,7 +28,7 @@ _HEADS = ("scenario", "controller", "mode", "object", "seed", "git")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/dynamic", objects=None)
-    add_plan_arguments(parser)
+    add_plan_arguments(parser, default="reach")
 
 
 def flat(record: Record) -> Record:
@@ -35,21 +39,25 @@ def flat(record: Record) -> Record:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    runs = plan(args)
+    planned = plan(args)
+    found = conditions(planned, args.split)
     try:
-        records = run_all(runs, args.out / "runs", args.jobs, desc="dynamic")
+        records = run_all(planned.runs, args.out / "runs", args.jobs, desc="dynamic")
     except Unfinished as stopped:
         if stopped.records:
-            _report(args, stopped.records, partial=True)
+            _report(args, stopped.records, found, partial=True)
         raise
-    _report(args, records)
+    _report(args, records, found)
     return report_crashes(records)
 
 
-def _report(args: argparse.Namespace, records: Sequence[Record], **more: bool) -> None:
+def _report(
+    args: argparse.Namespace, records: Sequence[Record], found: dict[str, Any], **more: bool
+) -> None:
     """Prints and writes the figures of some runs; ``partial`` if those are not all."""
     rows = summary_rows(records)
-    report_rows(args, "evaluate dynamic", rows, format_table(rows), **more)
+    table = f"{format_table(rows)}\n{conditions_text(found)}"
+    report_rows(args, "evaluate dynamic", rows, table, conditions=found, **more)
     write_csv(args.out / "runs.csv", map(flat, records))
     _report_revisions(records)
 

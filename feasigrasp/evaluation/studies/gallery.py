@@ -37,12 +37,12 @@ _COLUMNS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/gallery", objects=None)
-    add_plan_arguments(parser)
+    add_plan_arguments(parser, default="all")
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    runs = shown(plan(args))
+    runs = shown(plan(args).runs)
     records = run_all(runs, args.out, args.jobs, desc="gallery", replays=True)
     pictures = {
         planned.id

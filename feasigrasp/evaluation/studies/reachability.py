@@ -53,7 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--peer_poses",
         type=positive,
         default=200_000,
-        help="reached poses that peers are fitted to",
+        help="reached poses that flat mixtures are fitted to, a fifth of them held out",
+    )
+    parser.add_argument(
+        "--paper_poses",
+        type=positive,
+        help="reached poses that the paper's mixture is fitted to (default: as many as ours was)",
     )
     parser.add_argument(
         "--voxel_draws", type=positive, default=4_000_000, help="configurations in the voxel map"
@@ -62,10 +67,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
+    space = ReachableSpace.load(args.file) if args.file else ReachableSpace.load_default()
+    if args.paper_poses is None:
+        counts = space.metadata.get("counts", {"fitted": args.peer_poses})
+        args.paper_poses = int(counts["fitted"])
     if args.quick:
+        args.paper_poses = min(args.paper_poses, 200_000)
         args.poses, args.peer_poses = min(args.poses, 2000), min(args.peer_poses, 20_000)
         args.voxel_draws = min(args.voxel_draws, 1_000_000)
-    space = ReachableSpace.load(args.file) if args.file else ReachableSpace.load_default()
     if not np.allclose(space.metadata.get("X_FT", np.eye(4)), np.eye(4)):
         raise ReachabilityError(f"{args.file} is about a tool; only flange poses are compared here")
     rng = np.random.default_rng(args.seed)
@@ -76,7 +85,8 @@ def main(args: argparse.Namespace) -> int:
     scores, verdicts = dict[str, Array](), dict[str, Mask]()
     for name in tqdm(LABELS, desc="judges"):
         # A finished judge is kept: the same command goes on where it was interrupted.
-        key = f"{name}-{args.seed}-{args.poses}-{args.peer_poses}-{args.voxel_draws}"
+        sizes = (args.poses, args.peer_poses, args.paper_poses, args.voxel_draws)
+        key = "-".join(map(str, (name, args.seed, *sizes)))
         file = out / "judges" / f"{key}.npz"
         stored = finished_arrays(file) if name != "rmm" else None
         if stored is not None:
@@ -123,18 +133,28 @@ def _score(
     if name == "voxel":
         score = VoxelMap(_reached(rng, args.voxel_draws, thin=False)).score
         held_out = _reached(rng, args.peer_poses, thin=False)
+    elif name == "rmm-paper":
+        blocks = _reached_blocks(rng, args.paper_poses)
+        fit = LargeFit(threads=args.jobs)
+        mixture, _ = fit_large_mixture(blocks, PAPER_COMPONENTS, rng, fit)
+        score = partial(log_densities, packed=pack(mixture))
+        held_out = _reached(rng, args.peer_poses, thin=False)
     else:
         known = _reached(rng, 4 * args.peer_poses, thin=not name.endswith("paper"))
-        known = known[: args.peer_poses]
-        held_out, known = np.split(known, [len(known) // 5])
-        if name.startswith("gmm"):
-            score = FlatMixture.fit(known, len(space.mixture), rng).log_density
-        else:
-            blocks = PoseBlocks.of(se3.quaternions(known), known[:, :3, 3])
-            fit = LargeFit(threads=args.jobs)
-            mixture, _ = fit_large_mixture(blocks, PAPER_COMPONENTS, rng, fit)
-            score = partial(log_densities, packed=pack(mixture))
+        held_out, known = np.split(known[: args.peer_poses], [args.peer_poses // 5])
+        score = FlatMixture.fit(known, len(space.mixture), rng).log_density
     return score(X), float(np.quantile(score(held_out), 0.01))
+
+
+def _reached_blocks(rng: np.random.Generator, count: int) -> PoseBlocks:
+    """So many reached flange poses of uniform draws, packed as they come: millions fit."""
+    arm, quaternions, positions, there = IiwaArm(), [], [], 0
+    while there < count:
+        part = sample_reachable_poses(arm, 250_000, rng)
+        quaternions.append(part.quaternions)
+        positions.append(part.positions)
+        there += len(part.positions)
+    return PoseBlocks.of(np.concatenate(quaternions)[:count], np.concatenate(positions)[:count])
 
 
 def _reached(rng: np.random.Generator, draws: int, thin: bool) -> Array:

@@ -8,6 +8,7 @@ import time
 
 from feasigrasp.evaluation.runs.plan import PlannedRun, add_scenario_arguments, plan_run
 from feasigrasp.evaluation.runs.rollout import ROLLOUT_METRICS, roll_out
+from feasigrasp.evaluation.runs.studies import study_of
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
@@ -55,7 +56,7 @@ def plan(args: argparse.Namespace) -> list[PlannedRun]:
     seeds = range(args.seed, args.seed + (1 if args.quick else args.seeds))
     objects = select_objects(args.objects).items()
     return [
-        plan_run(args, name, chosen, controller, args.mode, seed, {"tracker": {"seed": seed}})
+        plan_run(args, name, chosen, controller, args.mode, seed, study=study_of(name))
         for name, controller, chosen, seed in itertools.product(
             args.scenarios, args.controllers, objects, seeds
         )

@@ -3,17 +3,18 @@
 Every object is looked at from random directions by a noisy depth camera, completed as perception
 does it, and the grasps that the samplers offer are judged on the true mesh; some are tried in a
 floating-gripper simulation. All presets see the same clouds: ``default`` (the network), ``paper``
-(the paper's architecture, same data), ``antipodal`` (no network). What each figure means is written
-in docs/sampler.md. A command that was interrupted goes on after its last object.
+(the paper's architecture, same data), ``antipodal`` (no network). The candidates of ``antipodal``
+join in for either network where few grasps are left; ``default.alone`` and ``paper.alone`` are the
+networks without them. What each figure means is written in docs/sampler.md. A command that was
+interrupted goes on after its last object.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
 import zlib
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from operator import itemgetter
 from pathlib import Path
 
@@ -26,10 +27,11 @@ from feasigrasp.evaluation.measures.grasps import (
     proposal_measures,
     set_measures,
 )
+from feasigrasp.evaluation.measures.timing import cpu_ms
 from feasigrasp.evaluation.runs.floating_gripper import hold_trials
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
+from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import RigidObject
@@ -44,9 +46,11 @@ from feasigrasp.training.data.grasp_truth import TrueGrasps
 from feasigrasp.training.data.unseen_objects import DEFAULT_OBJECTS, make_object, unseen_objects
 from feasigrasp.training.data.views import ViewedObject, turning_views
 
-#: Samplers that are compared; networks among them.
+#: Samplers whose grasps are simulated; networks among them; and how a network is called that gets
+#: no candidates of others.
 PRESETS = ("default", "paper", "antipodal")
 NETWORKS = ("default", "paper")
+ALONE = "{}.alone"
 #: Number of views by condition.
 CONDITIONS = {"1view": 1, "3views": 3}
 #: Generated objects, views of every object, and views of which grasps are simulated.
@@ -81,7 +85,8 @@ def make_samplers() -> dict[str, GraspSamplerFn]:
     samplers: dict[str, GraspSamplerFn] = {"antipodal": AntipodalSampler(GRIPPER)}
     for preset in NETWORKS:
         network = load_grasp_network(preset)
-        samplers[preset] = NetworkSampler(GRIPPER, network, top_up=preset == Preset.DEFAULT)
+        samplers[preset] = NetworkSampler(GRIPPER, network)
+        samplers[ALONE.format(preset)] = NetworkSampler(GRIPPER, network, top_up=False)
     return samplers
 
 
@@ -130,10 +135,8 @@ def _judge_field(field: Gpdf, truth: TrueGrasps, seed: int, proposals: bool) -> 
     records: list[Record] = []
     for preset, sampler in make_samplers().items():
         _ = field.completion
-        start = time.process_time()
-        grasps = sampler(field)
-        cpu_ms = 1e3 * (time.process_time() - start)
-        record: Record = {"kind": "set", "preset": preset, "cpu_ms": cpu_ms}
+        grasps, cpu = cpu_ms(partial(sampler, field))
+        record: Record = {"kind": "set", "preset": preset, "cpu_ms": cpu}
         record |= set_measures(grasps, truth, GRIPPER) | {"rejected": dict(grasps.rejected)}
         records.append(record)
         if proposals and preset in NETWORKS:
@@ -146,8 +149,8 @@ def _judge_field(field: Gpdf, truth: TrueGrasps, seed: int, proposals: bool) -> 
 def _hold(obj: RigidObject, field: Gpdf, seed: int) -> list[Record]:
     """Simulates the best grasp of every preset and one drawn from the filtered ones."""
     records: list[Record] = []
-    for preset, sampler in make_samplers().items():
-        grasps: GraspSet = sampler(field)
+    for preset in PRESETS:
+        grasps: GraspSet = make_samplers()[preset](field)
         if len(grasps) == 0:
             continue
         drawn = int(np.random.default_rng(seed).integers(len(grasps)))

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import time
 import zlib
 from collections.abc import Sequence
+from functools import cache, partial
 from operator import itemgetter
 from pathlib import Path
 
@@ -19,16 +19,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from feasigrasp.evaluation.measures.shape import measure, true_samples
+from feasigrasp.evaluation.measures.timing import cpu_ms
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape.completion import Preset, complete_shape
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.surface_error import surface_deviation
 from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import grouped, mean
-from feasigrasp.training.data.views import ViewedObject, fused, turning_views
+from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 PRESETS = ("paper", "default")
 #: Groups of equally many completed points, by predicted deviation.
@@ -68,10 +70,10 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
     """Measures all views, conditions and presets of one object.
 
     Returns:
-        One record each: the figures of `measure`, what they are of, the CPU time of the last
-        perception tick [ms] and, for calibration, the predicted deviation and the error of
-        completed points.
+        One record each: the figures of `measure`, what they are of, the processor time of a view
+        [ms] and, for calibration, the predicted deviation and the error of completed points.
     """
+    _warm_up()
     viewed = ViewedObject(load_object(path))
     points, normals = true_samples(viewed, seed)
     records = []
@@ -81,17 +83,31 @@ def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]
             cameras = turning_views(rng, viewed.center, max(n for n, _ in CONDITIONS.values()))
             seen = [viewed.view(X_OC, rng, tracking) for X_OC in cameras[:count]]
             for preset in PRESETS:
-                start = time.process_time()
-                field = complete_shape(fused(seen, smooth=preset == Preset.DEFAULT), preset=preset)
+                field, cpu = cpu_ms(partial(_completed, seen, preset))
                 surface = field.completion
-                cpu = 1e3 * (time.process_time() - start) / count
                 record: Record = {"object": name, "view": index, "condition": condition}
-                record |= {"preset": preset, "cpu_ms": cpu}
+                record |= {"preset": preset, "cpu_ms": cpu / count}
                 record |= measure(viewed, field, seen, points, normals)
                 record["deviation"] = surface_deviation(field, surface.points).round(6).tolist()
                 record["error"] = viewed.surface.distance(surface.points).round(6).tolist()
                 records.append(record)
     return records
+
+
+def _completed(seen: Sequence[PartialView], preset: str) -> Gpdf:
+    """The field of some views, with its completed surface."""
+    field = complete_shape(fused(seen, smooth=preset == Preset.DEFAULT), preset=preset)
+    _ = field.completion
+    return field
+
+
+@cache
+def _warm_up() -> None:
+    """Loads compiled code and weights, which would count as time of the process's first view."""
+    viewed, rng = ViewedObject(load_object("ball")), np.random.default_rng(0)
+    seen = [viewed.view(X_OC, rng) for X_OC in turning_views(rng, viewed.center, 2)]
+    for preset in PRESETS:
+        _completed(seen, preset)
 
 
 def main(args: argparse.Namespace) -> int:

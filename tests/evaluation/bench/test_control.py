@@ -75,6 +75,21 @@ def test_the_peer_of_the_joint_step_solves_and_descends(xp):
     assert command @ towards > 0.0
 
 
+@pytest.mark.parametrize("space", ["task", "joint"])
+def test_every_update_that_is_timed_plans(space):
+    """Without an update in it, a step of the simulator takes microseconds."""
+    if space == "task":
+        probe = task_probe(REACHABILITY, 4, "safe", seed=0)
+    else:
+        probe = joint_probe(REACHABILITY, 10, "safe", seed=0, period=0.1)
+    before, start = probe.controller.memory(probe.context), probe.context.get_time()
+    times = probe.update_ms(0.1, 12)
+    assert times.shape == (12,) and times.min() > 0.2
+    updates = (probe.context.get_time() - start) / 0.1
+    assert updates == pytest.approx(12 + 15)  # the first ones warm up
+    assert probe.controller.memory(probe.context) is not before
+
+
 def test_frequencies_turn_the_interval_round():
     row = timing_row("bench.task_hz.1", "default", Timing(0.01, 0.008, 0.02, 7))
     assert (row.value, row.low, row.high) == pytest.approx((100.0, 50.0, 125.0))
@@ -87,10 +102,11 @@ def test_the_table_has_the_papers_figures():
     ]
     rows = [Row(name, "default", 20000.0, None, None, "Hz", 9) for name in names]
     rows.append(Row("bench.task_hz.10", "peer:numpy", 9876.0, None, None, "Hz", 9))
+    rows.append(Row("bench.joint_hz.100", "new solutions", 4321.0, None, None, "Hz", 9))
     lines = format_table_3(rows).splitlines()
     assert len(lines) == 21
     assert lines[10].split() == ["task", "K", "=", "10", "78.2", "20000", "256", "9876"]
-    assert lines[-1].split() == ["joint", "N", "=", "100", "13.9", "20000", "1439"]
+    assert lines[-1].split() == ["joint", "N", "=", "100", "13.9", "20000", "1439", "4321"]
 
 
 def test_a_draw_that_never_fits_is_told(monkeypatch):

@@ -34,14 +34,38 @@ def write(folder, rows, **more):
     (folder / "summary.json").write_text(json.dumps(summary))
 
 
+CONDITIONS = {
+    "split": "test",
+    "speeds": {"ReachLinear": {"path_m_s": 0.1131, "spin_rad_s": 0.2}},
+    "camera": "wrist_camera, 424 x 240, noise of a D435",
+    "perception_latency_s": [0.1, 0.0],
+    "tracking": "true pose",
+    "segmentation": "label image",
+    "object_frame": "given",
+    "friction": 0.6,
+    "objects": ["mug", "cup"],
+    "left_out": {},
+    "seeds": [0, 1, 2],
+}
+
+
 @pytest.fixture
 def dynamic(tmp_path):
     folder = tmp_path / "dynamic"
     rows = dynamic_rows("PaperCircular/task/safe", 0.0, 0.0, 0.1234, 9.87)
     rows += dynamic_rows("PaperCircular/task/paper", 7.0, 80.0, 0.08, 1.5)
-    rows += dynamic_rows("PaperCircular/task/safe/duck", 0.0, 0.0, 0.12, 9.5)
-    rows += [row("dynamic.held_percent", "ReachLinear/joint/safe", 95.0, 80.0, 99.0, "%", 30)]
-    write(folder, rows)
+    rows += dynamic_rows("PaperCircularFast/task/corrected", 9.0, 60.0, 0.07, 2.5)
+    rows += [row("dynamic.tracked_percent", "PaperCircular/task/safe", 51.4)]
+    reach = "ReachLinear/joint/safe"
+    rows += [
+        row("dynamic.held_percent", reach, 95.0, 80.0, 99.0, "%", 30),
+        row("dynamic.pushed_mm_max", reach, 890.4, n=30),
+        row("dynamic.contact_before_closing_percent", reach, 3.0, 0.0, 8.0, "%", 30),
+        row("dynamic.planning_ms.worst", reach, 31.2, n=30),
+        row("dynamic.cause.pushed away_percent", reach, 5.0, 0.0, 9.0, "%", 30),
+        row("dynamic.held_percent", f"{reach}/mug", 66.7, n=3),
+    ]
+    write(folder, rows, conditions=CONDITIONS)
     return folder
 
 
@@ -53,31 +77,62 @@ def lines_of(text):
     ]
 
 
+def section(text, head):
+    """The part of a report below a heading."""
+    (part,) = [p for p in text.split("\n### ") if p.startswith(head)]
+    return part
+
+
+def circular_of(folder, speed):
+    assert cli.main(["report", str(folder)]) == 0
+    text = (folder / "report.md").read_text()
+    lines = lines_of(section(text, f"The paper's Table II, beside ours at {speed}"))
+    assert ["Sinusoidal", "printed: task space"] in [line[:2] for line in lines]
+    return {line[1]: line[2:] for line in lines if line[0] == "Circular"}
+
+
 def test_table_2_has_the_papers_figures_and_ours(dynamic):
-    assert cli.main(["report", str(dynamic)]) == 0
-    lines = lines_of((dynamic / "report.md").read_text())
-    circular = {line[1]: line[2:] for line in lines if line[0] == "Circular"}
-    assert list(circular)[:3] == [
-        "paper: joint space",
-        "paper: task space",
-        "paper: grasp diffusion",
-    ]
-    assert circular["paper: task space"] == [
-        "6.72 (5.55)", "89.64 (0.74)", "0.0729 (0.0022)", "3.31 (0.25)",
+    slow, fast = circular_of(dynamic, "0.3 rad/s"), circular_of(dynamic, "1.2 rad/s")
+    printed = ["printed: joint space", "printed: task space", "printed: grasp diffusion"]
+    assert list(slow) == [*printed, "task, paper", "task, safe"]
+    assert list(fast) == [*printed, "task, corrected"]
+    # As printed, and no figure for the time at a grasp.
+    assert slow["printed: task space"] == [
+        "6.72 (5.55)", "89.64 (0.74)", "0.0729 (0.0022)", "3.31 (0.25)", "-",
     ]  # fmt: skip
-    ours = circular["**task, safe mode**"]
-    assert ours[0] == "**0.00 [0.00, 1.00]**" and ours[1] == "**0.00 [0.00, 0.00]**"
-    assert ours[2] == "**0.1234**" and ours[3] == "9.87 [8.87, 10.87]"
-    assert circular["**task, paper mode**"][3] == "**1.50 [0.50, 2.50]**"
-    assert not [line for line in lines if line[1] == "**joint, safe mode**"]
-    assert ["Sinusoidal", "paper: task space"] in [line[:2] for line in lines]
+    assert slow["task, safe"] == [
+        "**0.00 [0.00, 1.00]**", "**0.00 [0.00, 0.00]**", "**0.1234**", "9.87 [8.87, 10.87]",
+        "**51.4**",
+    ]  # fmt: skip
+    assert slow["task, paper"][3:] == ["**1.50 [0.50, 2.50]**", "-"]
+    # The best of a column is so among figures of one speed.
+    assert fast["task, corrected"][3] == "**2.50 [1.50, 3.50]**"
+    assert fast["printed: joint space"][0] == "**1.08 (0.57)**"
 
 
-def test_the_other_tables_have_a_line_per_preset(dynamic):
+def test_what_happened_to_the_objects_is_told(dynamic):
     cli.main(["report", str(dynamic)])
-    lines = {line[0]: line[1:] for line in lines_of((dynamic / "report.md").read_text())}
-    assert lines["ReachLinear/joint/safe"] == ["95.0 [80.0, 99.0]", "30"]
-    assert lines["PaperCircular/task/safe/duck"][-2:] == ["9.50 [8.50, 10.50]", "5"]
+    text = (dynamic / "report.md").read_text()
+    heads, _, line = lines_of(section(text, "Grasping moving objects"))
+    assert dict(zip(heads, line, strict=True)) == {
+        "": "ReachLinear/joint/safe", "held [%]": "95.0 [80.0, 99.0]",
+        "pushed at most [mm]": "890", "touched before closing [%]": "3.0 [0.0, 8.0]",
+        "slowest planning [ms]": "31", "runs": "30",
+    }  # fmt: skip
+    heads, _, line = lines_of(section(text, "Why runs did not hold"))
+    assert (heads[1], line[1]) == ("pushed away [%]", "5.0 [0.0, 9.0]")
+    heads, _, line = lines_of(section(text, "Held, object by object"))
+    assert (heads, line) == (["", "ReachLinear/joint/safe"], ["mug", "67"])
+
+
+def test_conditions_stand_under_every_table(dynamic):
+    cli.main(["report", str(dynamic)])
+    text = (dynamic / "report.md").read_text()
+    told = "Conditions: test split; largest speed of the object: ReachLinear 0.11 m/s and 0.2 rad/s"
+    tables = [line for line in text.splitlines() if line.startswith("| ---")]
+    assert len(tables) == text.count(told) == 6
+    for part in ("friction 0.6", "2 objects: mug, cup", "seeds 0 to 2", "0.1 s or 0 s"):
+        assert part in text
 
 
 def test_the_figure_shows_bars(dynamic):
@@ -96,7 +151,7 @@ def test_a_report_goes_into_a_document(dynamic, tmp_path):
         assert cli.main(["report", str(dynamic), "--into", str(document)]) == 0
     text = document.read_text()
     assert text.startswith("# Title\n") and text.endswith("\n\nThe end.\n")
-    assert "stale" not in text and text.count("Table II") == 1
+    assert "stale" not in text and text.count("Table II") == 2
     assert f"](images/{FIGURE})" in text
     assert (document.parent / "images" / FIGURE).read_bytes() == (dynamic / FIGURE).read_bytes()
 

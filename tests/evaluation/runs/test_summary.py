@@ -103,10 +103,70 @@ def test_objects_have_rows_of_their_own_if_there_are_several(found):
     ]
     rows = {(row.preset, row.name): row for row in summary_rows(two)}
     name = "dynamic.gripper_object_distance_cm_mean"
-    assert rows["PaperLinear/task/safe", name].value == 3.0
+    # Each object once: (1.5 + 6) / 2.
+    assert rows["PaperLinear/task/safe", name].value == 3.75
     assert rows["PaperLinear/task/safe/duck", name].value == 1.5
     assert rows["PaperLinear/task/safe/vase", name].n == 1
     assert len(format_table(list(rows.values())).splitlines()) == 4
+
+
+def measured(model, held, **metrics):
+    made = record("ReachLinear", "task", held) | {"object": model}
+    made["metrics"] |= metrics
+    return made
+
+
+HANDLED = [
+    measured("mug", True, pushed_mm=2.0, contact_force_peak_n=0.0, cause=None, friction=0.6),
+    measured("mug", True, pushed_mm=5.0, contact_force_peak_n=0.0, cause=None, friction=0.6),
+    measured("ball", False, pushed_mm=890.0, contact_force_peak_n=31.0, cause="pushed away"),
+    measured("ball", False, pushed_mm=5.1, contact_force_peak_n=2.0, cause="slipped"),
+    measured("cup", None, cause=None),
+]
+HANDLED[0]["metrics"] |= {"planning_ms_worst": 12.0, "planning_ms_median": 1.0}
+HANDLED[1]["metrics"] |= {"planning_ms_worst": 31.0, "planning_ms_median": 3.0}
+HANDLED[2]["metrics"] |= {"planning_ms_worst": 8.0, "planning_ms_median": 2.0}
+HANDLED[3]["metrics"] |= {"obstacle_distance_min_mm": -56.0}
+HANDLED[0]["metrics"] |= {"obstacle_distance_min_mm": 100.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "n"),
+    [
+        ("held_percent", 50.0, 4),
+        ("pushed_percent", 50.0, 4),
+        ("pushed_mm_max", 890.0, 4),
+        ("contact_before_closing_percent", 50.0, 4),
+        ("cause.pushed away_percent", 25.0, 4),
+        ("cause.slipped_percent", 25.0, 4),
+        ("planning_ms.worst", 31.0, 3),
+        ("planning_ms.median", 2.0, 3),
+        ("obstacle_distance_min_mm.least", -56.0, 2),
+        ("obstacle_distance_min_mm", 22.0, 2),
+    ],
+)
+def test_what_a_mean_would_hide(name, value, n):
+    rows = {row.name: row for row in summary_rows(HANDLED) if row.preset == "all/all/safe"}
+    row = rows[f"dynamic.{name}"]
+    assert (row.value, row.n) == (pytest.approx(value), n)
+    assert "dynamic.cause" not in rows and "dynamic.planning_ms_worst" not in rows
+
+
+def test_intervals_come_from_the_objects():
+    """Two of two balls not held: with six runs the interval of a share over runs would be narrower
+    than that of three objects."""
+    runs = [measured(model, model != "ball") for model in ("mug", "ball", "cup") for _ in range(2)]
+    rows = {row.preset: row for row in summary_rows(runs) if row.name == "dynamic.held_percent"}
+    assert (rows["all/all/safe"].low, rows["all/all/safe"].high) == (0.0, 100.0)
+    one = rows["ReachLinear/task/safe/ball"]
+    assert (one.value, one.high) == (0.0, pytest.approx(100 * proportion(0, 2).high))
+
+
+def test_a_study_that_changes_its_scenarios_has_rows_of_its_own():
+    both = [record("ReachLinear", "task", True), record("ReachLinear-ideal", "task", False)]
+    held = {row.preset: row.value for row in summary_rows(both) if "held" in row.name}
+    assert held["ReachLinear/task/safe"] == held["all/all/safe"] == 100.0
+    assert held["ReachLinear-ideal/task/safe"] == held["all-ideal/all/safe"] == 0.0
 
 
 def test_the_table_has_a_line_per_preset():

@@ -18,18 +18,20 @@ from feasigrasp.results import finished
 def planned(*arguments):
     parser = argparse.ArgumentParser()
     gallery.add_arguments(parser)
-    return gallery.shown(gallery.plan(parser.parse_args(arguments)))
+    return gallery.shown(gallery.plan(parser.parse_args(arguments)).runs)
 
 
 def test_there_is_one_run_for_every_row_of_the_tables():
     runs = planned()
     rows = {(r.name, r.scenario.control.controller, r.scenario.control.mode) for r in runs}
-    assert len(rows) == len(runs) == 3 * 2 * 2 + 3 * 2 + 2
+    assert len(rows) == len(runs) == 6 * 2 * 3 + 3 * (3 * 2) + 2
     for run in runs:
         assert run.scenario.random_seed == 0
         if not run.scenario.grasp.close:
             assert run.object_name == "duck"
-            assert run.scenario.simulation_duration == pytest.approx(2 * np.pi / 0.3)
+            assert run.scenario.simulation_duration == pytest.approx(
+                2 * np.pi / run.scenario.motion.rate
+            )
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from feasigrasp.evaluation.measures.grasps import set_measures
-from feasigrasp.evaluation.studies.sampler import summary_rows, write_records
+from feasigrasp.evaluation.studies.sampler import make_samplers, summary_rows, write_records
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.statistics import average_precision, resampled
@@ -84,6 +84,16 @@ def records():
         a_hold("a", "top1", 1), a_hold("b", "top1", 0), a_hold("d", "top1", 0, graspable=0),
         a_proposal("a", "1view", [0.9, 0.1], [1, 0]), a_proposal("a", "true", [0.1, 0.9], [1, 0]),
     ]  # fmt: skip
+
+
+def test_both_networks_get_the_same_help():
+    samplers = make_samplers()
+    assert {name: getattr(sampler, "top_up", None) for name, sampler in samplers.items()} == {
+        "antipodal": None,
+        "default": True, "default.alone": False, "paper": True, "paper.alone": False,
+    }  # fmt: skip
+    assert samplers["paper"].network is not samplers["default"].network
+    assert samplers["paper"].network is samplers["paper.alone"].network
 
 
 def test_rows_are_what_the_records_say(records):

@@ -1,0 +1,85 @@
+"""What a table of runs was measured under, read from the scenarios that ran."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
+from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.scenario.sampling import make_motion
+from feasigrasp.scenario.schema import Scenario
+
+#: What the pipeline is given by the simulation whatever a scenario says.
+_GIVEN = {"segmentation": "label image of the simulation", "object_frame": "given, with the pose"}
+#: The errors of a tracker's measurements, and how they are told.
+_ERRORS = {
+    "latency": "{:g} s late",
+    "position_noise": "noise {:g} m",
+    "rotation_noise": "{:.2g} rad",
+    "dropout": "{:.0%} lost",
+}
+#: Moments of a lap at which the speed is looked at.
+_MOMENTS = 2000
+
+
+def conditions(plan: Plan, split: str) -> dict[str, Any]:
+    """The conditions of many runs, for ``summary.json``; ``docs/results_schema.md`` defines them.
+
+    An entry that is not the same in all runs is a list of what it is.
+
+    Args:
+        plan: The runs, and what was left out.
+        split: ``development`` or ``test``.
+    """
+    runs = plan.runs
+    by_name: dict[str, Scenario] = {}
+    for planned in runs:
+        by_name.setdefault(planned.name, planned.scenario)
+    return {
+        "split": split,
+        "speeds": {name: _speeds(scenario) for name, scenario in by_name.items()},
+        "camera": _common(runs, _camera),
+        "perception_latency_s": _common(runs, lambda s: s.perception.latency),
+        "tracking": _common(runs, lambda s: _tracking(s.tracker)),
+        **_GIVEN,
+        "friction": _common(runs, lambda s: s.object.friction),
+        "objects": list(dict.fromkeys(planned.object_name for planned in runs)),
+        "left_out": plan.left_out,
+        "seeds": sorted({planned.scenario.random_seed for planned in runs}),
+    }
+
+
+def _common(runs: Sequence[PlannedRun], read: Callable[[Scenario], Any]) -> Any:
+    """What all runs have, or the list of what some have."""
+    values = list(dict.fromkeys(read(planned.scenario) for planned in runs))
+    return values[0] if len(values) == 1 else values
+
+
+def _speeds(scenario: Scenario) -> dict[str, float]:
+    """Largest speed on the path, and speed of the rotation."""
+    motion, rate = make_motion(scenario), scenario.motion.rate
+    times = np.linspace(0.0, 2.0 * math.pi / abs(rate), _MOMENTS) if rate else np.zeros(1)
+    path = max(float(np.linalg.norm(motion.velocity(t)[3:])) for t in times)
+    return {"path_m_s": round(path, 4), "spin_rad_s": abs(scenario.motion.spin)}
+
+
+def _camera(scenario: Scenario) -> str:
+    name = scenario.perception.camera
+    camera, noise = scenario.cameras[name], scenario.camera_noise.get(name)
+    size = f"{name}, {camera.width} x {camera.height}"
+    if noise is None:
+        return f"{size}, without noise"
+    changed = ", ".join(f"{key} {value:g}" for key, value in sorted(noise.items()))
+    return f"{size}, noise of a D435" + (f" with {changed}" if changed else "")
+
+
+def _tracking(tracker: TrackerConfig) -> str:
+    rate = f"{1.0 / tracker.period:g} Hz"
+    errors = {text: getattr(tracker, name) for name, text in _ERRORS.items()}
+    if not any(errors.values()):
+        return f"true pose, {rate}, no latency"
+    return f"measured pose, {rate}, {', '.join(text.format(x) for text, x in errors.items())}"
