@@ -16,6 +16,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
+from feasigrasp.systems import velocity_drive
 
 SPEED = np.array([0.3, -0.2, 0.1, 0.25, -0.1, 0.2, 0.4])
 
@@ -49,8 +50,21 @@ def test_the_arm_goes_exactly_where_a_steady_command_takes_it():
     q = np.deg2rad(config.q_start) + period * np.cumsum(qd, axis=0)
     np.testing.assert_allclose(rollout.states[1:, IIWA_7.joints :], qd, atol=1e-12)
     np.testing.assert_allclose(rollout.states[1:, : IIWA_7.joints], q, atol=1e-12)
-    assert rollout.metrics["acceleration_limit_violation_percent"] == 0.0
     assert rollout.metrics["no_grasp_percent"] == 100.0
+
+
+def test_a_drive_that_clips_nothing_is_found_out(monkeypatch):
+    """`Steady` asks for its velocity at once: one tick beyond the limits, if the drive lets it."""
+    ticks = 20
+    shares = []
+    for factor in (1.0, 1e4):
+        arm = IIWA_7._replace(acceleration_limits=factor * IIWA_7.acceleration_limits)
+        monkeypatch.setattr(velocity_drive, "IIWA_7", arm)
+        duration = ticks * scenario().control.period
+        rollout = roll_out(scenario(), GraspSet.empty(), duration=duration, controller=Steady)
+        shares.append(rollout.metrics["acceleration_limit_violation_percent"])
+    assert shares[0] == 0.0
+    assert shares[1] == pytest.approx(100.0 / ticks, rel=0.2)
 
 
 def test_the_metrics_are_those_that_are_documented():

@@ -1,6 +1,7 @@
 """Every scenario runs, with either controller, and leaves a valid record."""
 
 import json
+from dataclasses import replace
 from importlib import resources
 
 import jsonschema
@@ -9,10 +10,11 @@ import pytest
 
 from feasigrasp.evaluation.runs.run import crash_record, run
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
-from feasigrasp.systems import dynamic_grasp
+from feasigrasp.systems import dynamic_grasp, velocity_drive
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -88,9 +90,23 @@ def test_metrics_of_the_record_are_those_of_the_samples():
     assert record["self_collision_percent"] == 0.0
     assert 20.0 < record["torque_peak_percent"] < 100.0  # the arm's weight alone is a quarter
     assert of_samples["acceleration_peak_percent"] is None
-    assert record["acceleration_limit_violation_percent"] == 0.0
     assert 0.0 <= record["velocity_peak_percent"] < 100.0
     assert record["obstacle_distance_min_mm"] > 50.0
+
+
+def test_a_drive_that_clips_nothing_shows_in_the_record(monkeypatch):
+    """The law without limits, on a drive that lets it through; the same drive as ever stops it."""
+    config = short("ReachLinear", duration=0.6)
+    config = replace(config, control=replace(config.control, mode="paper"))
+    shares = []
+    for factor in (1.0, 1e4):
+        arm = IIWA_7._replace(acceleration_limits=factor * IIWA_7.acceleration_limits)
+        monkeypatch.setattr(velocity_drive, "IIWA_7", arm)
+        metrics = run(config, "ReachLinear").record["metrics"]
+        assert metrics["grasp_position_error_mm_median"] > 0.0  # there was something to go to
+        shares.append(metrics["acceleration_limit_violation_percent"])
+    assert shares[0] == 0.0
+    assert shares[1] > 0.5
 
 
 def test_a_failing_simulation_is_reported(monkeypatch, validator):

@@ -18,15 +18,33 @@ from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.weights_file import WeightsError
 
 
+#: Semi-axes of an ellipsoid of 4 x 6 x 10 cm [m].
+RADII = np.array([0.02, 0.03, 0.05])
+
+
 def ellipsoid(seed, n=120):
-    """Input of a network on an ellipsoid of 4 x 6 x 10 cm."""
-    radii, rng = np.array([0.02, 0.03, 0.05]), np.random.default_rng(seed)
-    direction = rng.normal(size=(n, 3))
+    """Input of a network on the ellipsoid: its surface, and what the inward normals meet."""
+    direction = np.random.default_rng(seed).normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    normals = direction / radii
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    scalars = np.tile([1e-3, 0.05, -0.9, 1e-3], (n, 1))
-    return GraspInput(*(x.astype(np.float32) for x in (direction * radii, normals, scalars)))
+    points = direction * RADII
+    normals = normals_at(points)
+    # Where p - t n is on the ellipsoid again.
+    chord = 2 * np.sum(points * normals / RADII**2, axis=1) / np.sum((normals / RADII) ** 2, axis=1)
+    cosine = np.sum(normals * normals_at(points - chord[:, None] * normals), axis=1)
+    small = np.full(n, 1e-3)
+    scalars = np.stack([small, chord, cosine, small], axis=1)
+    return GraspInput(*(x.astype(np.float32) for x in (points, normals, scalars)))
+
+
+def normals_at(points):
+    normals = points / RADII**2
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def graspable(surface):
+    """Where the hand fits round the ellipsoid and both faces are opposed enough to hold it."""
+    chord, cosine = surface.scalars[:, 1], surface.scalars[:, 2]
+    return (chord < 0.08) & (cosine < -np.cos(np.deg2rad(40.0)))
 
 
 @pytest.mark.parametrize("preset", Preset)
@@ -48,8 +66,20 @@ def test_the_trained_networks_are_there(preset):
     assert load_grasp_network(preset) is network
     assert copy.deepcopy(network) is network
     assert weights_file(preset).stat().st_size < 3e6
-    still = network.propose(ellipsoid(18))
-    assert still.contact.std() > 1e-3
+
+
+@pytest.mark.parametrize("preset", Preset)
+def test_the_weights_are_those_of_a_trained_network(preset):
+    """It tells where the ellipsoid can be held; networks with random weights do not."""
+    surface = ellipsoid(18, n=512)
+    holds = graspable(surface)
+
+    def told_apart(network):
+        contact = network.propose(surface).contact
+        return contact[holds].mean() - contact[~holds].mean()
+
+    assert told_apart(load_grasp_network(preset)) > 0.15
+    assert max(told_apart(GraspNetwork.untrained(preset, seed)) for seed in range(3)) < 0.05
 
 
 def test_there_are_two_presets():
