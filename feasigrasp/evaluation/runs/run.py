@@ -8,21 +8,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
+from feasigrasp.evaluation.runs.cause import Cause
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
-from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
+from feasigrasp.evaluation.runs.run_metrics import METRICS, RunFacts, not_held, summarize
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.scenario.files import dump_scenario
+from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
+from feasigrasp.systems.station.contact_friction import contact_friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +79,7 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
             write_replay(meshcat, replay)
 
     context = simulator.get_context()
-    times, samples, metrics = _measured(diagram, context, scenario)
-    if error is not None and metrics["grasp_held"] is not None:
-        metrics["grasp_held"] = False
+    times, samples, metrics = _measured(diagram, context, scenario, broke_off=error is not None)
     simulated = context.get_time()
     timings = {
         "build_s": started - built,
@@ -92,7 +94,8 @@ def run(scenario: Scenario, name: str = "", *, replay: Path | None = None) -> Ru
 def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
     """The record of a run that came to no end: no metrics, no timings, and nothing held."""
     metrics: dict[str, Any] = dict.fromkeys(METRICS)
-    metrics["grasp_held"] = False if scenario.grasp.close else None
+    if scenario.grasp.close:
+        metrics |= not_held(Cause.BROKE_OFF)
     return {
         "scenario": name,
         "controller": scenario.control.controller,
@@ -110,21 +113,38 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
 
 
 def _measured(
-    diagram: Diagram, context: Context, scenario: Scenario
+    diagram: Diagram, context: Context, scenario: Scenario, *, broke_off: bool
 ) -> tuple[Array, Array, dict[str, Any]]:
-    """Times and samples of the metrics' log, and the metrics of all logs."""
+    """Times and samples of the metrics' log, and the metrics of all that was measured."""
+    station = diagram.GetSubsystemByName("station")
 
     def log(name: str) -> tuple[Array, Array]:
         found = diagram.GetSubsystemByName(f"log({name})").FindLog(context)
         return found.sample_times().copy(), found.data().copy()
 
+    def output(system: str, port: str) -> Any:
+        found = diagram.GetSubsystemByName(system)
+        return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(context))
+
     times, samples = log("metrics")
     commanded, measured = (log(name)[1][IIWA_7.joints :].T for name in ("drive", "arm"))
+    motion = make_motion(scenario)
+    contact = diagram.GetSubsystemByName("contact")
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,
-        ticks=JointTicks(commanded, measured, scenario.control.period),
-        obstacle_distance=log("obstacle_distance")[1],
+        facts=RunFacts(
+            ticks=JointTicks(commanded, measured, scenario.control.period),
+            obstacle_distance=log("obstacle_distance")[1],
+            path=np.array([motion.pose(t) for t in times]),
+            contact=output("contact", "approach"),
+            # A solver that has failed would fail again.
+            touched=not broke_off
+            and bool(np.any(contact.force(output("station", "contact_results")))),
+            broke_off=broke_off,
+            friction=contact_friction(station),
+            view_faults=float(output("perception", "view_faults")[0]),
+        ),
     )
     return times, samples, metrics
 

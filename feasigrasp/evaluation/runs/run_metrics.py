@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feasigrasp.evaluation.runs.cause import Cause, Course, cause_of
 from feasigrasp.evaluation.runs.grasp_tracking import tracking_metrics
+from feasigrasp.evaluation.runs.handling import contact_metrics, hold_metrics, pushed_metrics
 from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
-
-#: An object that stays this close to where it was in the hand counts as held [m].
-HELD_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,7 @@ class Metric:
     """What is known of a metric beforehand.
 
     Attributes:
-        unit: Its unit; ``bool`` for what is true or false.
+        unit: Its unit; ``bool`` for what is true or false, ``text`` for what is a word.
         lower: Its smallest possible value.
         upper: Its largest possible value.
     """
@@ -53,8 +52,18 @@ METRICS: dict[str, Metric] = {
     "velocity_peak_percent": Metric("%", 0.0),
     "acceleration_peak_percent": Metric("%", 0.0),
     "obstacle_distance_min_mm": Metric("mm"),
+    "friction": Metric("1", 0.0),
+    "view_faults": Metric("1", 0.0),
+    "grasp_age_s_mean": Metric("s", 0.0),
+    "grasp_age_s_max": Metric("s", 0.0),
+    "pushed_mm": Metric("mm", 0.0),
+    "pushed_deg": Metric("deg", 0.0, 180.0),
+    "contact_force_peak_n": Metric("N", 0.0),
+    "contact_time_percent": Metric("%", 0.0, 100.0),
     "grasp_held": Metric("bool"),
+    "cause": Metric("text"),
     "slip_mm": Metric("mm", 0.0),
+    "turn_deg": Metric("deg", 0.0, 180.0),
     "lift_cm": Metric("cm"),
     "object_end_x_m": Metric("m"),
     "object_end_y_m": Metric("m"),
@@ -62,30 +71,52 @@ METRICS: dict[str, Metric] = {
 }
 
 
-def summarize(
-    samples: Array,
-    *,
-    closes: bool,
-    ticks: JointTicks | None = None,
-    obstacle_distance: Array | None = None,
-) -> dict[str, float | bool | None]:
+#: A metric of one run; None where it does not apply.
+Value = float | bool | str | None
+
+
+@dataclass(frozen=True, eq=False)
+class RunFacts:
+    """What is known of a run beside its samples; None and NaN where nobody looked.
+
+    Attributes:
+        ticks: Joint velocities at the control rate; without them, speeds are those of the samples
+            and there is nothing to say about accelerations.
+        obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
+        path: Where its motion would have the object at every sample, shape (n, 4, 4).
+        contact: What `feasigrasp.systems.station.object_contact.ObjectContact` says at the end.
+        touched: Whether arm or hand touched the object at the end.
+        broke_off: Whether the simulation failed.
+        friction: Coulomb friction of pads and object.
+        view_faults: Views that could not be used.
+    """
+
+    ticks: JointTicks | None = None
+    obstacle_distance: Array | None = None
+    path: Array | None = None
+    contact: Array | None = None
+    touched: bool = False
+    broke_off: bool = False
+    friction: float | None = None
+    view_faults: float | None = None
+
+
+def summarize(samples: Array, *, closes: bool, facts: RunFacts | None = None) -> dict[str, Value]:
     """The metrics of one run; ``docs/results_schema.md`` defines every one.
 
     Args:
         samples: One row per entry of `SAMPLE_NAMES`, one column per sample, shape (s, n).
         closes: Whether the scenario closes the gripper; if not, ``grasp_held`` is None.
-        ticks: Joint velocities at the control rate; without them, speeds are those of the samples
-            and there is nothing to say about accelerations.
-        obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
+        facts: What else is known of the run.
 
     Returns:
         A figure for each of `METRICS`; None where it does not apply.
     """
-    result: dict[str, float | bool | None] = dict.fromkeys(METRICS)
-    if closes:
-        result["grasp_held"] = False
+    facts = RunFacts() if facts is None else facts
+    result: dict[str, Value] = dict.fromkeys(METRICS)
+    result |= {"friction": facts.friction, "view_faults": facts.view_faults}
     if samples.shape[1] == 0:
-        return result
+        return result | (not_held(Cause.BROKE_OFF) if closes else {})
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))
     p_HO, p_WO = _vector(x, "p_HO"), _vector(x, "p_WO")
     distance = np.linalg.norm(p_HO, axis=1)
@@ -110,22 +141,37 @@ def summarize(
     result |= tracking_metrics(
         x["grasp_position_error"], x["grasp_angle_error"], X_OH, approach, SAMPLE_PERIOD
     )
-    if ticks is not None and len(ticks.commanded):
-        result |= limit_metrics(ticks)
-    if obstacle_distance is not None and len(obstacle_distance):
-        nearest = float(np.min(obstacle_distance))
+    if facts.ticks is not None and len(facts.ticks.commanded):
+        result |= limit_metrics(facts.ticks)
+    if facts.obstacle_distance is not None and len(facts.obstacle_distance):
+        nearest = float(np.min(facts.obstacle_distance))
         result["obstacle_distance_min_mm"] = 1e3 * nearest if math.isfinite(nearest) else None
-    released = x["phase"] > Phase.CLOSE
-    if closes and released.any():
-        start = int(np.argmax(released))
-        slip = np.linalg.norm(p_HO[start:] - p_HO[start], axis=1)
-        result["slip_mm"] = 1e3 * float(slip.max())
-        result["lift_cm"] = 100.0 * float(p_WO[-1, 2] - p_WO[start, 2])
-        done = bool(x["phase"][-1] == Phase.DONE)
-        result["grasp_held"] = done and float(slip.max()) < HELD_TOLERANCE
+    ages = x["view_age"][approach & (x["reachable_grasps"] > 0)]
+    if np.isfinite(ages).any():
+        result["grasp_age_s_mean"] = float(np.nanmean(ages))
+        result["grasp_age_s_max"] = float(np.nanmax(ages))
+    if facts.path is not None:
+        X_WO = se3.make_pose(se3.so3_exp(_vector(x, "r_WO")), p_WO)
+        result |= pushed_metrics(X_WO, facts.path, approach, SAMPLE_PERIOD)
+    if facts.contact is not None:
+        result |= contact_metrics(facts.contact)
+    if closes:
+        result |= hold_metrics(se3.inverse(X_OH), x["phase"], SAMPLE_PERIOD)
+        released = x["phase"] > Phase.CLOSE
+        if released.any():
+            start = int(np.argmax(released))
+            result["lift_cm"] = 100.0 * float(p_WO[-1, 2] - p_WO[start, 2])
+        if facts.broke_off or not result["grasp_held"]:
+            pushed = result["pushed_mm"] or 0.0
+            result |= not_held(cause_of(Course(x, pushed, facts.touched, facts.broke_off)))
     for axis, value in zip("xyz", p_WO[-1], strict=True):
         result[f"object_end_{axis}_m"] = float(value)
     return result
+
+
+def not_held(cause: Cause) -> dict[str, Value]:
+    """What the metrics say of an object that was not held."""
+    return {"grasp_held": False, "cause": str(cause)}
 
 
 def _vector(x: dict[str, Array], name: str) -> Array:
