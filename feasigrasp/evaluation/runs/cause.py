@@ -8,6 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from feasigrasp.evaluation.runs.handling import ObjectTruth
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 
@@ -36,20 +37,23 @@ class Course:
 
     Attributes:
         samples: By name, the samples of the run, see `feasigrasp.systems.metrics.SAMPLE_NAMES`.
-        pushed_mm: How far the object was pushed before the fingers closed [mm].
-        touched: Whether arm or hand touched the object at the end.
-        broke_off: Whether simulation or process came to no proper end.
+        truth: What happened to the object; None if nobody looked.
+        pushed_mm: How far it was pushed before the fingers closed [mm]; None likewise.
     """
 
     samples: Mapping[str, Array]
-    pushed_mm: float
-    touched: bool
-    broke_off: bool
+    truth: ObjectTruth | None = None
+    pushed_mm: float | None = None
 
     @property
     def phase(self) -> Array:
         """The `Phase` of every sample."""
         return self.samples["phase"]
+
+    @property
+    def touched(self) -> bool:
+        """Whether arm or hand touched the object at the end."""
+        return self.truth is not None and self.truth.touched
 
     @property
     def released(self) -> bool:
@@ -63,11 +67,11 @@ def _opened_again(run: Course) -> bool:
 
 
 _RULES: dict[Cause, Callable[[Course], bool]] = {
-    Cause.BROKE_OFF: lambda run: run.broke_off,
+    Cause.BROKE_OFF: lambda run: run.truth is not None and run.truth.broke_off,
     Cause.NOTHING_SEEN: lambda run: bool(np.isnan(run.samples["view_age"][-1])),
     Cause.NO_GRASP: lambda run: not run.samples["sampled_grasps"].any(),
     Cause.NONE_REACHABLE: lambda run: not run.samples["reachable_grasps"].any(),
-    Cause.PUSHED_AWAY: lambda run: not run.released and run.pushed_mm > PUSHED_AWAY,
+    Cause.PUSHED_AWAY: lambda run: not run.released and (run.pushed_mm or 0.0) > PUSHED_AWAY,
     Cause.NEVER_SETTLED: lambda run: not np.any(run.phase >= Phase.CLOSE),
     Cause.MISSED: lambda run: not run.released and _opened_again(run),
     Cause.DROPPED: lambda run: run.released and not run.touched,

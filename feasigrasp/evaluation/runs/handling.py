@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Mask
@@ -14,6 +16,24 @@ HELD_FOR = 2.0
 HELD_DISTANCE, HELD_ANGLE = 0.01, np.deg2rad(15.0)
 #: The object starts at rest and has caught up with its path after this time [s].
 ON_PATH_AFTER = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectTruth:
+    """What the simulation says of the object, beside the samples.
+
+    Attributes:
+        path: Where its motion would have it at every sample, shape (n, 4, 4) [m].
+        contact: What `feasigrasp.systems.station.object_contact.ObjectContact` says at the end,
+            shape (3,).
+        touched: Whether arm or hand touched it at the end.
+        broke_off: Whether the simulation failed.
+    """
+
+    path: Array
+    contact: Array
+    touched: bool
+    broke_off: bool
 
 
 def pushed_metrics(
@@ -57,23 +77,26 @@ def contact_metrics(contact: Array) -> dict[str, float | None]:
     return {"contact_force_peak_n": float(peak), "contact_time_percent": share}
 
 
-def hold_metrics(X_HO: Array, phase: Array, period: float) -> dict[str, float | bool | None]:
-    """How far the object moved in the hand after it was let go.
+def hold_metrics(
+    X_HO: Array, p_WO: Array, phase: Array, period: float
+) -> dict[str, float | bool | None]:
+    """Whether the object stayed in the hand after it was let go.
 
     Args:
         X_HO: True pose of the object in the hand, shape (n, 4, 4) [m].
+        p_WO: Its origin in the world, z up, shape (n, 3) [m].
         phase: The `Phase`, shape (n,).
         period: Time between samples [s].
 
     Returns:
         ``slip_mm``, ``turn_deg``: the largest displacement of the object's origin in the hand, and
-        the largest rotation, since the object was let go; None if it never was. ``grasp_held``:
-        whether the sequence went to its end and the object was at its place for the last
-        `HELD_FOR` seconds.
+        the largest rotation, since the object was let go, and ``lift_cm``: how much higher it ended
+        than where it was let go; None if it never was. ``grasp_held``: whether the sequence went to
+        its end and the object was at its place for the last `HELD_FOR` seconds.
     """
     released = phase > Phase.CLOSE
     if not released.any():
-        return {"grasp_held": False, "slip_mm": None, "turn_deg": None}
+        return {"grasp_held": False, "slip_mm": None, "turn_deg": None, "lift_cm": None}
     start = int(np.argmax(released))
     distance, angle = _displacement(X_HO[start:], X_HO[start])
     last = slice(-1 - round(HELD_FOR / period), None)
@@ -82,6 +105,7 @@ def hold_metrics(X_HO: Array, phase: Array, period: float) -> dict[str, float | 
         "grasp_held": bool(phase[-1] == Phase.DONE and kept),
         "slip_mm": 1e3 * float(distance.max()),
         "turn_deg": float(np.rad2deg(angle.max())),
+        "lift_cm": 100.0 * float(p_WO[-1, 2] - p_WO[start, 2]),
     }
 
 

@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.runs.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
-from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, RunFacts, summarize
+from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, summarize
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -231,5 +231,4 @@ def rollout_metrics(samples: Array, states: Array, period: float) -> dict[str, A
     tracked = close & (x["grasp_angle_error"] < TRACKED_ANGLE)
     cost = 100.0 * float(distance.mean() - distance[tracked].mean()) if tracked.any() else None
     ticks = JointTicks(commanded=qd, measured=qd, period=period)
-    summary = summarize(samples, closes=False, facts=RunFacts(ticks))
-    return summary | {"regrip_cost_cm": cost}
+    return summarize(samples, closes=False, ticks=ticks) | {"regrip_cost_cm": cost}

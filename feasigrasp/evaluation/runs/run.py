@@ -14,9 +14,10 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.runs.cause import Cause
+from feasigrasp.evaluation.runs.handling import ObjectTruth
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
-from feasigrasp.evaluation.runs.run_metrics import METRICS, RunFacts, not_held, summarize
+from feasigrasp.evaluation.runs.run_metrics import METRICS, not_held, summarize
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -133,19 +134,18 @@ def _measured(
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,
-        facts=RunFacts(
-            ticks=JointTicks(commanded, measured, scenario.control.period),
-            obstacle_distance=log("obstacle_distance")[1],
+        ticks=JointTicks(commanded, measured, scenario.control.period),
+        obstacle_distance=log("obstacle_distance")[1],
+        truth=ObjectTruth(
             path=np.array([motion.pose(t) for t in times]),
             contact=output("contact", "approach"),
             # A solver that has failed would fail again.
-            touched=not broke_off
-            and bool(np.any(contact.force(output("station", "contact_results")))),
+            touched=not broke_off and contact.touches(output("station", "contact_results")),
             broke_off=broke_off,
-            friction=contact_friction(station),
-            view_faults=float(output("perception", "view_faults")[0]),
         ),
     )
+    metrics["friction"] = contact_friction(station)
+    metrics["view_faults"] = float(output("perception", "view_faults")[0])
     return times, samples, metrics
 
 

@@ -9,7 +9,12 @@ import numpy as np
 
 from feasigrasp.evaluation.runs.cause import Cause, Course, cause_of
 from feasigrasp.evaluation.runs.grasp_tracking import tracking_metrics
-from feasigrasp.evaluation.runs.handling import contact_metrics, hold_metrics, pushed_metrics
+from feasigrasp.evaluation.runs.handling import (
+    ObjectTruth,
+    contact_metrics,
+    hold_metrics,
+    pushed_metrics,
+)
 from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
@@ -75,46 +80,29 @@ METRICS: dict[str, Metric] = {
 Value = float | bool | str | None
 
 
-@dataclass(frozen=True, eq=False)
-class RunFacts:
-    """What is known of a run beside its samples; None and NaN where nobody looked.
-
-    Attributes:
-        ticks: Joint velocities at the control rate; without them, speeds are those of the samples
-            and there is nothing to say about accelerations.
-        obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
-        path: Where its motion would have the object at every sample, shape (n, 4, 4).
-        contact: What `feasigrasp.systems.station.object_contact.ObjectContact` says at the end.
-        touched: Whether arm or hand touched the object at the end.
-        broke_off: Whether the simulation failed.
-        friction: Coulomb friction of pads and object.
-        view_faults: Views that could not be used.
-    """
-
-    ticks: JointTicks | None = None
-    obstacle_distance: Array | None = None
-    path: Array | None = None
-    contact: Array | None = None
-    touched: bool = False
-    broke_off: bool = False
-    friction: float | None = None
-    view_faults: float | None = None
-
-
-def summarize(samples: Array, *, closes: bool, facts: RunFacts | None = None) -> dict[str, Value]:
+def summarize(
+    samples: Array,
+    *,
+    closes: bool,
+    ticks: JointTicks | None = None,
+    obstacle_distance: Array | None = None,
+    truth: ObjectTruth | None = None,
+) -> dict[str, Value]:
     """The metrics of one run; ``docs/results_schema.md`` defines every one.
 
     Args:
         samples: One row per entry of `SAMPLE_NAMES`, one column per sample, shape (s, n).
         closes: Whether the scenario closes the gripper; if not, ``grasp_held`` is None.
-        facts: What else is known of the run.
+        ticks: Joint velocities at the control rate; without them, speeds are those of the samples
+            and there is nothing to say about accelerations.
+        obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
+        truth: What happened to the object; without it, nothing pushed and nothing touched it.
 
     Returns:
-        A figure for each of `METRICS`; None where it does not apply.
+        A figure for each of `METRICS`; None where it does not apply, or where only the diagram
+        knows it (friction, faults of views).
     """
-    facts = RunFacts() if facts is None else facts
     result: dict[str, Value] = dict.fromkeys(METRICS)
-    result |= {"friction": facts.friction, "view_faults": facts.view_faults}
     if samples.shape[1] == 0:
         return result | (not_held(Cause.BROKE_OFF) if closes else {})
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))
@@ -141,29 +129,21 @@ def summarize(samples: Array, *, closes: bool, facts: RunFacts | None = None) ->
     result |= tracking_metrics(
         x["grasp_position_error"], x["grasp_angle_error"], X_OH, approach, SAMPLE_PERIOD
     )
-    if facts.ticks is not None and len(facts.ticks.commanded):
-        result |= limit_metrics(facts.ticks)
-    if facts.obstacle_distance is not None and len(facts.obstacle_distance):
-        nearest = float(np.min(facts.obstacle_distance))
+    if ticks is not None and len(ticks.commanded):
+        result |= limit_metrics(ticks)
+    if obstacle_distance is not None and len(obstacle_distance):
+        nearest = float(np.min(obstacle_distance))
         result["obstacle_distance_min_mm"] = 1e3 * nearest if math.isfinite(nearest) else None
-    ages = x["view_age"][approach & (x["reachable_grasps"] > 0)]
-    if np.isfinite(ages).any():
-        result["grasp_age_s_mean"] = float(np.nanmean(ages))
-        result["grasp_age_s_max"] = float(np.nanmax(ages))
-    if facts.path is not None:
+    result |= _age_metrics(x["view_age"][approach & (x["reachable_grasps"] > 0)])
+    pushed: dict[str, float | None] = {}
+    if truth is not None:
         X_WO = se3.make_pose(se3.so3_exp(_vector(x, "r_WO")), p_WO)
-        result |= pushed_metrics(X_WO, facts.path, approach, SAMPLE_PERIOD)
-    if facts.contact is not None:
-        result |= contact_metrics(facts.contact)
+        pushed = pushed_metrics(X_WO, truth.path, approach, SAMPLE_PERIOD)
+        result |= pushed | contact_metrics(truth.contact)
     if closes:
-        result |= hold_metrics(se3.inverse(X_OH), x["phase"], SAMPLE_PERIOD)
-        released = x["phase"] > Phase.CLOSE
-        if released.any():
-            start = int(np.argmax(released))
-            result["lift_cm"] = 100.0 * float(p_WO[-1, 2] - p_WO[start, 2])
-        if facts.broke_off or not result["grasp_held"]:
-            pushed = result["pushed_mm"] or 0.0
-            result |= not_held(cause_of(Course(x, pushed, facts.touched, facts.broke_off)))
+        result |= hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD)
+        if not result["grasp_held"] or (truth is not None and truth.broke_off):
+            result |= not_held(cause_of(Course(x, truth, pushed.get("pushed_mm"))))
     for axis, value in zip("xyz", p_WO[-1], strict=True):
         result[f"object_end_{axis}_m"] = float(value)
     return result
@@ -172,6 +152,13 @@ def summarize(samples: Array, *, closes: bool, facts: RunFacts | None = None) ->
 def not_held(cause: Cause) -> dict[str, Value]:
     """What the metrics say of an object that was not held."""
     return {"grasp_held": False, "cause": str(cause)}
+
+
+def _age_metrics(ages: Array) -> dict[str, Value]:
+    ages = ages[np.isfinite(ages)]
+    if len(ages) == 0:
+        return {}
+    return {"grasp_age_s_mean": float(ages.mean()), "grasp_age_s_max": float(ages.max())}
 
 
 def _vector(x: dict[str, Array], name: str) -> Array:

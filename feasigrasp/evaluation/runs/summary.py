@@ -35,7 +35,7 @@ _PER_OBJECT = (
     "grasp_angle_error_deg_median",
     "tracked_percent",
 )
-_NOT_AVERAGED = ("grasp_held", "object_end_x_m", "object_end_y_m", "object_end_z_m")
+_NOT_AVERAGED = ("grasp_held", "cause", "object_end_x_m", "object_end_y_m", "object_end_z_m")
 
 
 def summary_rows(records: Sequence[Record]) -> list[Row]:

@@ -1,6 +1,7 @@
 """The phases of a grasp, and where the hand should go in each of them.
 
-approach -> close -> lift -> shake -> hold -> done; back to approach when the fingers close on nothing.
+approach -> close -> lift -> shake -> hold -> done; back to approach when the fingers close on
+nothing.
 """
 
 from dataclasses import dataclass, field, replace
@@ -55,7 +56,7 @@ class GraspSequenceConfig:
     lift: list[float] = field(default_factory=lambda: [-0.05, 0.0, 0.10])
     lift_time: float = 1.5
     shake: list[float] = field(default_factory=lambda: [0.01, 0.01, 0.01])
-    shake_frequency: float = 2.0
+    shake_frequency: float = 1.5
     shake_time: float = 1.5
     hold_time: float = 2.0
 
