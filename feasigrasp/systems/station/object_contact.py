@@ -63,9 +63,9 @@ class ObjectContact(LeafSystem):
 
     def touches(self, results: ContactResults) -> bool:
         """Whether the robot touches the object."""
-        return bool(np.any(self._force(results)))
+        return bool(np.any(self.force(results)))
 
-    def _force(self, results: ContactResults) -> Array:
+    def force(self, results: ContactResults) -> Array:
         """Force of the robot on the object [N], in the world frame, shape (3,)."""
         force = np.zeros(3)
         for i in range(results.num_hydroelastic_contacts()):
@@ -89,7 +89,7 @@ class ObjectContact(LeafSystem):
         # Fingers that grasp touch all the time; to look at that in every step would cost a lot.
         if self._phase.Eval(context)[0] != Phase.APPROACH:
             return EventStatus.DidNothing()
-        force = float(np.linalg.norm(self._force(self._results.Eval(context))))
+        force = float(np.linalg.norm(self.force(self._results.Eval(context))))
         time, touched, peak = state.value()
         touched += self._step * (force > 0.0)
         state.set_value([time + self._step, touched, max(peak, force)])
