@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -30,14 +30,12 @@ class Perceived(Frozen):
         gpdf: The field fitted to them, in O; None until the object was seen.
         views: From where it has been seen.
         seen_at: Time of the last view that was merged [s]; NaN before.
-        faults: Views that could not be used.
     """
 
     cloud: FusedCloud
     gpdf: Gpdf | None
     views: ViewRecord = field(default_factory=ViewRecord)
     seen_at: float = float("nan")
-    faults: int = 0
 
 
 class PointCloudToGPDF(LeafSystem):
@@ -54,14 +52,11 @@ class PointCloudToGPDF(LeafSystem):
         - gpdf
         - perceived
         - seen_at
-        - view_faults
 
     ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
     ``camera_pose`` X_WC are ``RigidTransform``. ``gpdf`` is a `Gpdf` in the object frame O, or None
-    before the first usable view; ``perceived`` holds the merged cloud as well, and ``seen_at`` is
-    the time of its last view [s], NaN before; ``view_faults`` is the number of views that could not
-    be used. The inputs are read
-    every ``period`` seconds. A view with too few finite points (object out of sight, or hidden by
+    before the first usable view; ``perceived`` holds the merged cloud as well; ``seen_at`` is the
+    time of its last view [s], NaN before. The inputs are read every ``period`` seconds. A view with too few finite points (object out of sight, or hidden by
     the hand) changes nothing: the field of the earlier views stays valid in O. From a side that it
     has seen ``views_per_side`` times it does not look at all (nothing is rendered and nothing
     fitted), until ``revisit`` seconds have passed.
@@ -116,30 +111,25 @@ class PointCloudToGPDF(LeafSystem):
         declare_output(self, "gpdf", lambda context: self._seen.Eval(context).gpdf, state)
         declare_output(self, "perceived", self._seen.Eval, state)
         self.DeclareVectorOutputPort("seen_at", 1, self._calc_seen_at, state)
-        self.DeclareVectorOutputPort("view_faults", 1, self._calc_faults, state)
 
     def _look(self, context: Context) -> Perceived:
         seen: Perceived = self._seen.Eval(context)
         X_OW = self._object_pose.Eval(context).inverse()
         p_OC = X_OW @ self._camera_pose.Eval(context).translation()
-        fault = replace(seen, faults=seen.faults + 1)
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
-            return fault
+            return seen
         time = context.get_time()
         if not seen.views.tells_more(p_OC, time, self._views_per_side, self._revisit):
             return seen
         points_W = self._cloud.Eval(context).xyzs().T
         points_W = points_W[np.isfinite(points_W).all(axis=1)]
         if len(points_W) < self._min_points:
-            return fault
+            return seen
         cloud = seen.cloud.merged((X_OW @ points_W.T).T, p_OC)
         if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
-            return fault
+            return seen
         gpdf = complete_shape(cloud, **self._options)
-        return Perceived(cloud, gpdf, seen.views.extended(p_OC, time), time, seen.faults)
+        return Perceived(cloud, gpdf, seen.views.extended(p_OC, time), time)
 
     def _calc_seen_at(self, context: Context, output) -> None:
         output.SetAtIndex(0, self._seen.Eval(context).seen_at)
-
-    def _calc_faults(self, context: Context, output) -> None:
-        output.SetAtIndex(0, self._seen.Eval(context).faults)
