@@ -56,10 +56,11 @@ class PointCloudToGPDF(LeafSystem):
     ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
     ``camera_pose`` X_WC are ``RigidTransform``. ``gpdf`` is a `Gpdf` in the object frame O, or None
     before the first usable view; ``perceived`` holds the merged cloud as well; ``seen_at`` is the
-    time of its last view [s], NaN before. The inputs are read every ``period`` seconds. A view with too few finite points (object out of sight, or hidden by
-    the hand) changes nothing: the field of the earlier views stays valid in O. From a side that it
-    has seen ``views_per_side`` times it does not look at all (nothing is rendered and nothing
-    fitted), until ``revisit`` seconds have passed.
+    time of its last view [s], NaN before. The inputs are read every ``period`` seconds. A view with
+    too few finite points (object out of sight, or hidden by the hand) changes nothing: the field of
+    the earlier views stays valid in O. From a side that it has seen ``views_per_side`` times it
+    does not look at all (nothing is rendered and nothing fitted), until ``revisit`` seconds have
+    passed.
 
     By default every view is smoothed, registered to the earlier ones and remembered with its
     silhouette, so that the field stays out of space the camera has looked through; ``preset:

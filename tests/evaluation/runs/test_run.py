@@ -7,6 +7,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from feasigrasp.evaluation.runs.cause import Cause
 from feasigrasp.evaluation.runs.run import crash_record, run
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
 from feasigrasp.resources import diagram_path
@@ -77,12 +78,17 @@ def test_metrics_of_the_record_are_those_of_the_samples():
         "velocity_peak_percent",
         "acceleration_peak_percent",
         "obstacle_distance_min_mm",
+        "friction",
+        "view_faults",
+        "contact_force_peak_n",
+        "contact_time_percent",
     }
-    # These are of the control's ticks and of Drake's geometry.
+    # These are of the control's ticks, of Drake's geometry, and of its contact solver.
     assert of_samples["acceleration_peak_percent"] is None
     assert record["acceleration_limit_violation_percent"] == 0.0
     assert 0.0 <= record["velocity_peak_percent"] < 100.0
     assert record["obstacle_distance_min_mm"] > 50.0
+    assert record["contact_time_percent"] == record["contact_force_peak_n"] == 0.0
 
 
 def test_a_failing_simulation_is_reported(monkeypatch, validator):
@@ -98,6 +104,7 @@ def test_a_failing_simulation_is_reported(monkeypatch, validator):
     validator.validate(record)
     assert "did not converge" in record["error"]
     assert record["metrics"]["grasp_held"] is False
+    assert record["metrics"]["cause"] == "broke_off"
     assert 0.0 < record["timings"]["simulated_s"] < 0.5
 
 
@@ -106,11 +113,17 @@ def test_a_crash_leaves_a_valid_record(name, held, validator):
     record = crash_record(short(name), name, "the process ended with status -11")
     validator.validate(record)
     assert record["metrics"]["grasp_held"] is held
+    assert record["metrics"]["cause"] == (None if held is None else "broke_off")
 
 
 def test_the_schema_knows_exactly_the_metrics(validator):
     metrics = validator.schema["properties"]["metrics"]
     assert metrics["required"] == list(metrics["properties"]) == list(METRICS)
+
+
+def test_the_schema_knows_exactly_the_causes(validator):
+    causes = validator.schema["properties"]["metrics"]["properties"]["cause"]["enum"]
+    assert causes == [None, *Cause]
 
 
 def test_the_schema_can_fail(validator):
@@ -119,6 +132,7 @@ def test_the_schema_can_fail(validator):
         record | {"controller": "magic"},
         record | {"metrics": record["metrics"] | {"no_grasp_percent": 101.0}},
         record | {"metrics": record["metrics"] | {"extra": 1.0}},
+        record | {"metrics": record["metrics"] | {"cause": "bad luck"}},
         {key: value for key, value in record.items() if key != "git"},
     ):
         assert not validator.is_valid(broken)
