@@ -94,7 +94,7 @@ def print_table(record: dict) -> None:
     print(f"  {'simulated':36s} {timings['simulated_s']:8.2f} s")
     print(f"  {'real-time factor':36s} {timings['real_time_factor']:8.2f}")
     for name, value in metrics.items():
-        text = str(value) if value is None or isinstance(value, bool) else f"{value:.3f}"
+        text = f"{value:.3f}" if isinstance(value, float) else str(value)
         print(f"  {name:36s} {text:>8s}")
     if record["error"]:
         print(f"  the simulation broke off: {record['error']}")

@@ -32,6 +32,7 @@ from feasigrasp.systems.scene_filter import SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.meshcat_scene import add_scene
+from feasigrasp.systems.station.object_contact import ObjectContact
 from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.velocity_drive import VelocityDrive
@@ -78,10 +79,11 @@ def make_dynamic_grasp(
 
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
     ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
-    ``tracker``, ``metrics``, ``obstacle_distance`` and ``status``. The vector logs ``log(metrics)``
-    and ``log(obstacle_distance)`` hold their samples, ``log(drive)``, ``log(arm)`` and
-    ``log(torque)`` the commanded and the true state of the arm and its motors' torques at the
-    control rate. With a Meshcat there are ``scene`` and
+    ``tracker``, ``metrics``, ``obstacle_distance``, ``contact``, ``seen_at(latency)``,
+    ``seen_at(reachable)`` and ``status``. The vector logs ``log(metrics)`` and
+    ``log(obstacle_distance)`` hold their samples, ``log(drive)``, ``log(arm)`` and ``log(torque)``
+    the commanded and the true state of the arm and its motors' torques at the control rate. With a
+    Meshcat there are ``scene`` and
     ``visualizer`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
     ``clear_hand_poses``.
 
@@ -230,7 +232,15 @@ def _add_measurement(cell: _Cell) -> None:
     pose = station.GetOutputPort("object.pose")
     distance = ObstacleDistance(station.plant, station.robot_instances())
     metrics = Metrics(cell.gripper)
-    cell.add("metrics", metrics, cell["sequencer"], state=state, object_pose=pose)
+    cell.add(
+        "metrics",
+        metrics,
+        cell["sequencer"],
+        state=state,
+        object_pose=pose,
+        sampled_grasps=cell["latency"].get_output_port(),
+        seen_at=_as_late_as_the_grasps(cell, cell["perception"].GetOutputPort("seen_at")),
+    )
     cell.add("obstacle_distance", distance, station)
     cell.add(
         "status",
@@ -241,6 +251,8 @@ def _add_measurement(cell: _Cell) -> None:
         verdicts=cell["reachability"].GetOutputPort("verdicts"),
         reachable=cell["sequencer"].GetOutputPort("grasps"),
     )
+    contact = ObjectContact(station.plant, station.object_body.index(), station.robot_instances())
+    cell.add("contact", contact, station, cell["sequencer"])
     for name, port, period in (
         ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
         ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
@@ -249,6 +261,18 @@ def _add_measurement(cell: _Cell) -> None:
         ("torque", station.GetOutputPort("iiwa.torque_measured"), control_period),
     ):
         LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
+
+
+def _as_late_as_the_grasps(cell: _Cell, seen_at: OutputPort) -> OutputPort:
+    """The time of a view, held back as the grasps are on their way to the controller."""
+    config = cell.scenario
+    for name, period, offset in (
+        ("latency", config.perception.period, config.perception.latency),
+        ("reachable", config.reachability.period, 0.0),
+    ):
+        hold = cell.add(f"seen_at({name})", ZeroOrderHold(period, 1, offset), u=seen_at)
+        seen_at = hold.get_output_port()
+    return seen_at
 
 
 def _add_visualization(cell: _Cell, meshcat: Meshcat) -> None:

@@ -1,4 +1,4 @@
-"""Closes the gripper on the object, lets the object go, and lifts it."""
+"""Closes the gripper on the object, lets the object go, lifts and shakes it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class GripperSequencer(LeafSystem):
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     extrapolated from then, and the fingers close; from then on there is no field, since the object
-    is there to be touched. After it is let go, pose and twist are those of a lift.
+    is there to be touched. After it is let go, pose and twist are those of a lift and of shaking.
 
     ``gripper_position`` is the commanded distance between the pads [m], ``gripper_state`` the
     measured one and its rate, ``object_hold`` 1 until the object is let go, ``phase`` a `Phase`.

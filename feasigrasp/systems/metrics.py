@@ -34,12 +34,18 @@ SAMPLE_NAMES = (
     "p_WO_x",
     "p_WO_y",
     "p_WO_z",
+    "r_WO_x",
+    "r_WO_y",
+    "r_WO_z",
     "phase",
+    "sampled_grasps",
+    "reachable_grasps",
+    "view_age",
 )
 
 
 class Metrics(LeafSystem):
-    """Samples everything that the paper's dynamic test reports.
+    """Samples what the figures of a run are made of.
 
     .. pydrake_system::
 
@@ -49,14 +55,20 @@ class Metrics(LeafSystem):
         - object_pose
         - grasps
         - phase
+        - sampled_grasps
+        - seen_at
         output_ports:
         - sample
 
     ``state`` is the arm's V14 state, ``object_pose`` the true one, ``grasps`` what the controller
-    is given, in the object frame. ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint
+    is given, in the object frame, ``sampled_grasps`` what reachability was judged of, ``seen_at``
+    the time of the last view behind ``grasps`` (NaN without one; the port may stay unconnected).
+    ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint
     limit (negative beyond it); largest joint speed over its limit; manipulability at the flange;
     error to the nearest grasp (NaN without grasps); the object's position in the hand, the hand's
-    orientation on the object as a rotation vector, the object's position in the world; the `Phase`.
+    orientation on the object as a rotation vector, the object's position and orientation in the
+    world likewise; the `Phase`; how many grasps were sampled, and how many of them the controller
+    is given; time since the last view.
     """
 
     def __init__(self, gripper: ParallelGripper) -> None:
@@ -67,6 +79,8 @@ class Metrics(LeafSystem):
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
+        self._sampled = declare_input(self, "sampled_grasps", GraspSet.empty())
+        self._seen_at = self.DeclareVectorInputPort("seen_at", 1)
         self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), self._calc)
 
     def _calc(self, context: Context, output) -> None:
@@ -79,6 +93,7 @@ class Metrics(LeafSystem):
             errors = grasp_errors(grasps.X_OG, X_OH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
         p_HO = inverse_kernel(X_OH)[:3, 3]
+        seen_at = self._seen_at.Eval(context)[0] if self._seen_at.HasValue(context) else np.nan
         output.SetFromVector(
             np.concatenate(
                 [
@@ -87,7 +102,9 @@ class Metrics(LeafSystem):
                     p_HO,
                     so3_log_kernel(np.ascontiguousarray(X_OH[:3, :3])),
                     X_WO[:3, 3],
+                    so3_log_kernel(np.ascontiguousarray(X_WO[:3, :3])),
                     self._phase.Eval(context),
+                    [len(self._sampled.Eval(context)), len(grasps), context.get_time() - seen_at],
                 ]
             )
         )

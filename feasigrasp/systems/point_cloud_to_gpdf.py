@@ -60,15 +60,17 @@ class PointCloudToGPDF(LeafSystem):
         output_ports:
         - gpdf
         - perceived
+        - seen_at
 
     ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
     ``camera_pose`` X_WC are ``RigidTransform``. ``gpdf`` is a `Gpdf` in the object frame O, or None
-    before the first usable view; ``perceived`` holds the merged cloud as well. The inputs are read
-    every ``period`` seconds. A view with too few finite points (object out of sight, or hidden by
-    the hand) changes nothing: the field of the earlier views stays valid in O. From a side that it
-    has seen ``views_per_side`` times it merges no view until ``revisit`` seconds have passed; it
-    looks there (something is rendered, but nothing fitted) every ``check`` seconds, to see whether
-    the tracked pose is still true. A view that contradicts the earlier ones is not merged.
+    before the first usable view; ``perceived`` holds the merged cloud as well, ``seen_at`` the time
+    of its last view [s], NaN before. The inputs are read every ``period`` seconds. A view with too
+    few finite points (object out of sight, or hidden by the hand) changes nothing: the field of the
+    earlier views stays valid in O. From a side that it has seen ``views_per_side`` times it merges
+    no view until ``revisit`` seconds have passed; it looks there (something is rendered, but
+    nothing fitted) every ``check`` seconds, to see whether the tracked pose is still true. A view
+    that contradicts the earlier ones is not merged.
 
     By default every view is smoothed, registered to the earlier ones and remembered with its
     silhouette, so that the field stays out of space the camera has looked through; ``preset:
@@ -124,6 +126,7 @@ class PointCloudToGPDF(LeafSystem):
         state = {self._seen.ticket()}
         declare_output(self, "gpdf", lambda context: self._seen.Eval(context).gpdf, state)
         declare_output(self, "perceived", self._seen.Eval, state)
+        self.DeclareVectorOutputPort("seen_at", 1, self._calc_seen_at, state)
 
     def _look(self, context: Context) -> Perceived:
         seen: Perceived = self._seen.Eval(context)
@@ -150,3 +153,7 @@ class PointCloudToGPDF(LeafSystem):
             return seen
         gpdf = complete_shape(cloud, **self._options)
         return Perceived(cloud, gpdf, seen.views.extended(p_OC, time), time)
+
+    def _calc_seen_at(self, context: Context, output) -> None:
+        times = self._seen.Eval(context).views.times
+        output.SetAtIndex(0, times[-1] if len(times) else np.nan)

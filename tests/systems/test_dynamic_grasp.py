@@ -267,6 +267,23 @@ def test_latency_delays_the_grasps(monkeypatch):
     assert 0.3 - 1e-9 <= moving[0] <= 0.3 + slow.reachability.period + 0.02
 
 
+def test_the_time_of_a_view_arrives_with_its_grasps():
+    built = make_dynamic_grasp(scenario(text="{perception: {latency: 0.23}}"))
+    grasps, seen_at = (built.GetSubsystemByName(n) for n in ("latency", "seen_at(latency)"))
+    simulator, pairs = Simulator(built), []
+    for t in np.arange(0.0, 1.5, 0.01):
+        simulator.AdvanceTo(t)
+        root = simulator.get_context()
+        there = grasps.get_output_port().Eval(grasps.GetMyContextFromRoot(root))
+        time = seen_at.get_output_port().Eval(seen_at.GetMyContextFromRoot(root))[0]
+        if len(there) > 0:
+            pairs.append((there, time, t))
+    sets, times = {id(there) for there, _, _ in pairs}, {time for _, time, _ in pairs}
+    assert times == {0.0, 0.5, 1.0}
+    assert len(sets) == len({(id(there), time) for there, time, _ in pairs}) == 3
+    assert all(0.22 < t - time < 0.74 for _, time, t in pairs)
+
+
 def test_controller_inputs_go_through_the_sequencer(diagram):
     """Only so can it hold the arm on one grasp and lift."""
     connections = {

@@ -22,7 +22,14 @@ from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 
 GRIPPER = ParallelGripper()
 CONFIG = GraspSequenceConfig(
-    dwell=0.1, squeeze_time=0.4, lift=[-0.05, 0.0, 0.1], lift_time=0.3, hold_time=0.2
+    dwell=0.1,
+    squeeze_time=0.4,
+    lift=[-0.05, 0.0, 0.1],
+    lift_time=0.3,
+    shake=[0.0, 0.02, 0.0],
+    shake_frequency=5.0,
+    shake_time=0.4,
+    hold_time=0.2,
 )
 Q = np.deg2rad([0.0, 20.0, 0.0, -80.0, 0.0, 70.0, 0.0])
 X_WH = forward_kinematics(Q, GRIPPER.X_FG)
@@ -126,9 +133,9 @@ def test_without_a_field_none_is_passed_on():
 
 def test_a_whole_grasp_keeps_its_times():
     mock = Mock()
-    begins = [mock.advance_to_phase(p) for p in (Phase.CLOSE, Phase.LIFT, Phase.HOLD, Phase.DONE)]
+    begins = [mock.advance_to_phase(phase) for phase in list(Phase)[1:]]
     # Every phase begins with an update, every 0.05 s; seen at the next control period.
-    expected = np.cumsum([0.1, 0.4, 0.3, 0.2]) + 0.005
+    expected = np.cumsum([0.1, 0.4, 0.3, 0.4, 0.2]) + 0.005
     np.testing.assert_allclose(begins, expected, atol=0.0051)
     assert mock.advance(5.0) == Phase.DONE
 
@@ -167,7 +174,7 @@ def test_the_fingers_close_at_their_speed_and_stay_closed():
     np.testing.assert_allclose(
         commands, GRIPPER.max_opening - CONFIG.closing_speed * np.array([0.1, 0.2, 0.35])
     )
-    for phase in (Phase.LIFT, Phase.HOLD, Phase.DONE):
+    for phase in (Phase.LIFT, Phase.SHAKE, Phase.HOLD, Phase.DONE):
         mock.advance_to_phase(phase)
         assert mock.output("gripper_position") == GripperSequencer.CLOSED < 0.0
 
@@ -189,6 +196,13 @@ def test_the_lift_starts_where_the_object_was_let_go_and_is_smooth():
     slope = np.diff(poses, axis=0) / np.diff(times)[:, None]
     np.testing.assert_allclose(slope, (twists[1:, 3:] + twists[:-1, 3:]) / 2, atol=2e-3)
     assert np.linalg.norm(twists[0, 3:]) < 0.1 * np.linalg.norm(twists[:, 3:], axis=1).max()
+    shaken = []
+    start = mock.advance_to_phase(Phase.SHAKE)
+    while mock.advance(mock.context.get_time() + 0.005) == Phase.SHAKE:
+        shaken.append(mock.output("object_pose").translation() - poses[0])
+    assert mock.context.get_time() - start == pytest.approx(CONFIG.shake_time, abs=0.011)
+    shaken = np.array(shaken) - CONFIG.lift
+    np.testing.assert_allclose(np.abs(shaken).max(axis=0), CONFIG.shake, atol=1e-3)
     mock.advance_to_phase(Phase.HOLD)
     end = mock.output("object_pose").translation()
     np.testing.assert_allclose(end - X_WO.translation(), CONFIG.lift, atol=1e-9)

@@ -15,6 +15,7 @@ from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
 
 GRIPPER = ParallelGripper()
 X_WO = RigidTransform(RollPitchYaw(0.4, -0.3, 1.0), [0.5, 0.1, 0.4])
+STILL = np.zeros(7)
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 
 
@@ -29,7 +30,9 @@ def station():
 def sample(fixed_context):
     """``sample(q, v, grasps, ...)``: one sample, by name."""
 
-    def evaluate(q, v=np.zeros(7), *, grasps=None, pose=X_WO, phase=0.0):  # noqa: B008
+    def evaluate(
+        q, v=STILL, *, grasps=None, pose=X_WO, phase=0.0, sampled=None, time=0.0, **inputs
+    ):
         dut = Metrics(GRIPPER)
         context = fixed_context(
             dut,
@@ -37,7 +40,10 @@ def sample(fixed_context):
             object_pose=pose,
             grasps=GraspSet.empty() if grasps is None else grasps,
             phase=[phase],
+            sampled_grasps=GraspSet.empty() if sampled is None else sampled,
+            **inputs,
         )
+        context.SetTime(time)
         return dict(zip(SAMPLE_NAMES, dut.get_output_port().Eval(context), strict=True))
 
     return evaluate
@@ -136,4 +142,21 @@ def test_the_nearest_grasp_counts(station, sample):
 def test_without_grasps_only_their_errors_are_nan(sample):
     x = sample(HOME)
     missing = {name for name, value in x.items() if np.isnan(value)}
-    assert missing == {"grasp_position_error", "grasp_angle_error"}
+    assert missing == {"grasp_position_error", "grasp_angle_error", "view_age"}
+
+
+def test_the_object_s_orientation_is_told_in_the_world(sample):
+    x = sample(HOME)
+    angle_axis = X_WO.rotation().ToAngleAxis()
+    expected = angle_axis.angle() * angle_axis.axis()
+    np.testing.assert_allclose([x[f"r_WO_{axis}"] for axis in "xyz"], expected, atol=1e-9)
+
+
+def test_grasps_are_counted_and_the_view_s_age_is_told(sample):
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    some = GraspSet(poses, np.full(5, 0.04), np.ones(5))
+    x = sample(HOME, grasps=some.select(np.arange(2)), sampled=some, time=3.1, seen_at=[2.5])
+    assert (x["sampled_grasps"], x["reachable_grasps"]) == (5.0, 2.0)
+    assert x["view_age"] == pytest.approx(0.6)
+    assert sample(HOME)["reachable_grasps"] == 0.0
+    assert np.isnan(sample(HOME, seen_at=[np.nan])["view_age"])

@@ -140,6 +140,26 @@ def test_a_view_without_content_changes_nothing(case):
     assert perception.gpdf() is field
 
 
+def test_the_time_of_the_last_view_is_told():
+    """Of one that was merged: not of one that showed nothing, nor of one that was not looked at."""
+    perception = Perception(period=0.5, views_per_side=2)
+
+    def seen_at():
+        return perception.dut.GetOutputPort("seen_at").Eval(perception.context)[0]
+
+    assert np.isnan(seen_at())
+    perception.look(0.4, np.zeros((0, 3)))  # nothing at 0
+    assert np.isnan(seen_at())
+    perception.see_object(0.9, POSES[1])  # at 0.5
+    assert seen_at() == 0.5
+    perception.see_object(1.4, POSES[1])  # at 1, the second of this side
+    assert seen_at() == 1.0
+    perception.see_object(1.9, POSES[1])  # the side is known
+    assert seen_at() == 1.0
+    perception.see_object(2.4, POSES[2], p_OC=-CAMERA)  # another side, at 2
+    assert seen_at() == 2.0
+
+
 def test_invalid_points_are_left_out():
     visible = seen_from(sphere(), CAMERA)
     mixed = np.concatenate([visible, np.full((50, 3), np.inf), np.full((50, 3), np.nan)])

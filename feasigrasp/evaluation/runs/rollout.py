@@ -157,6 +157,7 @@ def make_rollout(
     connect(drive.GetOutputPort("desired_state"), metrics.GetInputPort("state"))
     connect(pose.get_output_port(), metrics.GetInputPort("object_pose"))
     connect(reachable.get_output_port(), metrics.GetInputPort("grasps"))
+    connect(source.get_output_port(), metrics.GetInputPort("sampled_grasps"))
     connect(phase.get_output_port(), metrics.GetInputPort("phase"))
     log = LogVectorOutput(metrics.GetOutputPort("sample"), builder, SAMPLE_PERIOD)
     log.set_name("log(metrics)")

@@ -16,10 +16,12 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.measures.robot_twin import robot_twin
+from feasigrasp.evaluation.runs.cause import Cause
+from feasigrasp.evaluation.runs.handling import ObjectTruth
 from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.evaluation.runs.robot_limits import self_collision_metrics, torque_metrics
-from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
+from feasigrasp.evaluation.runs.run_metrics import METRICS, not_held, summarize
 from feasigrasp.evaluation.runs.tick_times import TickTimes
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status
@@ -27,9 +29,11 @@ from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.scenario.files import dump_scenario
+from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
+from feasigrasp.systems.station.contact_friction import contact_friction
 
 #: The ``error`` of a run that Ctrl-C ended.
 INTERRUPTED = "interrupted"
@@ -94,10 +98,8 @@ def run(
         ended = time.perf_counter()
 
     context = simulator.get_context()
-    times, samples, metrics = _measured(diagram, context, scenario)
+    times, samples, metrics = _measured(diagram, context, scenario, broke_off=error is not None)
     metrics |= tick_times.metrics()
-    if error is not None and metrics["grasp_held"] is not None:
-        metrics["grasp_held"] = False
     simulated = context.get_time()
     timings = {
         "build_s": started - built,
@@ -117,7 +119,8 @@ def run(
 def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
     """The record of a run that came to no end: no metrics, no timings, and nothing held."""
     metrics: dict[str, Any] = dict.fromkeys(METRICS)
-    metrics["grasp_held"] = False if scenario.grasp.close else None
+    if scenario.grasp.close:
+        metrics |= not_held(Cause.BROKE_OFF)
     return {
         "scenario": name,
         "controller": scenario.control.controller,
@@ -143,27 +146,44 @@ def _history(diagram: Diagram, context: Context) -> tuple[Status, ...]:
 
 
 def _measured(
-    diagram: Diagram, context: Context, scenario: Scenario
+    diagram: Diagram, context: Context, scenario: Scenario, *, broke_off: bool
 ) -> tuple[Array, Array, dict[str, Any]]:
-    """Times and samples of the metrics' log, and the metrics of all logs."""
+    """Times and samples of the metrics' log, and the metrics of all that was measured."""
+    station = diagram.GetSubsystemByName("station")
 
     def log(name: str) -> tuple[Array, Array]:
         found = diagram.GetSubsystemByName(f"log({name})").FindLog(context)
         return found.sample_times().copy(), found.data().copy()
 
+    def output(system: str, port: str) -> Any:
+        found = diagram.GetSubsystemByName(system)
+        return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(context))
+
     times, samples = log("metrics")
     (sent, _), (q, v) = (np.split(log(name)[1].T, 2, axis=1) for name in ("drive", "arm"))
+    motion = make_motion(scenario)
+    contact = diagram.GetSubsystemByName("contact")
     metrics = summarize(
         samples,
         closes=scenario.grasp.close,
         ticks=JointTicks(sent, q, v, scenario.control.period),
         obstacle_distance=log("obstacle_distance")[1],
+        truth=ObjectTruth(
+            path=np.array([motion.pose(t) for t in times]),
+            contact=output("contact", "approach"),
+            # A solver that has failed would fail again.
+            touched=not broke_off and contact.touches(output("station", "contact_results")),
+            broke_off=broke_off,
+        ),
     )
     if len(q):
         twin = robot_twin(scenario.directives)
         every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
         metrics |= self_collision_metrics(twin, q[::every])
         metrics |= torque_metrics(twin, q, log("torque")[1].T)
+    metrics["friction"] = contact_friction(station)
+    if diagram.GetSubsystemByName("perception").HasOutputPort("view_faults"):
+        metrics["view_faults"] = float(output("perception", "view_faults")[0])
     return times, samples, metrics
 
 

@@ -7,15 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feasigrasp.evaluation.runs.cause import Cause, Course, cause_of
 from feasigrasp.evaluation.runs.grasp_tracking import tracking_metrics
+from feasigrasp.evaluation.runs.handling import (
+    ObjectTruth,
+    contact_metrics,
+    hold_metrics,
+    pushed_metrics,
+)
 from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
-
-#: An object that stays this close to where it was in the hand counts as held [m].
-HELD_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
@@ -23,7 +27,7 @@ class Metric:
     """What is known of a metric beforehand.
 
     Attributes:
-        unit: Its unit; ``bool`` for what is true or false.
+        unit: Its unit; ``bool`` for what is true or false, ``text`` for what is a word.
         lower: Its smallest possible value.
         upper: Its largest possible value.
     """
@@ -53,8 +57,18 @@ METRICS: dict[str, Metric] = {
     "velocity_peak_percent": Metric("%", 0.0),
     "acceleration_peak_percent": Metric("%", 0.0),
     "obstacle_distance_min_mm": Metric("mm"),
+    "friction": Metric("1", 0.0),
+    "view_faults": Metric("1", 0.0),
+    "grasp_age_s_mean": Metric("s", 0.0),
+    "grasp_age_s_max": Metric("s", 0.0),
+    "pushed_mm": Metric("mm", 0.0),
+    "pushed_deg": Metric("deg", 0.0, 180.0),
+    "contact_force_peak_n": Metric("N", 0.0),
+    "contact_time_percent": Metric("%", 0.0, 100.0),
     "grasp_held": Metric("bool"),
+    "cause": Metric("text"),
     "slip_mm": Metric("mm", 0.0),
+    "turn_deg": Metric("deg", 0.0, 180.0),
     "lift_cm": Metric("cm"),
     "object_end_x_m": Metric("m"),
     "object_end_y_m": Metric("m"),
@@ -70,13 +84,18 @@ METRICS: dict[str, Metric] = {
 }
 
 
+#: A metric of one run; None where it does not apply.
+Value = float | bool | str | None
+
+
 def summarize(
     samples: Array,
     *,
     closes: bool,
     ticks: JointTicks | None = None,
     obstacle_distance: Array | None = None,
-) -> dict[str, float | bool | None]:
+    truth: ObjectTruth | None = None,
+) -> dict[str, Value]:
     """The metrics of one run; ``docs/results_schema.md`` defines every one.
 
     Args:
@@ -85,16 +104,15 @@ def summarize(
         ticks: Joint positions at the control rate; without them, speeds are those of the samples
             and there is nothing to say about accelerations.
         obstacle_distance: Distance of the arm to its surroundings at some times [m], shape (k,).
+        truth: What happened to the object; without it, nothing pushed and nothing touched it.
 
     Returns:
         A figure for each of `METRICS`; None where it does not apply, and for what samples and ticks
-        do not show: self-collision, torques, tick times.
+        do not show: self-collision, torques, tick times, friction, faults of views.
     """
-    result: dict[str, float | bool | None] = dict.fromkeys(METRICS)
-    if closes:
-        result["grasp_held"] = False
+    result: dict[str, Value] = dict.fromkeys(METRICS)
     if samples.shape[1] == 0:
-        return result
+        return result | (not_held(Cause.BROKE_OFF) if closes else {})
     x = dict(zip(SAMPLE_NAMES, samples, strict=True))
     p_HO, p_WO = _vector(x, "p_HO"), _vector(x, "p_WO")
     distance = np.linalg.norm(p_HO, axis=1)
@@ -122,17 +140,31 @@ def summarize(
     if obstacle_distance is not None and len(obstacle_distance):
         nearest = float(np.min(obstacle_distance))
         result["obstacle_distance_min_mm"] = 1e3 * nearest if math.isfinite(nearest) else None
-    released = x["phase"] > Phase.CLOSE
-    if closes and released.any():
-        start = int(np.argmax(released))
-        slip = np.linalg.norm(p_HO[start:] - p_HO[start], axis=1)
-        result["slip_mm"] = 1e3 * float(slip.max())
-        result["lift_cm"] = 100.0 * float(p_WO[-1, 2] - p_WO[start, 2])
-        done = bool(x["phase"][-1] == Phase.DONE)
-        result["grasp_held"] = done and float(slip.max()) < HELD_TOLERANCE
+    result |= _age_metrics(x["view_age"][approach & (x["reachable_grasps"] > 0)])
+    pushed: dict[str, float | None] = {}
+    if truth is not None:
+        X_WO = se3.make_pose(se3.so3_exp(_vector(x, "r_WO")), p_WO)
+        pushed = pushed_metrics(X_WO, truth.path, approach, SAMPLE_PERIOD)
+        result |= pushed | contact_metrics(truth.contact)
+    if closes:
+        result |= hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD)
+        if not result["grasp_held"] or (truth is not None and truth.broke_off):
+            result |= not_held(cause_of(Course(x, truth, pushed.get("pushed_mm"))))
     for axis, value in zip("xyz", p_WO[-1], strict=True):
         result[f"object_end_{axis}_m"] = float(value)
     return result
+
+
+def not_held(cause: Cause) -> dict[str, Value]:
+    """What the metrics say of an object that was not held."""
+    return {"grasp_held": False, "cause": str(cause)}
+
+
+def _age_metrics(ages: Array) -> dict[str, Value]:
+    ages = ages[np.isfinite(ages)]
+    if len(ages) == 0:
+        return {}
+    return {"grasp_age_s_mean": float(ages.mean()), "grasp_age_s_max": float(ages.max())}
 
 
 def _vector(x: dict[str, Array], name: str) -> Array:

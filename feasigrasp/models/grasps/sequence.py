@@ -1,6 +1,7 @@
 """The phases of a grasp, and where the hand should go in each of them.
 
-approach -> close -> lift -> hold -> done; back to approach when the fingers close on nothing.
+approach -> close -> lift -> shake -> hold -> done; back to approach when the fingers close on
+nothing.
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,8 +21,9 @@ class Phase(IntEnum):
     APPROACH = 0
     CLOSE = 1
     LIFT = 2
-    HOLD = 3
-    DONE = 4
+    SHAKE = 3
+    HOLD = 4
+    DONE = 5
 
 
 @dataclass
@@ -38,6 +40,9 @@ class GraspSequenceConfig:
         min_width: Fingers that come closer than this have missed the object [m].
         lift: Displacement of the hand after that, in the world [m].
         lift_time: Duration of the lift [s].
+        shake: Amplitude of the shaking that follows, in the world [m].
+        shake_frequency: How often it goes to and fro [Hz].
+        shake_time: Duration of the shaking [s]; 0 leaves it out.
         hold_time: Time the object must stay in the hand afterwards [s].
     """
 
@@ -50,6 +55,9 @@ class GraspSequenceConfig:
     min_width: float = 0.002
     lift: list[float] = field(default_factory=lambda: [-0.05, 0.0, 0.10])
     lift_time: float = 1.5
+    shake: list[float] = field(default_factory=lambda: [0.01, 0.01, 0.01])
+    shake_frequency: float = 1.5
+    shake_time: float = 1.5
     hold_time: float = 2.0
 
 
@@ -116,6 +124,9 @@ class GraspState(Frozen):
                 held = GraspSet(X_OH[None], self.grasp.width, self.grasp.score)
                 return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO, V_WO=V_WO)
             case Phase.LIFT if elapsed >= config.lift_time - 1e-9:
+                after = Phase.SHAKE if config.shake_time > 0.0 else Phase.HOLD
+                return replace(self, phase=after, since=t)
+            case Phase.SHAKE if elapsed >= config.shake_time - 1e-9:
                 return replace(self, phase=Phase.HOLD, since=t)
             case Phase.HOLD if elapsed >= config.hold_time - 1e-9:
                 return replace(self, phase=Phase.DONE, since=t)
@@ -151,16 +162,40 @@ class GraspState(Frozen):
         While approaching it is the object itself. While the fingers close it is where the object
         would be without them: following its measured pose, the hand would give way to the very
         push of its own fingers. Then it is the pose at which the object was let go, moved along the
-        lift.
+        lift, and to and fro.
         """
         if self.X_WO is None or self.V_WO is None:
             return X_WO, V_WO
         elapsed = t - self.since
         if self.phase == Phase.CLOSE:
             return se3.extrapolate(self.X_WO, self.V_WO, elapsed), self.V_WO
-        s = min(1.0, elapsed / config.lift_time) if self.phase == Phase.LIFT else 1.0
-        lift = np.asarray(config.lift, dtype=float)
+        moved, velocity = _lifted(elapsed if self.phase == Phase.LIFT else np.inf, config)
+        if self.phase == Phase.SHAKE:
+            shaken, velocity = _shaken(elapsed, config)
+            moved = moved + shaken
         X = self.X_WO.copy()
-        X[:3, 3] += lift * (3.0 * s**2 - 2.0 * s**3)
-        velocity = lift * (6.0 * s * (1.0 - s) / config.lift_time)
+        X[:3, 3] += moved
         return X, np.concatenate([np.zeros(3), velocity])
+
+
+def _lifted(elapsed: float, config: GraspSequenceConfig) -> tuple[Array, Array]:
+    """Displacement [m] and velocity [m/s] of the lift: at rest at either end, and afterwards."""
+    lift = np.asarray(config.lift, dtype=float)
+    s = min(1.0, elapsed / config.lift_time)
+    return lift * (3.0 * s**2 - 2.0 * s**3), lift * (6.0 * s * (1.0 - s) / config.lift_time)
+
+
+def _shaken(elapsed: float, config: GraspSequenceConfig) -> tuple[Array, Array]:
+    """Displacement [m] and velocity [m/s] of the shaking, a sine that swells and fades.
+
+    It swells in the first quarter of its time by ``w(s) = 6 s^5 - 15 s^4 + 10 s^3`` and fades
+    likewise in the last, so that velocity and acceleration begin and end with zero.
+    """
+    quarter, turn = config.shake_time / 4.0, 2.0 * np.pi * config.shake_frequency
+    left = config.shake_time - elapsed
+    s = float(np.clip(min(elapsed, left) / quarter, 0.0, 1.0))
+    w = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    dw = 30.0 * s**2 * (1.0 - s) ** 2 / quarter * (1.0 if elapsed < left else -1.0)
+    sine, cosine = np.sin(turn * elapsed), np.cos(turn * elapsed)
+    amplitude = np.asarray(config.shake, dtype=float)
+    return amplitude * w * sine, amplitude * (dw * sine + w * turn * cosine)

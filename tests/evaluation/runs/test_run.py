@@ -8,13 +8,13 @@ import jsonschema
 import numpy as np
 import pytest
 
+from feasigrasp.evaluation.runs.cause import Cause
 from feasigrasp.evaluation.runs.run import crash_record, run
 from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
-from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
-from feasigrasp.systems import dynamic_grasp, velocity_drive
+from feasigrasp.systems import dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -85,28 +85,31 @@ def test_metrics_of_the_record_are_those_of_the_samples():
         "true_acceleration_peak_percent",
         *(name for name in METRICS if name.startswith(("self_", "torque_"))),
         *(name for name in METRICS if name.startswith(("control_ms", "planning_ms"))),
+        "friction",
+        "view_faults",
+        "contact_force_peak_n",
+        "contact_time_percent",
     }
-    # These are of the control's ticks, of Drake's geometry, and of a clock.
+    # These are of the control's ticks, of Drake's geometry and contact solver, and of a clock.
     assert record["self_collision_percent"] == 0.0
     assert 20.0 < record["torque_peak_percent"] < 100.0  # the arm's weight alone is a quarter
     assert of_samples["acceleration_peak_percent"] is None
     assert 0.0 <= record["velocity_peak_percent"] < 100.0
     assert record["obstacle_distance_min_mm"] > 50.0
+    assert record["contact_time_percent"] == record["contact_force_peak_n"] == 0.0
 
 
-def test_a_drive_that_clips_nothing_shows_in_the_record(monkeypatch):
-    """The law without limits, on a drive that lets it through; the same drive as ever stops it."""
-    config = short("ReachLinear", duration=0.6)
-    config = replace(config, control=replace(config.control, mode="paper"))
-    shares = []
-    for factor in (1.0, 1e4):
-        arm = IIWA_7._replace(acceleration_limits=factor * IIWA_7.acceleration_limits)
-        monkeypatch.setattr(velocity_drive, "IIWA_7", arm)
+def test_a_drive_that_clips_nothing_shows_in_the_record():
+    """The law without limits is not stopped by the drive; with them, the same metric is zero."""
+    shares = {}
+    for mode in ("safe", "corrected"):
+        config = short("ReachLinear", duration=0.6)
+        config = replace(config, control=replace(config.control, mode=mode))
         metrics = run(config, "ReachLinear").record["metrics"]
         assert metrics["grasp_position_error_mm_median"] > 0.0  # there was something to go to
-        shares.append(metrics["acceleration_limit_violation_percent"])
-    assert shares[0] == 0.0
-    assert shares[1] > 0.5
+        shares[mode] = metrics["acceleration_limit_violation_percent"]
+    assert shares["safe"] == 0.0
+    assert shares["corrected"] > 0.5
 
 
 def test_a_failing_simulation_is_reported(monkeypatch, validator):
@@ -122,6 +125,7 @@ def test_a_failing_simulation_is_reported(monkeypatch, validator):
     validator.validate(record)
     assert "did not converge" in record["error"]
     assert record["metrics"]["grasp_held"] is False
+    assert record["metrics"]["cause"] == "broke_off"
     assert 0.0 < record["timings"]["simulated_s"] < 0.5
 
 
@@ -130,11 +134,17 @@ def test_a_crash_leaves_a_valid_record(name, held, validator):
     record = crash_record(short(name), name, "the process ended with status -11")
     validator.validate(record)
     assert record["metrics"]["grasp_held"] is held
+    assert record["metrics"]["cause"] == (None if held is None else "broke_off")
 
 
 def test_the_schema_knows_exactly_the_metrics(validator):
     metrics = validator.schema["properties"]["metrics"]
     assert metrics["required"] == list(metrics["properties"]) == list(METRICS)
+
+
+def test_the_schema_knows_exactly_the_causes(validator):
+    causes = validator.schema["properties"]["metrics"]["properties"]["cause"]["enum"]
+    assert causes == [None, *Cause]
 
 
 def test_the_schema_can_fail(validator):
@@ -143,6 +153,7 @@ def test_the_schema_can_fail(validator):
         record | {"controller": "magic"},
         record | {"metrics": record["metrics"] | {"no_grasp_percent": 101.0}},
         record | {"metrics": record["metrics"] | {"extra": 1.0}},
+        record | {"metrics": record["metrics"] | {"cause": "bad luck"}},
         {key: value for key, value in record.items() if key != "git"},
     ):
         assert not validator.is_valid(broken)

@@ -1,6 +1,7 @@
 """Phases of a grasp, stepped by hand, and the targets that belong to them."""
 
 import copy
+import dataclasses as dc
 
 import numpy as np
 import pytest
@@ -41,12 +42,19 @@ def lifting(t=0.0):
 
 def test_the_whole_sequence():
     state, phases = GraspState(), []
-    for t in np.arange(0.0, 8.0, 0.01):
+    for t in np.arange(0.0, 9.0, 0.01):
         state = advanced(state, t, AWAY if t < 1.0 else AT_GRASP)
         phases.append(state.phase)
     changes = {phase: 0.01 * phases.index(phase) for phase in Phase}
     expected = np.cumsum(
-        [1.0, CONFIG.dwell, CONFIG.squeeze_time, CONFIG.lift_time, CONFIG.hold_time]
+        [
+            1.0,
+            CONFIG.dwell,
+            CONFIG.squeeze_time,
+            CONFIG.lift_time,
+            CONFIG.shake_time,
+            CONFIG.hold_time,
+        ]
     )
     got = [1.0 if phases[99] == Phase.APPROACH else np.nan]
     got += [changes[phase] for phase in list(Phase)[1:]]
@@ -79,7 +87,7 @@ def test_an_object_that_is_nowhere_is_neither_grasped_nor_let_go(part):
     # Once it is let go, where it is does not matter.
     lift = lifting()
     after = lift.advanced(lift.since + CONFIG.lift_time, AT_GRASP, X, V, GRASPS, WIDTH, CONFIG)
-    assert after.phase == Phase.HOLD
+    assert after.phase == Phase.SHAKE
 
 
 def test_a_gripper_that_shall_not_close_never_does():
@@ -185,9 +193,62 @@ def test_the_lift_is_smooth_and_as_long_as_configured():
     np.testing.assert_allclose(target_at(state, 2 * CONFIG.lift_time)[0], X_end)
 
 
-def test_after_the_lift_the_hand_stays():
+def shaking():
     lift = lifting()
-    hold = advanced(lift, lift.since + CONFIG.lift_time)
+    state = advanced(lift, lift.since + CONFIG.lift_time)
+    assert state.phase == Phase.SHAKE and state.released
+    return state
+
+
+def test_the_shake_goes_to_and_fro_as_far_and_as_often_as_configured():
+    state, X_lifted = shaking(), target_at(lifting(), CONFIG.lift_time)[0]
+    times = np.linspace(0.0, CONFIG.shake_time, 3001)
+    X = np.array([target_at(state, t)[0] for t in times])
+    np.testing.assert_array_equal(X[:, :3, :3], np.broadcast_to(X_WO[:3, :3], (3001, 3, 3)))
+    moved = X[:, :3, 3] - X_lifted[:3, 3]
+    # Half of the time at full amplitude: there the sine reaches its crests.
+    np.testing.assert_allclose(np.abs(moved).max(axis=0), CONFIG.shake, rtol=1e-3)
+    crossings = np.flatnonzero(np.diff(moved[1:-1, 2] > 0.0))
+    half = np.diff(times[1:-1][crossings])
+    np.testing.assert_allclose(half, 0.5 / CONFIG.shake_frequency, atol=1e-3)
+
+
+@pytest.mark.parametrize("frequency", [CONFIG.shake_frequency, 2.7])
+def test_the_twist_of_the_shake_is_its_derivative_and_nothing_jumps(frequency):
+    """Position, velocity and acceleration, from the lift before to the hold after."""
+    config = dc.replace(CONFIG, shake_frequency=frequency)
+    state, h = shaking(), 1e-5
+
+    def at(elapsed):
+        after = int(elapsed > 0.0) + int(elapsed > config.shake_time)
+        phase = (Phase.LIFT, Phase.SHAKE, Phase.HOLD)[after]
+        since = {Phase.LIFT: -config.lift_time, Phase.SHAKE: 0.0, Phase.HOLD: config.shake_time}
+        there = dc.replace(state, phase=phase, since=since[phase])
+        X, V = there.target(elapsed, np.eye(4), np.zeros(6), config)
+        np.testing.assert_array_equal(V[:3], 0.0)
+        return X[:3, 3], V[3:]
+
+    for elapsed in np.linspace(0.01, config.shake_time - 0.01, 101):
+        slope = (at(elapsed + h)[0] - at(elapsed - h)[0]) / (2 * h)
+        np.testing.assert_allclose(at(elapsed)[1], slope, atol=1e-6)
+    for edge in (0.0, config.shake_time):
+        before, after = at(edge - h), at(edge + h)
+        np.testing.assert_allclose(before[0], after[0], atol=1e-6)
+        np.testing.assert_allclose(before[1], after[1], atol=1e-4)
+    for end in (h, config.shake_time - h):  # the shake itself begins and ends without a jerk
+        acceleration = (at(end + h / 2)[1] - at(end - h / 2)[1]) / h
+        np.testing.assert_allclose(acceleration, 0.0, atol=0.02)
+
+
+def test_without_a_time_for_it_there_is_no_shake():
+    config = dc.replace(CONFIG, shake_time=0.0)
+    lift = lifting()
+    assert advanced(lift, lift.since + CONFIG.lift_time, config=config).phase == Phase.HOLD
+
+
+def test_after_the_shake_the_hand_stays():
+    lift, shake = lifting(), shaking()
+    hold = advanced(shake, shake.since + CONFIG.shake_time)
     done = advanced(hold, hold.since + CONFIG.hold_time)
     assert (hold.phase, done.phase) == (Phase.HOLD, Phase.DONE)
     X_end = target_at(lift, CONFIG.lift_time)[0]

@@ -1,0 +1,85 @@
+"""Why a run did not hold its object."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from feasigrasp.evaluation.runs.handling import ObjectTruth
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.grasps.sequence import Phase
+
+#: An object that was pushed farther than this off its path has been pushed away [mm].
+PUSHED_AWAY = 50.0
+
+
+class Cause(StrEnum):
+    """What kept a run from holding its object; the first in this order that applies."""
+
+    BROKE_OFF = "broke_off"
+    NOTHING_SEEN = "nothing_seen"
+    NO_GRASP = "no_grasp"
+    NONE_REACHABLE = "none_reachable"
+    PUSHED_AWAY = "pushed_away"
+    NEVER_SETTLED = "never_settled"
+    MISSED = "missed"
+    DROPPED = "dropped"
+    OUT_OF_TIME = "out_of_time"
+    SLIPPED = "slipped"
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What the rules look at.
+
+    Attributes:
+        samples: By name, the samples of the run, see `feasigrasp.systems.metrics.SAMPLE_NAMES`.
+        truth: What happened to the object; None if nobody looked.
+        pushed_mm: How far it was pushed before the fingers closed [mm]; None likewise.
+    """
+
+    samples: Mapping[str, Array]
+    truth: ObjectTruth | None = None
+    pushed_mm: float | None = None
+
+    @property
+    def phase(self) -> Array:
+        """The `Phase` of every sample."""
+        return self.samples["phase"]
+
+    @property
+    def touched(self) -> bool:
+        """Whether arm or hand touched the object at the end."""
+        return self.truth is not None and self.truth.touched
+
+    @property
+    def released(self) -> bool:
+        """Whether the object was let go."""
+        return bool(np.any(self.phase > Phase.CLOSE))
+
+
+def _opened_again(run: Course) -> bool:
+    closing = run.phase == Phase.CLOSE
+    return bool(np.any(closing[:-1] & (run.phase[1:] == Phase.APPROACH)))
+
+
+_RULES: dict[Cause, Callable[[Course], bool]] = {
+    Cause.BROKE_OFF: lambda run: run.truth is not None and run.truth.broke_off,
+    Cause.NOTHING_SEEN: lambda run: bool(np.isnan(run.samples["view_age"][-1])),
+    Cause.NO_GRASP: lambda run: not run.samples["sampled_grasps"].any(),
+    Cause.NONE_REACHABLE: lambda run: not run.samples["reachable_grasps"].any(),
+    Cause.PUSHED_AWAY: lambda run: not run.released and (run.pushed_mm or 0.0) > PUSHED_AWAY,
+    Cause.NEVER_SETTLED: lambda run: not np.any(run.phase >= Phase.CLOSE),
+    Cause.MISSED: lambda run: not run.released and _opened_again(run),
+    Cause.DROPPED: lambda run: run.released and not run.touched,
+    Cause.OUT_OF_TIME: lambda run: run.phase[-1] != Phase.DONE,
+    Cause.SLIPPED: lambda run: True,
+}
+
+
+def cause_of(run: Course) -> Cause:
+    """The cause of a run that does not hold; ``docs/results_schema.md`` says each rule in words."""
+    return next(cause for cause in Cause if _RULES[cause](run))

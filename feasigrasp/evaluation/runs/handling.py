@@ -1,0 +1,115 @@
+"""How the object was handled: pushed, touched too early, moved in the hand, held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.sequence import Phase
+
+#: An object is held that at the end, for this time [s], ...
+HELD_FOR = 2.0
+#: ... was closer than this to where it was in the hand when it was let go [m], [rad].
+HELD_DISTANCE, HELD_ANGLE = 0.01, np.deg2rad(15.0)
+#: The object starts at rest and has caught up with its path after this time [s].
+ON_PATH_AFTER = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectTruth:
+    """What the simulation says of the object, beside the samples.
+
+    Attributes:
+        path: Where its motion would have it at every sample, shape (n, 4, 4) [m].
+        contact: What `feasigrasp.systems.station.object_contact.ObjectContact` says at the end,
+            shape (3,).
+        touched: Whether arm or hand touched it at the end.
+        broke_off: Whether the simulation failed.
+    """
+
+    path: Array
+    contact: Array
+    touched: bool
+    broke_off: bool
+
+
+def pushed_metrics(
+    X_WO: Array, X_WP: Array, approach: Mask, period: float
+) -> dict[str, float | None]:
+    """How far the object was pushed off its path before the fingers closed.
+
+    Args:
+        X_WO: True pose of the object, shape (n, 4, 4) [m].
+        X_WP: Where its motion would have it at the same time, shape (n, 4, 4).
+        approach: Samples that count, shape (n,); the first `ON_PATH_AFTER` seconds never do.
+        period: Time between samples [s].
+
+    Returns:
+        ``pushed_mm``, ``pushed_deg``: the largest distance and angle of these samples; None without
+        any.
+    """
+    counts = approach & (np.arange(len(approach)) * period >= ON_PATH_AFTER)
+    if not counts.any():
+        return {"pushed_mm": None, "pushed_deg": None}
+    distance, angle = _displacement(X_WO[counts], X_WP[counts])
+    return {
+        "pushed_mm": 1e3 * float(distance.max()),
+        "pushed_deg": float(np.rad2deg(angle.max())),
+    }
+
+
+def contact_metrics(contact: Array) -> dict[str, float | None]:
+    """How arm and hand touched the object before the fingers closed.
+
+    Args:
+        contact: How long the hand approached, how long of it there was contact [s], and the
+            largest force [N], shape (3,).
+
+    Returns:
+        ``contact_force_peak_n`` and ``contact_time_percent``, the latter None if the hand never
+        approached.
+    """
+    time, touched, peak = contact
+    share = 100.0 * min(1.0, float(touched / time)) if time > 0.0 else None
+    return {"contact_force_peak_n": float(peak), "contact_time_percent": share}
+
+
+def hold_metrics(
+    X_HO: Array, p_WO: Array, phase: Array, period: float
+) -> dict[str, float | bool | None]:
+    """Whether the object stayed in the hand after it was let go.
+
+    Args:
+        X_HO: True pose of the object in the hand, shape (n, 4, 4) [m].
+        p_WO: Its origin in the world, z up, shape (n, 3) [m].
+        phase: The `Phase`, shape (n,).
+        period: Time between samples [s].
+
+    Returns:
+        ``slip_mm``, ``turn_deg``: the largest displacement of the object's origin in the hand, and
+        the largest rotation, since the object was let go, and ``lift_cm``: how much higher it ended
+        than where it was let go; None if it never was. ``grasp_held``: whether the sequence went to
+        its end and the object was at its place for the last `HELD_FOR` seconds.
+    """
+    released = phase > Phase.CLOSE
+    if not released.any():
+        return {"grasp_held": False, "slip_mm": None, "turn_deg": None, "lift_cm": None}
+    start = int(np.argmax(released))
+    distance, angle = _displacement(X_HO[start:], X_HO[start])
+    last = slice(-1 - round(HELD_FOR / period), None)
+    kept = np.all((distance[last] < HELD_DISTANCE) & (angle[last] < HELD_ANGLE))
+    return {
+        "grasp_held": bool(phase[-1] == Phase.DONE and kept),
+        "slip_mm": 1e3 * float(distance.max()),
+        "turn_deg": float(np.rad2deg(angle.max())),
+        "lift_cm": 100.0 * float(p_WO[-1, 2] - p_WO[start, 2]),
+    }
+
+
+def _displacement(X_FA: Array, X_FB: Array) -> tuple[Array, Array]:
+    """Distance of the origins [m] and angle [rad] between poses in one frame, shapes (n,)."""
+    turn = np.swapaxes(X_FA[:, :3, :3], 1, 2) @ X_FB[..., :3, :3]
+    return np.linalg.norm(X_FA[:, :3, 3] - X_FB[..., :3, 3], axis=1), se3.rotation_angle(turn)

@@ -1,0 +1,96 @@
+"""How arm and hand touch the object before the fingers close, as the contact solver says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.systems.ports import declare_input
+
+
+class ObjectContact(LeafSystem):
+    """Sums up the contact of a robot's bodies with the object at every step of the plant.
+
+    .. pydrake_system::
+
+        name: ObjectContact
+        input_ports:
+        - contact_results
+        - phase
+        output_ports:
+        - approach
+
+    ``phase`` is a `Phase`. ``approach`` has three entries, over all steps of the plant so far in
+    which the hand approached: how long they were, how long of it the robot touched the object [s],
+    and the largest norm of the summed contact force [N]. Contacts of both kinds count,
+    hydroelastic and of points.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        body_index: BodyIndex,
+        robot: Iterable[ModelInstanceIndex],
+    ) -> None:
+        """A measurement on a finalized, discrete plant.
+
+        Args:
+            plant: The plant.
+            body_index: The object.
+            robot: Model instances of the arm and what it carries.
+        """
+        super().__init__()
+        self._object = body_index
+        self._robot = {index for instance in robot for index in plant.GetBodyIndices(instance)}
+        self._body_of = {
+            geometry: index
+            for index in (body_index, *self._robot)
+            for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
+        }
+        self._step = plant.time_step()
+        self._results = declare_input(self, "contact_results", ContactResults())
+        self._phase = self.DeclareVectorInputPort("phase", 1)
+        state = self.DeclareDiscreteState(3)
+        # With the plant's own steps: the solver's result is computed once for both of them.
+        self.DeclarePeriodicDiscreteUpdateEvent(self._step, 0.0, self._update)
+        self.DeclareStateOutputPort("approach", state)
+
+    def touches(self, results: ContactResults) -> bool:
+        """Whether the robot touches the object."""
+        return bool(np.any(self.force(results)))
+
+    def force(self, results: ContactResults) -> Array:
+        """Force of the robot on the object [N], in the world frame, shape (3,)."""
+        force = np.zeros(3)
+        for i in range(results.num_hydroelastic_contacts()):
+            info = results.hydroelastic_contact_info(i)
+            surface = info.contact_surface()
+            bodies = self._body_of.get(surface.id_M()), self._body_of.get(surface.id_N())
+            force -= self._sign(*bodies) * info.F_Ac_W().translational()  # on the first
+        for i in range(results.num_point_pair_contacts()):
+            pair = results.point_pair_contact_info(i)
+            sign = self._sign(pair.bodyA_index(), pair.bodyB_index())
+            force += sign * pair.contact_force()  # on the second
+        return force
+
+    def _sign(self, a: BodyIndex | None, b: BodyIndex | None) -> int:
+        """1 for a body of the robot and the object, -1 the other way round, 0 for other pairs."""
+        if a in self._robot and b == self._object:
+            return 1
+        return -1 if a == self._object and b in self._robot else 0
+
+    def _update(self, context: Context, state) -> EventStatus:
+        # Fingers that grasp touch all the time; to look at that in every step would cost a lot.
+        if self._phase.Eval(context)[0] != Phase.APPROACH:
+            return EventStatus.DidNothing()
+        force = float(np.linalg.norm(self.force(self._results.Eval(context))))
+        time, touched, peak = state.value()
+        touched += self._step * (force > 0.0)
+        state.set_value([time + self._step, touched, max(peak, force)])
+        return EventStatus.Succeeded()
