@@ -86,6 +86,9 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "grasp.min_width": (0.0, 0.2, "m"),
     "grasp.lift": (-1.0, 1.0, "m"),
     "grasp.lift_time": (0.01, 60.0, "s"),
+    "grasp.shake": (-0.5, 0.5, "m"),
+    "grasp.shake_frequency": (0.01, 20.0, "Hz"),
+    "grasp.shake_time": (0.0, 60.0, "s"),
     "grasp.hold_time": (0.0, 600.0, "s"),
     "camera_noise.*.baseline": (0.001, 1.0, "m"),
     "camera_noise.*.subpixel": (0.0, 10.0, "px"),
@@ -310,6 +313,7 @@ def _check_vectors(scenario: Scenario) -> None:
     }
     vectors |= {
         "grasp.lift": (scenario.grasp.lift, 3),
+        "grasp.shake": (scenario.grasp.shake, 3),
         "grasp.shake": (scenario.grasp.shake, 3),
         "q_start": (scenario.q_start, IIWA_7.joints),
     }
