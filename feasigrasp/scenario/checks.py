@@ -14,6 +14,7 @@ from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
+from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.schema import Scenario
 
 _CHOICES: dict[str, tuple[str, ...]] = {
@@ -47,6 +48,7 @@ def check_scenario(scenario: Scenario) -> None:
     _check_camera_noise(scenario)
     _check_vectors(scenario)
     _check_positive(scenario)
+    check_faults(scenario.faults)
 
 
 def _check_camera_noise(scenario: Scenario) -> None:
