@@ -16,6 +16,7 @@ from typing import Any
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.report.dynamic import FIGURE, dynamic_report
+from feasigrasp.evaluation.report.faults import faults_report
 from feasigrasp.results.markdown import markdown_table, replace_section
 from feasigrasp.results.rows import Row
 
@@ -75,6 +76,8 @@ def _section(file: Path) -> str:
     body = ""
     if any(row.name.startswith("dynamic.") for row in rows):
         body = dynamic_report(rows, file.parent)
+    if any(row.name.startswith("faults.held") for row in rows):
+        body = faults_report(rows)
     body = body or _plain_table(rows)
     return f"## `{summary['command']}`\n\n{_origin(summary)}\n\n{body}"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,10 +37,10 @@ class StudiedFault:
     Attributes:
         what: What goes wrong.
         behaviour: What the cell does then.
-        fault: The fault; its start is drawn. None if it is there all the time, by ``change``.
+        fault: The fault; its start is drawn. None if it is there all the time, by ``tracker``.
         named: Statuses and causes that are the right word about it.
         held: Whether the object is to be held in the end nevertheless.
-        change: What is changed in the scenario, as `load_scenario` takes it.
+        tracker: What is changed of the scenario's tracker.
     """
 
     what: str
@@ -47,7 +48,7 @@ class StudiedFault:
     fault: Fault | None
     named: tuple[str, ...]
     held: bool = False
-    change: Mapping[str, Any] = field(default_factory=dict)
+    tracker: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def while_lifting(self) -> bool:
@@ -143,9 +144,7 @@ FAULTS: dict[str, StudiedFault] = {
         None,
         _DOUBTED,
         held=True,
-        change={
-            "tracker": {"latency": 0.1, "position_noise": 0.005, "rotation_noise": 0.0523598775598}
-        },
+        tracker={"latency": 0.1, "position_noise": 0.005, "rotation_noise": math.radians(3.0)},
     ),
     "pose_late_untold": StudiedFault(
         "the same from an instant on, and the tracker is not told",

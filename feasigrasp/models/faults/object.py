@@ -20,15 +20,23 @@ class ObjectFault(Fault):
 
     ramp: float = number(0.2, 0.01, 100.0)
 
-    def changes(self, t: float) -> list[tuple[float, float]]:
-        """The changes until time t: how long ago each was [s], and 1 for on or -1 for off."""
-        found, n = [], 0
-        while (elapsed := t - self.start - (n * self.every if n else 0.0)) > 0.0:
+    def changes(self, t: float) -> tuple[list[tuple[float, float]], int]:
+        """The changes until time t, and how often the fault has come and gone altogether.
+
+        Returns:
+            How long ago each change was [s], and 1 for on or -1 for off, without those of times
+            that are over; and the number of these.
+        """
+        n = 1 + int((t - self.start) // self.every) if t > self.start else 0
+        found: list[tuple[float, float]] = []
+        for k in reversed(range(n)):
+            elapsed = t - self.start - (k * self.every if k else 0.0)
+            if elapsed - self.duration >= self.ramp:
+                return found, k + 1
             found.append((elapsed, 1.0))
             if elapsed > self.duration:
                 found.append((elapsed - self.duration, -1.0))
-            n += 1
-        return found
+        return found, 0
 
 
 @dataclass
@@ -43,8 +51,9 @@ class ObjectPace(ObjectFault):
 
     def own_time(self, t: float) -> tuple[float, float, float]:
         """What is added to the time along the path at time t [s], its rate and the rate's rate."""
-        added = rate = change = 0.0
-        for elapsed, sign in self.changes(t):
+        changes, over = self.changes(t)
+        added, rate, change = over * self.duration if over else 0.0, 0.0, 0.0
+        for elapsed, sign in changes:
             on = min(elapsed, self.ramp)
             added += sign * (on**2 / (2.0 * self.ramp) + elapsed - on)
             rate += sign * on / self.ramp
@@ -68,7 +77,7 @@ class ObjectMoved(ObjectFault):
     def share(self, t: float) -> tuple[float, float, float]:
         """How much of the way it has gone at time t, from 0 to 1, and two derivatives by time."""
         share = rate = change = 0.0
-        for elapsed, sign in self.changes(t):
+        for elapsed, sign in self.changes(t)[0]:
             s = min(elapsed / self.ramp, 1.0)
             share += sign * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
             rate += sign * 30.0 * s**2 * (1.0 - s) ** 2 / self.ramp
