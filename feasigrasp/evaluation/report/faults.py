@@ -39,7 +39,7 @@ def faults_report(rows: Sequence[Row]) -> str:
     heads = ["fault", "what goes wrong", "what the cell does", *(head for _, head, _ in _COLUMNS)]
     parts = [
         markdown_table([*heads, "runs"], lines),
-        "Limits broken and crashes are numbers of runs; `*`: the object is to be held nevertheless.",
+        "Limits broken and crashes count runs; `*`: the object is to be held nevertheless.",
     ]
     if leaks := found.get(("all", "truth_leaks")):
         parts.append(f"Truth leaked in {leaks.value:.0f} of {leaks.n} pairs of runs.")

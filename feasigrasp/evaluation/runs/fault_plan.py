@@ -61,16 +61,17 @@ class FaultRun(PlannedRun):
 def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
     """The runs without a fault: one for every object, controller and instant.
 
-    Instants differ in motion and seed. With ``--quick``, one object, controller and instant.
+    Instants differ in motion and seed; instant 0 is the beginning, to which as many are added as
+    ``args`` asks for. With ``--quick``, one object and controller, and one instant that is drawn.
 
     Raises:
         ScenarioError: Unknown scenario, key or value.
         MeshError: Unknown object, or one that cannot be simulated.
     """
     objects = list(select_objects(args.objects).items())
-    controllers, instants = args.controllers, range(args.instants)
+    controllers, instants = args.controllers, range(1 + args.instants)
     if args.quick:
-        objects, controllers, instants = objects[:1], controllers[:1], instants[:1]
+        objects, controllers, instants = objects[:1], controllers[:1], instants[1:2]
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
     motions = {name: load_scenario(filename, name, args.scenario_text) for name in MOTIONS}
     runs = []
@@ -90,6 +91,8 @@ def faulty_runs(
     nominal: Sequence[FaultRun], records: Sequence[Record], faults: Sequence[str], seed: int
 ) -> list[FaultRun]:
     """The runs with faults, which begin while the same run without a fault approaches, or lifts.
+
+    At instant 0 that is at the very beginning of it; all others are drawn.
 
     Args:
         nominal: The runs without a fault.
@@ -113,17 +116,14 @@ def faulty_runs(
 def _with_fault(run: FaultRun, record: Record, name: str, seed: int) -> FaultRun:
     fault, scenario = FAULTS[name], copy.deepcopy(run.scenario)
     key = [seed, run.instant, zlib.crc32(f"{name} {run.object_name}".encode())]
-    share = float(np.random.default_rng(key).random())
-    start = round(_between(*_window(fault, scenario, record), share), 3)
+    share = float(np.random.default_rng(key).random()) if run.instant else 0.0
+    first, last = _window(fault, scenario, record)
+    start = round(first + share * (last - first), 3)
     scenario.faults = [*scenario.faults, *fault.beginning_at(start)]  # type: ignore[list-item]
     scenario.tracker = dc.replace(scenario.tracker, **fault.tracker)
     scenario.simulation_duration = min(scenario.simulation_duration, start + _AFTERWARDS)
     check_scenario(scenario)
     return dc.replace(run, scenario=scenario, fault=name, start=start)
-
-
-def _between(first: float, last: float, share: float) -> float:
-    return first + share * (last - first)
 
 
 def _window(fault: StudiedFault, scenario: Scenario, record: Record) -> tuple[float, float]:

@@ -1,8 +1,8 @@
 """``feasigrasp evaluate faults``: whatever it meets, it stays safe and says so.
 
-Every fault begins at several instants, with both controllers and several objects; before them the
-same runs without a fault, which tell when the approach takes place. Every run is a file of its own:
-repeated, the command goes on where it was.
+Every fault begins with the run and at several instants that are drawn, with both controllers and
+several objects; before them the same runs without a fault, which tell when the approach is.
+Every run is a file of its own: repeated, the command goes on where it was.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser, out="out/faults", objects="duck,soup_can,small_box")
     parser.add_argument("--controllers", type=names, default=["task", "joint"])
     parser.add_argument("--faults", type=names, help="names of faults (default: all)")
-    parser.add_argument("--instants", type=positive, default=5, help="beginnings of every fault")
+    parser.add_argument("--instants", type=positive, default=5, help="drawn beginnings of a fault")
     add_scenario_arguments(parser)
 
 
