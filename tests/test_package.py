@@ -33,6 +33,7 @@ ORDER = (
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),
+    ("models.faults",),
     ("models.ik", "models.shape"),
     ("models.grasps.network",),
     ("models.grasps",),

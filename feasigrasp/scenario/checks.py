@@ -22,6 +22,7 @@ from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
+from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.schema import Scenario
@@ -170,7 +171,9 @@ def check_scenario(scenario: Scenario) -> None:
     _check_choices(scenario)
     _check_camera_noise(scenario)
     for path, index, value in numbers(scenario):
-        _check_number(path, index, value)
+        if path[0] != "faults":  # each has a table of its own
+            _check_number(path, index, value)
+    check_faults(scenario.faults)
     _check_vectors(scenario)
     _check_cameras(scenario)
     _check_law(scenario)

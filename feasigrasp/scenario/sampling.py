@@ -4,6 +4,7 @@ from pydrake.common import RandomGenerator
 from pydrake.common.schema import Sample, Transform
 
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.faults.object import AlteredMotion, altered
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.scenario.schema import Scenario
@@ -20,11 +21,15 @@ def load_scenario_object(scenario: Scenario) -> RigidObject:
     return load_object(config.model, scale=config.scale, mass=config.mass)
 
 
-def make_motion(scenario: Scenario) -> HarmonicMotion:
-    """The object's motion, with everything random drawn from the scenario's seed."""
+def make_motion(scenario: Scenario) -> HarmonicMotion | AlteredMotion:
+    """The object's motion, with everything random drawn from the scenario's seed.
+
+    Faults of the object alter it.
+    """
     generator = RandomGenerator(scenario.random_seed)
     start_phase = Sample(scenario.motion.start_phase, generator)
     orientation = Transform()
     orientation.rotation = scenario.object.rotation
     R_WO = orientation.Sample(generator).rotation().matrix()
-    return HarmonicMotion(**vars(scenario.motion) | {"start_phase": start_phase, "R_WO": R_WO})
+    drawn = {"start_phase": start_phase, "R_WO": R_WO}
+    return altered(HarmonicMotion(**vars(scenario.motion) | drawn), scenario.faults)

@@ -21,6 +21,7 @@ from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.faults import AnyFault
 
 
 def _of_the_mode() -> typing.Any:
@@ -234,6 +235,7 @@ class Scenario:
         reachability: Reachability filter.
         control: Controller.
         grasp: Closing, letting go, lifting.
+        faults: What goes wrong, and when, e.g. ``!PoseNan {start: 2, duration: 0.5}``.
     """
 
     random_seed: int = 0
@@ -252,3 +254,4 @@ class Scenario:
     reachability: ReachabilityConfig = dc.field(default_factory=ReachabilityConfig)
     control: ControlConfig = dc.field(default_factory=ControlConfig)
     grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
+    faults: list[AnyFault] = dc.field(default_factory=list)

@@ -14,6 +14,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.faults.injection import FaultInjection
 from feasigrasp.systems.from_scenario import (
     make_controller,
     make_reachability_filter,
@@ -46,6 +47,11 @@ class _Cell:
     scenario: Scenario
     gripper: ParallelGripper
     station: Station
+
+    @property
+    def faults(self) -> FaultInjection:
+        """Where the scenario's faults come from."""
+        return FaultInjection(self.builder, self.scenario)
 
     def __getitem__(self, name: str) -> System:
         """The system of that name."""
@@ -85,7 +91,7 @@ def make_dynamic_grasp(
     the commanded and the true state of the arm and its motors' torques at the control rate. With a
     Meshcat there are ``scene`` and
     ``visualizer`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
-    ``clear_hand_poses``.
+    ``clear_hand_poses``; with faults systems that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log when it has run::
 
@@ -135,23 +141,25 @@ def add_dynamic_grasp(
     station = builder.AddNamedSystem("station", make_station(scenario))
     check_cell(station.plant, gripper)
     cell = _Cell(builder, scenario, gripper, station)
-    cell.add("tracker", ObjectTracker(scenario.tracker), pose=station.GetOutputPort("object.pose"))
-    _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))
-    _add_control(cell, reachability, controller or make_controller(scenario, reachability))
+    measured = cell.faults.pose(station.GetOutputPort("object.pose"))
+    cell.add("tracker", ObjectTracker(scenario.tracker), pose=measured)
+    gpdf = _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))
+    _add_control(cell, reachability, controller or make_controller(scenario, reachability), gpdf)
     _add_measurement(cell)
     if meshcat is not None:
         _add_visualization(cell, meshcat)
 
 
-def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> None:
-    """Camera -> object's points -> distance field -> grasps, all in the object frame."""
+def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
+    """Camera -> object's points -> distance field, which it returns -> grasps, all in O."""
     station, config, scene_config = cell.station, cell.scenario.perception, cell.scenario.scene
-    images = {
-        name: station.GetOutputPort(f"{config.camera}.{name}")
-        for name in ("point_cloud", "label_image")
-    }
-    camera_pose = station.GetOutputPort(f"{config.camera}.pose")
+    cloud, labels, camera_pose = (
+        station.GetOutputPort(f"{config.camera}.{name}")
+        for name in ("point_cloud", "label_image", "pose")
+    )
     label = int(station.object_body.index())
+    cloud, labels = cell.faults.images(cloud, labels, camera_pose, label)
+    images = {"point_cloud": cloud, "label_image": labels}
     segmentation = cell.add("segmentation", SegmentPointCloud(label), **images)
     field = PointCloudToGPDF(
         config.period,
@@ -162,7 +170,8 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> None:
         max_views=config.views,
     )
     cell.add("perception", field, segmentation, cell["tracker"], camera_pose=camera_pose)
-    grasps = cell.add("sampler", GraspSampler(sampler, cell.gripper), field)
+    gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
+    grasps = cell.add("sampler", GraspSampler(sampler, cell.gripper), gpdf=gpdf)
     nothing = AbstractValue.Make(GraspSet.empty())
     # A hold that samples with the camera would see what there was before the view.
     latency = PassThrough(nothing)
@@ -176,6 +185,7 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> None:
             resolution=scene_config.resolution,
         )
         cell.add("scene_perception", scene, camera_pose=camera_pose, **images)
+    return gpdf
 
 
 def _clear_of_scene(cell: _Cell, name: str, grasps: OutputPort, **options: bool) -> OutputPort:
@@ -188,7 +198,9 @@ def _clear_of_scene(cell: _Cell, name: str, grasps: OutputPort, **options: bool)
     return cell.add(name, clear, *sources, grasps=grasps).get_output_port()
 
 
-def _add_control(cell: _Cell, reachability: Reachability, controller: LeafSystem) -> None:
+def _add_control(
+    cell: _Cell, reachability: Reachability, controller: LeafSystem, gpdf: OutputPort
+) -> None:
     """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper."""
     station, tracker, scenario = cell.station, cell["tracker"], cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
@@ -207,7 +219,8 @@ def _add_control(cell: _Cell, reachability: Reachability, controller: LeafSystem
         "sequencer",
         GripperSequencer(scenario.grasp, cell.gripper, period=config.period),
         tracker,
-        *([cell["perception"]] if safe else []),
+        **({"gpdf": gpdf} if safe else {}),
+        perceived=cell["perception"].GetOutputPort("perceived"),
         position=position,
         grasps=reachable.get_output_port(),
         gripper_state=station.GetOutputPort("gripper.state_measured"),
@@ -216,8 +229,7 @@ def _add_control(cell: _Cell, reachability: Reachability, controller: LeafSystem
     cell.builder.AddNamedSystem("drive", drive)
     scene = [cell["scene_perception"]] if scenario.scene.enabled else []
     cell.add("controller", controller, sequencer, tracker, drive, *scene, position=position)
-    command = controller.GetOutputPort("commanded_velocity")
-    cell.connect(drive, velocity=command, position=position)
+    cell.connect(drive, velocity=cell.faults.command(controller), position=position)
     for name, port in (
         ("iiwa.desired_state", drive.GetOutputPort("desired_state")),
         ("gripper.position", sequencer.GetOutputPort("gripper_position")),

@@ -12,6 +12,7 @@ from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
+from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
@@ -49,6 +50,7 @@ def make_station(scenario: Scenario) -> Station:
                 friction=scenario.object.friction,
                 enforce_constraints=safe,
                 touch_object=safe or scenario.grasp.close,
+                pulls=[fault for fault in scenario.faults if isinstance(fault, ObjectPulled)],
             ),
             load_scenario_object(scenario),
             make_motion(scenario),

@@ -15,6 +15,7 @@ from typing import Any
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.report.dynamic import FIGURE, dynamic_report
+from feasigrasp.evaluation.report.faults import faults_report
 from feasigrasp.inputs import read_json
 from feasigrasp.outputs import write_text
 from feasigrasp.results.conditions import conditions_text
@@ -85,6 +86,8 @@ def _section(file: Path) -> str:
     body = ""
     if any(row.name.startswith("dynamic.") for row in rows):
         body = dynamic_report(rows, file.parent, conditions)
+    if any(row.name.startswith("faults.held") for row in rows):
+        body = faults_report(rows)
     body = body or "\n\n".join(filter(None, [_plain_table(rows), conditions]))
     return f"{heading}\n\n{origin}\n\n{body}"
 

@@ -64,12 +64,18 @@ def carrying_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench):
 
 @njit(cache=True)
 def motion_wrench_kernel(state, parameters, t, load, wrench):
-    """The wrench of `carrying_wrench_kernel` towards a `HarmonicMotion` at time t [s].
+    """The wrench of `spring_wrench_kernel` towards a `HarmonicMotion` at time t [s]."""
+    X_WR, V_WR, acceleration = motion_kernel(parameters, t)
+    spring_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench)
+
+
+@njit(cache=True)
+def spring_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench):
+    """The wrench of `carrying_wrench_kernel` by a spring that gives way.
 
     Torque and force of the spring are shortened to what it can; what carries the body's weight and
     its reference acceleration comes on top.
     """
-    X_WR, V_WR, acceleration = motion_kernel(parameters, t)
     carrying_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench)
     carried = load.mass * (acceleration - load.gravity)
     spring = wrench[3:] - carried

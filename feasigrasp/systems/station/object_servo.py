@@ -1,5 +1,7 @@
 """Carries a free body along a motion by a spatial force, until it is let go."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
@@ -7,7 +9,8 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.objects.carrying import Load, motion_wrench_kernel
+from feasigrasp.models.faults.object import AlteredMotion, ObjectPulled
+from feasigrasp.models.objects.carrying import Load, motion_wrench_kernel, spring_wrench_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.systems.ports import declare_output
 
@@ -26,17 +29,18 @@ class ObjectServo(LeafSystem):
 
     ``state`` is the body's V13 state in the plant (quaternion wxyz, position, angular velocity,
     velocity); ``hold`` is 1 while the body is carried and 0 once it is let go, when no force acts
-    any more. The body yields to contact as a mass on a spring would: force and torque are those of
-    a harmonic oscillator of ``frequency`` [rad/s], no larger than a hand would push, plus the
-    weight and the reference acceleration.
+    any more but that of a fault. The body yields to contact as a mass on a spring would: force and
+    torque are those of a harmonic oscillator of ``frequency`` [rad/s], no larger than a hand would
+    push, plus the weight and the reference acceleration.
     """
 
     def __init__(
         self,
         plant: MultibodyPlant,
         body_index: BodyIndex,
-        motion: HarmonicMotion,
+        motion: HarmonicMotion | AlteredMotion,
         *,
+        pulls: Sequence[ObjectPulled] = (),
         frequency: float = 60.0,
         max_force: float = 30.0,
         max_torque: float = 3.0,
@@ -47,6 +51,7 @@ class ObjectServo(LeafSystem):
             plant: The finalized plant.
             body_index: The body to carry; its origin is its centre of mass.
             motion: Where it should be.
+            pulls: What pulls at it once it is let go.
             frequency: Stiffness of the spring [rad/s].
             max_force: What carries the body gives way beyond this force [N].
             max_torque: The same for the torque [Nm].
@@ -57,7 +62,7 @@ class ObjectServo(LeafSystem):
         if np.linalg.norm(inertia.get_com()) > 1e-9:
             raise ValueError(f"the origin of body {body.name()} must be its centre of mass")
         self._body_index = body_index
-        self._motion = motion
+        self._motion, self._pulls = motion, pulls
         self._load = Load(
             inertia.get_mass(),
             inertia.CalcRotationalInertia().CopyToFullMatrix3(),
@@ -71,17 +76,19 @@ class ObjectServo(LeafSystem):
         declare_output(self, "spatial_force", self._calc, model=[ExternallyAppliedSpatialForce()])
 
     def _calc(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
+        time = context.get_time()
         if self._hold.Eval(context)[0] < 0.5:
-            return []
-        wrench = np.empty(6)
+            pulling = [pull.force for pull in self._pulls if pull.active(time)]
+            wrenches = [np.concatenate([np.zeros(3), force]) for force in pulling]
+            return [
+                applied for wrench in wrenches for applied in force_on(self._body_index, wrench)
+            ]
         # State and reference of the same instant: one a step later would make the body lead.
-        motion_wrench_kernel(
-            self._state.Eval(context),
-            self._motion.parameters,
-            context.get_time(),
-            self._load,
-            wrench,
-        )
+        state, wrench = self._state.Eval(context), np.empty(6)
+        if isinstance(self._motion, HarmonicMotion):
+            motion_wrench_kernel(state, self._motion.parameters, time, self._load, wrench)
+        else:
+            spring_wrench_kernel(state, *self._motion.state(time), self._load, wrench)
         return force_on(self._body_index, wrench)
 
 

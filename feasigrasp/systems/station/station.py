@@ -26,6 +26,7 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.faults.object import AlteredMotion, ObjectPulled
 from feasigrasp.models.objects.carrying import body_pose_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
@@ -61,6 +62,7 @@ class StationConfig:
             on its path at every step, whatever touches it.
         camera_noise: Errors of the depth images, by camera; a camera not named has none.
         noise_seed: Seed of those errors.
+        pulls: What pulls at the object once it is let go.
     """
 
     plant: MultibodyPlantConfig
@@ -72,6 +74,7 @@ class StationConfig:
     touch_object: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
     noise_seed: int = 0
+    pulls: list[ObjectPulled] = field(default_factory=list)
 
 
 class _BodyState(LeafSystem):
@@ -122,7 +125,9 @@ class Station(Diagram):
     carried along its motion and 0 once it is let go. Point clouds are in the world frame.
     """
 
-    def __init__(self, config: StationConfig, obj: RigidObject, motion: HarmonicMotion) -> None:
+    def __init__(
+        self, config: StationConfig, obj: RigidObject, motion: HarmonicMotion | AlteredMotion
+    ) -> None:
         """Builds the cell around one object that moves as ``motion`` says."""
         super().__init__()
         # Renderers read mesh files late: the folder lives as long as the station.
@@ -140,7 +145,7 @@ class Station(Diagram):
 
         self._export_arm(builder, config)
         self._export_gripper(builder)
-        self._export_object(builder, motion)
+        self._export_object(builder, motion, config.pulls)
         if config.cameras:
             self._export_cameras(builder, config, obj)
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
@@ -205,7 +210,12 @@ class Station(Diagram):
         builder.Connect(plant.get_state_output_port(gripper), measured.get_input_port())
         builder.ExportOutput(measured.get_output_port(), "gripper.state_measured")
 
-    def _export_object(self, builder: DiagramBuilder, motion: HarmonicMotion) -> None:
+    def _export_object(
+        self,
+        builder: DiagramBuilder,
+        motion: HarmonicMotion | AlteredMotion,
+        pulls: list[ObjectPulled],
+    ) -> None:
         plant = self.plant
         state = plant.get_state_output_port(self.object_instance)
         body_state = builder.AddNamedSystem("object_state", _BodyState())
@@ -213,7 +223,7 @@ class Station(Diagram):
         builder.ExportOutput(body_state.GetOutputPort("pose"), "object.pose")
         builder.ExportOutput(body_state.GetOutputPort("velocity"), "object.velocity")
         servo = builder.AddNamedSystem(
-            "object_servo", ObjectServo(plant, self.object_body.index(), motion)
+            "object_servo", ObjectServo(plant, self.object_body.index(), motion, pulls=pulls)
         )
         builder.Connect(state, servo.GetInputPort("state"))
         builder.Connect(

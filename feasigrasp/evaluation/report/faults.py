@@ -1,0 +1,51 @@
+"""The study of faults as Markdown: what each fault is, what the cell does, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from feasigrasp.evaluation.runs.fault_table import FAULTS
+from feasigrasp.results.markdown import markdown_table
+from feasigrasp.results.rows import Row
+
+#: Figures of a fault: row name behind ``faults.``, heading, digits.
+_COLUMNS = (
+    ("held_percent", "held [%]", 0),
+    ("named_percent", "held or named [%]", 0),
+    ("noticed_s", "noticed after [s]", 2),
+    ("limits_broken", "limits broken", 0),
+    ("crashes", "crashes", 0),
+)
+
+
+def faults_report(rows: Sequence[Row]) -> str:
+    """The report's text: one line for every fault, and what holds for all of them.
+
+    Args:
+        rows: Rows of ``summary.json``.
+    """
+    found = {(row.preset, row.name.removeprefix("faults.")): row for row in rows}
+    lines = []
+    for name in (*FAULTS, "all"):
+        if (name, "crashes") not in found:
+            continue
+        cells = [
+            "" if row is None else f"{row.value:.{digits}f}"
+            for row, digits in ((found.get((name, key)), digits) for key, _, digits in _COLUMNS)
+        ]
+        about = [FAULTS[name].what, FAULTS[name].behaviour] if name in FAULTS else ["", ""]
+        mark = " *" if name in FAULTS and FAULTS[name].held else ""
+        lines.append([f"`{name}`{mark}", *about, *cells, str(found[name, "crashes"].n)])
+    heads = ["fault", "what goes wrong", "what the cell does", *(head for _, head, _ in _COLUMNS)]
+    parts = [
+        markdown_table([*heads, "runs"], lines),
+        "Limits broken and crashes count runs; `*`: the object is to be held nevertheless.",
+    ]
+    if leaks := found.get(("all", "truth_leaks")):
+        parts.append(f"Truth leaked in {leaks.value:.0f} of {leaks.n} pairs of runs.")
+    if rest := found.get(("all", "rest_s")):
+        parts.append(
+            f"With the pose lost for good, the arm was at rest {rest.value:.2f} s after the stated "
+            f"silence at the latest ({rest.n} runs)."
+        )
+    return "\n\n".join(parts)

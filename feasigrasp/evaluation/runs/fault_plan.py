@@ -1,0 +1,183 @@
+"""Which runs ``evaluate faults`` consists of, and what came of each of them."""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import dataclasses as dc
+import itertools
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.evaluation.runs.fault_table import FAULTS, StudiedFault
+from feasigrasp.evaluation.runs.plan import PlannedRun
+from feasigrasp.resources import diagram_path
+from feasigrasp.results.arguments import select_objects
+from feasigrasp.results.finished import Record
+from feasigrasp.scenario.checks import check_scenario
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import load_scenario_object
+from feasigrasp.scenario.schema import Scenario
+
+#: The object moves as in these, instant by instant.
+MOTIONS = ("ReachCircular", "ReachLinear", "ReachSinusoidal")
+#: A run ends at the latest so long after its fault began [s].
+_AFTERWARDS = 12.0
+#: Metrics that say that a limit was broken: their share of samples or ticks [%].
+_LIMITS = (
+    "joint_limit_violation_percent",
+    "velocity_limit_violation_percent",
+    "acceleration_limit_violation_percent",
+    "torque_limit_violation_percent",
+    "self_collision_percent",
+)
+
+
+@dataclass(frozen=True)
+class FaultRun(PlannedRun):
+    """A run with a fault, or the same without.
+
+    Attributes:
+        fault: Name of the fault; empty without.
+        instant: Which of the instants.
+        start: When the fault begins [s].
+    """
+
+    fault: str = ""
+    instant: int = 0
+    start: float = 0.0
+
+    @property
+    def id(self) -> str:
+        """Name of its result file, without suffix."""
+        return f"{self.fault or 'none'}-{self.instant}-{super().id}"
+
+
+def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
+    """The runs without a fault: one for every object, controller and instant.
+
+    Instants differ in motion and seed; instant 0 is the beginning, to which as many are added as
+    ``args`` asks for. With ``--quick``, one object and controller, and one instant that is drawn.
+
+    Raises:
+        ScenarioError: Unknown scenario, key or value.
+        MeshError: Unknown object, or one that cannot be simulated.
+    """
+    objects = list(select_objects(args.objects).items())
+    controllers, instants = args.controllers, range(1 + args.instants)
+    if args.quick:
+        objects, controllers, instants = objects[:1], controllers[:1], instants[1:2]
+    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
+    motions = {name: load_scenario(filename, name, args.scenario_text) for name in MOTIONS}
+    runs = []
+    for (name, model), controller, k in itertools.product(objects, controllers, instants):
+        motion = MOTIONS[k % len(MOTIONS)]
+        scenario = copy.deepcopy(motions[motion])
+        scenario.random_seed = scenario.tracker.seed = args.seed + k
+        scenario.object.model, scenario.control.controller = model, controller
+        check_scenario(scenario)
+        runs.append(FaultRun(motion, name, scenario, instant=k))
+    for each in {run.object_name: run for run in runs}.values():
+        load_scenario_object(each.scenario)  # a wrong mesh is told now, not run by run
+    return runs
+
+
+def faulty_runs(
+    nominal: Sequence[FaultRun], records: Sequence[Record], faults: Sequence[str], seed: int
+) -> list[FaultRun]:
+    """The runs with faults, which begin while the same run without a fault approaches, or lifts.
+
+    At instant 0 that is at the very beginning of it; all others are drawn.
+
+    Args:
+        nominal: The runs without a fault.
+        records: What came of them.
+        faults: Names of faults.
+        seed: Draws when they begin.
+
+    Raises:
+        ScenarioError: There is no such fault.
+    """
+    unknown = [name for name in faults if name not in FAULTS]
+    if unknown:
+        raise ScenarioError(f"no fault {', '.join(unknown)}; there are {', '.join(FAULTS)}")
+    return [
+        _with_fault(run, record, name, seed)
+        for name in faults
+        for run, record in zip(nominal, records, strict=True)
+    ]
+
+
+def _with_fault(run: FaultRun, record: Record, name: str, seed: int) -> FaultRun:
+    fault, scenario = FAULTS[name], copy.deepcopy(run.scenario)
+    key = [seed, run.instant, zlib.crc32(f"{name} {run.object_name}".encode())]
+    share = float(np.random.default_rng(key).random()) if run.instant else 0.0
+    first, last = _window(fault, scenario, record)
+    start = round(first + share * (last - first), 3)
+    scenario.faults = [*scenario.faults, *fault.beginning_at(start)]  # type: ignore[list-item]
+    scenario.tracker = dc.replace(scenario.tracker, **fault.tracker)
+    scenario.simulation_duration = min(scenario.simulation_duration, start + _AFTERWARDS)
+    check_scenario(scenario)
+    return dc.replace(run, scenario=scenario, fault=name, start=start)
+
+
+def _window(fault: StudiedFault, scenario: Scenario, record: Record) -> tuple[float, float]:
+    """From when to when a fault may begin: the nominal approach, or lift."""
+    grasp = scenario.grasp
+    after = grasp.squeeze_time + grasp.lift_time + grasp.hold_time
+    simulated = record["timings"]["simulated_s"] or scenario.simulation_duration
+    closing = max(simulated - after, 0.1)
+    if fault.while_lifting:
+        lifting = closing + grasp.squeeze_time
+        return lifting, lifting + grasp.lift_time
+    return 0.0, closing
+
+
+def outcome(run: FaultRun, record: Record) -> dict[str, Any]:
+    """What came of a run, as one row of a table.
+
+    ``named`` is true if the object was held, or the record has the right word for the fault: its
+    cause, or a status that it entered since the fault began or that lasted until the end;
+    ``noticed_s`` is when, after the fault began. ``broken`` is true if any limit was, by the
+    metrics of the record; ``worst`` is which, and by how much.
+    """
+    fault, metrics = FAULTS[run.fault], record["metrics"]
+    noticed = _noticed(run, record, fault)
+    held = bool(metrics["grasp_held"])
+    worst, share = max(
+        ((name, metrics.get(name) or 0.0) for name in _LIMITS), key=lambda pair: pair[1]
+    )
+    depth = metrics["obstacle_distance_min_mm"]
+    in_table = depth is not None and depth < 0.0
+    if share == 0.0 and in_table:
+        worst, share = "obstacle_distance_min_mm", depth
+    return {
+        "fault": run.fault,
+        "instant": run.instant,
+        "start_s": run.start,
+        "scenario": run.name,
+        "object": run.object_name,
+        "controller": run.scenario.control.controller,
+        "seed": run.scenario.random_seed,
+        "held": held,
+        "named": held or noticed is not None or metrics.get("cause") in fault.named,
+        "noticed_s": noticed,
+        "broken": share != 0.0,
+        "worst": f"{worst} {share:.3g}" if share else "",
+        "cause": metrics.get("cause"),
+        "crashed": record["error"] is not None,
+        "error": record["error"],
+    }
+
+
+def _noticed(run: FaultRun, record: Record, fault: StudiedFault) -> float | None:
+    status = [*record.get("status", ())]
+    for number, (time, code, *_) in enumerate(status):
+        if code in fault.named and (time >= run.start or number == len(status) - 1):
+            return max(float(time) - run.start, 0.0)
+    return None

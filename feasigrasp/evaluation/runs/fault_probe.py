@@ -1,0 +1,102 @@
+"""What a record does not tell of a fault: whether truth leaks, and when the arm is at rest."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from threadpoolctl import threadpool_limits
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.faults.images import CameraGone
+from feasigrasp.models.faults.object import ObjectPace
+from feasigrasp.models.faults.pose import PoseFrozen, PoseNan
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.files import parse_scenario
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+
+#: A joint that turns more slowly than this is at rest [rad/s].
+_REST = 0.01
+#: When what is known of the object ends in `blind_pairs` [s], and for how long it is looked on:
+#: in this time the arm does not come near the object, which it would feel.
+_BLIND_FROM, _BLIND_UNTIL = 0.5, 2.0
+
+
+class ArmLog(NamedTuple):
+    """The arm at every tick of the control.
+
+    Attributes:
+        times: [s], shape (m,).
+        commanded: Joint velocities sent to it [rad/s], shape (m, 7).
+        measured: Its true joint velocities [rad/s], shape (m, 7).
+    """
+
+    times: Array
+    commanded: Array
+    measured: Array
+
+
+def arm_log(scenario: Scenario) -> ArmLog:
+    """What the arm is told and does in a scenario, until its duration is over."""
+    with threadpool_limits(1):
+        diagram = make_dynamic_grasp(scenario)
+        simulator = Simulator(diagram)
+        ApplySimulatorConfig(scenario.simulator_config, simulator)
+        simulator.AdvanceTo(scenario.simulation_duration)
+    found = {
+        name: diagram.GetSubsystemByName(f"log({name})").FindLog(simulator.get_context())
+        for name in ("drive", "arm")
+    }
+    velocities = {name: log.data()[IIWA_7.joints :].T.copy() for name, log in found.items()}
+    return ArmLog(found["arm"].sample_times().copy(), velocities["drive"], velocities["arm"])
+
+
+def blind_pairs(scenario: Scenario) -> dict[str, tuple[Scenario, Scenario]]:
+    """By name, two scenarios that differ in nothing but what no sensor can tell.
+
+    In the first two the object's place differs and no pose is ever measured, so no view can be
+    used either; in the others the object turns back at an instant from which on there is no image
+    and no new pose.
+    """
+    plain = copy.deepcopy(scenario)
+    plain.simulation_duration = _BLIND_UNTIL
+    nan, lost = (copy.deepcopy(plain) for _ in range(2))
+    nan.faults = [PoseNan()]
+    lost.tracker.dropout = 1.0
+    pairs = {"pose_nan": (nan, _aside(nan)), "dropout": (lost, _aside(lost))}
+    for name, kind in (("pose_nan_later", PoseNan), ("pose_frozen", PoseFrozen)):
+        one, other = (copy.deepcopy(plain) for _ in range(2))
+        one.faults = [kind(start=_BLIND_FROM), CameraGone(start=_BLIND_FROM)]
+        other.faults = [*one.faults, ObjectPace(start=_BLIND_FROM, factor=-1.0)]
+        pairs[name] = one, other
+    return pairs
+
+
+def _aside(scenario: Scenario) -> Scenario:
+    other = copy.deepcopy(scenario)
+    other.motion.center[1] += 0.05
+    return other
+
+
+def leaks(texts: Sequence[str]) -> bool:
+    """Whether the commands of two scenarios, given as text, differ in a single bit."""
+    one, other = (arm_log(parse_scenario(text)).commanded for text in texts)
+    return not np.array_equal(one, other)
+
+
+def rest_time(text: str, lost_at: float) -> float:
+    """How long after the stated silence the arm was last in motion [s].
+
+    Args:
+        text: A scenario, as text, in which no pose is measured from some time on.
+        lost_at: That time [s]; from then on counts the scenario's ``tracker.silence``.
+    """
+    scenario = parse_scenario(text)
+    due = lost_at + scenario.tracker.silence
+    log = arm_log(scenario)
+    moving = log.times[np.abs(log.measured).max(axis=1) > _REST]
+    return max(float(moving[-1]) - due, 0.0) if len(moving) else 0.0

@@ -1,0 +1,107 @@
+"""``feasigrasp evaluate faults``: whatever it meets, it stays safe and says so.
+
+Every fault begins with the run and at several instants that are drawn, with both controllers and
+several objects; before them the same runs without a fault, which tell when the approach is.
+Every run is a file of its own: repeated, the command goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from feasigrasp.evaluation.runs.fault_plan import FaultRun, faulty_runs, nominal_runs, outcome
+from feasigrasp.evaluation.runs.fault_probe import blind_pairs, leaks, rest_time
+from feasigrasp.evaluation.runs.fault_table import FAULTS
+from feasigrasp.evaluation.runs.isolated import run_all
+from feasigrasp.evaluation.runs.plan import add_scenario_arguments
+from feasigrasp.results.arguments import add_common_arguments, names, positive
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.results.statistics import grouped
+from feasigrasp.scenario.files import dump_scenario
+
+#: The fault after which the arm must come to rest, and how long that is looked at [s].
+_LOST, _LOOKED_AT = "pose_nan", 2.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/faults", objects="duck,soup_can,small_box")
+    parser.add_argument("--controllers", type=names, default=["task", "joint"])
+    parser.add_argument("--faults", type=names, help="names of faults (default: all)")
+    parser.add_argument("--instants", type=positive, default=5, help="drawn beginnings of a fault")
+    add_scenario_arguments(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    nominal = nominal_runs(args)
+    before = run_all(nominal, args.out / "nominal", args.jobs, desc="without a fault")
+    runs = faulty_runs(nominal, before, args.faults or list(FAULTS), args.seed)
+    records = run_all(runs, args.out / "runs", args.jobs, desc="faults")
+    outcomes = [outcome(*pair) for pair in zip(runs, records, strict=True)]
+    write_csv(args.out / "runs.csv", outcomes)
+    rows = [*outcome_rows(outcomes), *_probe_rows(args, nominal, runs)]
+    report_rows(args, "evaluate faults", rows, format_rows(rows))
+    return int(any(each["crashed"] for each in outcomes))
+
+
+def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
+    """Figures of every fault, and of all of them.
+
+    Args:
+        outcomes: What came of the runs, see `outcome`.
+    """
+    groups = grouped(outcomes, lambda each: str(each["fault"])) | {"all": list(outcomes)}
+    rows = []
+    for preset, group in groups.items():
+        n, held = len(group), [each["held"] for each in group]
+        noticed = [each["noticed_s"] for each in group if each["noticed_s"] is not None]
+        crashes, broken = (sum(each[key] for each in group) for key in ("crashed", "broken"))
+        rows += [
+            Row.plain("faults.crashes", preset, crashes, "1", n),
+            Row.plain("faults.limits_broken", preset, broken, "1", n),
+            Row.percent("faults.named_percent", preset, [each["named"] for each in group]),
+            Row.percent("faults.held_percent", preset, held),
+        ]
+        if noticed:
+            median = float(np.median(noticed))
+            rows.append(Row.plain("faults.noticed_s", preset, median, "s", len(noticed)))
+    return rows
+
+
+def _probe_rows(
+    args: argparse.Namespace, nominal: Sequence[FaultRun], runs: Sequence[FaultRun]
+) -> list[Row]:
+    """How often truth leaks, and how soon the arm is at rest when the pose is lost for good."""
+    first = {run.scenario.control.controller: run for run in reversed(nominal)}
+    items: dict[str, Any] = {
+        f"leak-{name}-{controller}": {"pair": [dump_scenario(each) for each in pair]}
+        for controller, run in first.items()
+        for name, pair in blind_pairs(run.scenario).items()
+    }
+    for run in runs:
+        if run.fault == _LOST:
+            scenario = copy.deepcopy(run.scenario)
+            scenario.simulation_duration = run.start + scenario.tracker.silence + _LOOKED_AT
+            items[f"rest-{run.id}"] = {"text": dump_scenario(scenario), "lost_at": run.start}
+    found = finish_all(items, args.out / "probes", {}, probe, jobs=args.jobs, desc="probes")
+    results = [result for (result,) in found.values()]
+    leaking = [result["leaks"] for result in results if "leaks" in result]
+    rows = [Row.plain("faults.truth_leaks", "all", sum(leaking), "1", len(leaking))]
+    rest = [result["rest_s"] for result in results if "rest_s" in result]
+    if rest:
+        rows.append(Row.plain("faults.rest_s", "all", max(rest), "s", len(rest)))
+    return rows
+
+
+def probe(_: str, item: Record) -> list[Record]:
+    """What one probe finds."""
+    if "pair" in item:
+        return [{"leaks": leaks(item["pair"])}]
+    return [{"rest_s": rest_time(item["text"], item["lost_at"])}]

@@ -1,0 +1,147 @@
+"""``feasigrasp evaluate soak``: an hour of losing and finding an object, memory and ticks."""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from threadpoolctl import threadpool_limits
+
+from feasigrasp.evaluation.runs.plan import add_scenario_arguments
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.faults.images import CameraGone
+from feasigrasp.models.faults.object import ObjectMoved
+from feasigrasp.models.faults.pose import PoseNan
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.resources import diagram_path
+from feasigrasp.results.arguments import add_common_arguments, minutes, names
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.from_scenario import make_controller
+from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
+
+#: The gripper stays open, and the object within reach for most of the time.
+SCENARIO = "PaperLinear"
+#: Parts of a run: each is measured by itself. Of the first, in which everything is new, nothing is
+#: compared; the next `_COMPARED` are the start, the last as many the end.
+_PARTS, _COMPARED = 20, 3
+#: Logs that a diagram keeps for its record; a soak test has none, and drops them part by part.
+_LOGS = ("metrics", "obstacle_distance", "drive", "arm")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/soak", objects="duck")
+    parser.add_argument("--controllers", type=names, default=["task", "joint"])
+    parser.add_argument(
+        "--minutes", type=minutes, default=60.0, help="simulated time (default: 60; --quick: 1)"
+    )
+    add_scenario_arguments(parser)
+
+
+def soak_scenario(args: argparse.Namespace, controller: str) -> Scenario:
+    """The scenario: no pose, no image or no object in reach, again and again.
+
+    Raises:
+        ScenarioError: Unknown scenario, key or value.
+    """
+    filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
+    scenario = load_scenario(filename, SCENARIO, args.scenario_text)
+    scenario.random_seed = args.seed
+    scenario.object.model, scenario.control.controller = args.objects, controller
+    scenario.simulation_duration = 60.0 * (1.0 if args.quick else args.minutes)
+    scenario.faults = [
+        PoseNan(start=8.0, duration=2.0, every=19.0),
+        CameraGone(start=12.0, duration=5.0, every=31.0),
+        ObjectMoved(start=20.0, duration=6.0, every=43.0),
+    ]
+    return scenario
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    texts = {name: dump_scenario(soak_scenario(args, name)) for name in args.controllers}
+    found = finish_all(texts, args.out / "runs", {}, soak, jobs=args.jobs, desc="soak")
+    write_csv(
+        args.out / "parts.csv",
+        [{"controller": name} | part for name, parts in found.items() for part in parts],
+    )
+    rows = [row for name, parts in found.items() for row in growth_rows(name, parts)]
+    report_rows(args, "evaluate soak", rows, format_rows(rows))
+    return 0
+
+
+def growth_rows(controller: str, parts: list[Record]) -> list[Row]:
+    """How much more memory and time the last parts took than the first."""
+    start, end = parts[1 : 1 + _COMPARED], parts[-_COMPARED:]
+    rows = []
+    for name, key in (("memory", "memory_mib"), ("tick_p99", "tick_p99_us")):
+        before, after = (float(np.median([part[key] for part in some])) for some in (start, end))
+        growth = 100.0 * (after / before - 1.0)
+        rows.append(
+            Row.plain(f"faults.soak_{name}_growth_percent", controller, growth, "%", len(parts))
+        )
+    return rows
+
+
+def soak(_: str, text: str) -> list[Record]:
+    """Runs a scenario, and says what every part of it took.
+
+    Returns:
+        Per part: ``until_s`` (simulated), ``wall_s``, ``memory_mib`` (resident, at its end), and
+        ``tick_p50_us``, ``tick_p99_us`` of the CPU time of the controller's commands.
+    """
+    scenario = parse_scenario(text)
+    controller = make_controller(scenario, Reachability(ParallelGripper()))
+    ticks = _timed(controller)
+    with threadpool_limits(1):
+        diagram = make_dynamic_grasp(scenario, controller=controller)
+        simulator = Simulator(diagram)
+        ApplySimulatorConfig(scenario.simulator_config, simulator)
+        parts = []
+        for until in scenario.simulation_duration * np.arange(1, _PARTS + 1) / _PARTS:
+            started = time.perf_counter()
+            simulator.AdvanceTo(float(until))
+            parts.append(
+                {
+                    "until_s": float(until),
+                    "wall_s": time.perf_counter() - started,
+                    "memory_mib": _resident_memory(),
+                    "tick_p50_us": 1e6 * float(np.percentile(ticks, 50)),
+                    "tick_p99_us": 1e6 * float(np.percentile(ticks, 99)),
+                }
+            )
+            ticks.clear()
+            for name in _LOGS:
+                log = diagram.GetSubsystemByName(f"log({name})")
+                log.FindMutableLog(simulator.get_mutable_context()).Clear()
+    return parts
+
+
+def _timed(controller: GraspController) -> list[float]:
+    """A list that gets the CPU time [s] of every command of a controller from now on."""
+    velocity, ticks = controller.velocity, list[float]()
+
+    def timed(memory: Any, inputs: ControllerInputs) -> Array:
+        started = time.thread_time()
+        result = velocity(memory, inputs)
+        ticks.append(time.thread_time() - started)
+        return result
+
+    controller.velocity = timed  # type: ignore[method-assign]
+    return ticks
+
+
+def _resident_memory() -> float:
+    """What this process occupies [MiB]."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20

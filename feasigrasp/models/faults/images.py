@@ -1,0 +1,183 @@
+"""Faults of the camera and of the mask that says which pixels show the object."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.faults.fault import Fault, number
+
+Mask = NDArray[np.bool_]
+
+
+class View(NamedTuple):
+    """What a depth camera measures.
+
+    Attributes:
+        points: One per pixel, in the world [m], not finite where nothing is seen, shape (3, n).
+        of_object: Which of them are on the object, shape (n,).
+        p_WC: Where the camera is, shape (3,).
+        axis: Where it looks, a unit vector in the world, shape (3,).
+    """
+
+    points: Array
+    of_object: Mask
+    p_WC: Array
+    axis: Array
+
+
+@dataclass
+class CloudFault(Fault):
+    """A fault of what the camera measures; derive from it."""
+
+    def seen(self, view: View, rng: np.random.Generator) -> Array:
+        """The points that the camera delivers instead, as many, shape (3, n).
+
+        Args:
+            view: What it would have delivered.
+            rng: What is random is drawn from it.
+        """
+        raise NotImplementedError
+
+
+@dataclass
+class CameraGone(CloudFault):
+    """No image arrives: there is no depth in any pixel."""
+
+    def seen(self, view: View, rng: np.random.Generator) -> Array:
+        """Nothing."""
+        return np.full_like(view.points, np.inf)
+
+
+@dataclass
+class CameraBlack(CloudFault):
+    """Every depth is zero, and nobody takes that for missing: all points are in the camera."""
+
+    def seen(self, view: View, rng: np.random.Generator) -> Array:
+        """The camera's own place, in every pixel."""
+        return np.repeat(view.p_WC[:, None], view.points.shape[1], axis=1)
+
+
+@dataclass
+class OnePlane(CloudFault):
+    """All pixels of the object have the same depth: its points lie on one plane."""
+
+    def seen(self, view: View, rng: np.random.Generator) -> Array:
+        """Each point of the object moved along its ray to the median depth of all of them."""
+        chosen = view.of_object & np.isfinite(view.points).all(axis=0)
+        rays = view.points[:, chosen] - view.p_WC[:, None]
+        depths = view.axis @ rays
+        result = view.points.copy()
+        if len(depths):
+            result[:, chosen] = view.p_WC[:, None] + rays * (np.median(depths) / depths)
+        return result
+
+
+@dataclass
+class Outliers(CloudFault):
+    """Some pixels are far off in depth, as reflections and flying pixels are.
+
+    Attributes:
+        share: Share of the pixels.
+        size: How far they are off along their rays, towards the camera or away from it [m].
+    """
+
+    share: float = number(0.05, 0.0, 1.0)
+    size: float = number(0.05, 0.0, 10.0)
+
+    def seen(self, view: View, rng: np.random.Generator) -> Array:
+        """Pixels drawn anew for every image."""
+        points = view.points
+        chosen = (rng.random(points.shape[1]) < self.share) & np.isfinite(points).all(axis=0)
+        rays = points[:, chosen] - view.p_WC[:, None]
+        off = rng.choice([-self.size, self.size], rays.shape[1])
+        result = points.copy()
+        result[:, chosen] += off * rays / np.linalg.norm(rays, axis=0)
+        return result
+
+
+@dataclass
+class MaskFault(Fault):
+    """A fault of the mask; derive from it."""
+
+    def mask(self, of_object: Mask) -> Mask:
+        """The pixels that are taken for the object, from those that show it, shape (h, w)."""
+        raise NotImplementedError
+
+
+@dataclass
+class MaskShifted(MaskFault):
+    """The mask lies beside the object, as one of an image long ago does.
+
+    Attributes:
+        columns: How far to the right [pixels].
+        rows: How far down [pixels].
+    """
+
+    columns: int = number(10, -10000, 10000)
+    rows: int = number(0, -10000, 10000)
+
+    def mask(self, of_object: Mask) -> Mask:
+        """The mask moved; nothing comes in from outside the image."""
+        rows, columns = np.nonzero(of_object)
+        rows, columns = rows + int(self.rows), columns + int(self.columns)
+        height, width = of_object.shape
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        result = np.zeros_like(of_object)
+        result[rows[inside], columns[inside]] = True
+        return result
+
+
+@dataclass
+class MaskEroded(MaskFault):
+    """The mask misses the object's rim.
+
+    Attributes:
+        pixels: Its width.
+    """
+
+    pixels: float = number(10.0, 0.0, 10000.0)
+
+    def mask(self, of_object: Mask) -> Mask:
+        """The pixels that are farther than that from every other pixel."""
+        if of_object.all():
+            return of_object
+        return np.asarray(distance_transform_edt(of_object) > self.pixels)
+
+
+@dataclass
+class MaskDilated(MaskFault):
+    """The mask has a rim of what is beside the object.
+
+    Attributes:
+        pixels: Its width.
+    """
+
+    pixels: float = number(10.0, 0.0, 10000.0)
+
+    def mask(self, of_object: Mask) -> Mask:
+        """The pixels that are at most that far from one of the object."""
+        if not of_object.any():
+            return of_object
+        return np.asarray(distance_transform_edt(~of_object) <= self.pixels)
+
+
+@dataclass
+class MaskWhole(MaskFault):
+    """The whole image is taken for the object."""
+
+    def mask(self, of_object: Mask) -> Mask:
+        """All pixels."""
+        return np.ones_like(of_object)
+
+
+@dataclass
+class MaskEmpty(MaskFault):
+    """No pixel is taken for the object."""
+
+    def mask(self, of_object: Mask) -> Mask:
+        """No pixel."""
+        return np.zeros_like(of_object)
