@@ -317,7 +317,6 @@ def _check_vectors(scenario: Scenario) -> None:
     vectors |= {
         "grasp.lift": (scenario.grasp.lift, 3),
         "grasp.shake": (scenario.grasp.shake, 3),
-        "grasp.shake": (scenario.grasp.shake, 3),
         "q_start": (scenario.q_start, IIWA_7.joints),
     }
     for key, (value, size) in vectors.items():
