@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,10 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.arrays import Frozen
-from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.outliers import outliers
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import Preset, complete_shape
@@ -23,6 +25,19 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 
 #: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`.
 MAX_CONTRADICTION = 0.3
+#: A view of which less remains without its outliers shows no object.
+_LEAST_KEPT = 0.5
+
+
+class ViewFault(StrEnum):
+    """Why a view could not be used; the words in `Perceived.faults`."""
+
+    UNKNOWN_POSE = "the pose of object or camera is unknown"
+    NOT_FINITE = "no finite point"
+    TOO_WIDE = "too wide for an object"
+    MOSTLY_OUTLIERS = "mostly outliers"
+    NO_SURFACE = "points on a spot or line"
+    NO_FIELD = "no field fits"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +51,10 @@ class Perceived(Frozen):
         looked: When it was looked at last, whether that told more or not [s].
         contradicted: Whether the last look contradicts the earlier views: then the tracked pose is
             wrong, or another object is seen. The view was not merged.
+        outliers: Points of the merged views that were dropped as outliers.
+        faults: How many views could not be used, by `ViewFault`. A view that does not show the
+            object is none.
+        last_fault: What was wrong with the last look, and with what figures; empty if nothing was.
     """
 
     cloud: FusedCloud
@@ -43,8 +62,14 @@ class Perceived(Frozen):
     views: ViewRecord = field(default_factory=ViewRecord)
     looked: float = -np.inf
     contradicted: bool = False
-    faults: Mapping[str, int] = field(default_factory=dict)
+    outliers: int = 0
+    faults: Counter[ViewFault] = field(default_factory=Counter)
     last_fault: str = ""
+
+    def without(self, fault: ViewFault, detail: str = "") -> Perceived:
+        """The same, and one more view that could not be used."""
+        said = f"{fault}: {detail}" if detail else str(fault)
+        return replace(self, faults=self.faults + Counter([fault]), last_fault=said)
 
 
 class PointCloudToGPDF(LeafSystem):
@@ -61,16 +86,19 @@ class PointCloudToGPDF(LeafSystem):
         - gpdf
         - perceived
         - seen_at
+        - view_faults
 
     ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
     ``camera_pose`` X_WC are ``RigidTransform``. ``gpdf`` is a `Gpdf` in the object frame O, or None
     before the first usable view; ``perceived`` holds the merged cloud as well, ``seen_at`` the time
     of its last view [s], NaN before. The inputs are read every ``period`` seconds. A view with too
     few finite points (object out of sight, or hidden by the hand) changes nothing: the field of the
-    earlier views stays valid in O. From a side that it has seen ``views_per_side`` times it merges
-    no view until ``revisit`` seconds have passed; it looks there (something is rendered, but
-    nothing fitted) every ``check`` seconds, to see whether the tracked pose is still true. A view
-    that contradicts the earlier ones is not merged.
+    earlier views stays valid in O. Nor does one that cannot be used, whatever is wrong with it: it
+    is counted in ``view_faults`` (V1) and named in ``perceived``. Outliers are dropped before a
+    view is merged. From a side that it has seen ``views_per_side`` times it merges no view until
+    ``revisit`` seconds have passed; it looks there (something is rendered, but nothing fitted)
+    every ``check`` seconds, to see whether the tracked pose is still true. A view that contradicts
+    the earlier ones is not merged.
 
     By default every view is smoothed, registered to the earlier ones and remembered with its
     silhouette, so that the field stays out of space the camera has looked through; ``preset:
@@ -127,6 +155,14 @@ class PointCloudToGPDF(LeafSystem):
         declare_output(self, "gpdf", lambda context: self._seen.Eval(context).gpdf, state)
         declare_output(self, "perceived", self._seen.Eval, state)
         self.DeclareVectorOutputPort("seen_at", 1, self._calc_seen_at, state)
+        self.DeclareVectorOutputPort("view_faults", 1, self._calc_faults, state)
+
+    def _calc_seen_at(self, context: Context, output) -> None:
+        times = self._seen.Eval(context).views.times
+        output.SetAtIndex(0, times[-1] if len(times) else np.nan)
+
+    def _calc_faults(self, context: Context, output) -> None:
+        output.SetAtIndex(0, float(self._seen.Eval(context).faults.total()))
 
     def _look(self, context: Context) -> Perceived:
         seen: Perceived = self._seen.Eval(context)
@@ -135,25 +171,42 @@ class PointCloudToGPDF(LeafSystem):
         X_OW = self._object_pose.Eval(context).inverse()
         p_OC = X_OW @ self._camera_pose.Eval(context).translation()
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
-            return seen
+            return seen.without(ViewFault.UNKNOWN_POSE)
         time = context.get_time()
         tells_more = seen.views.tells_more(p_OC, time, self._views_per_side, self._revisit)
         if not tells_more and time < seen.looked + self._check - 1e-9:
             return seen
         points_W = self._cloud.Eval(context).xyzs().T
-        points_W = points_W[np.isfinite(points_W).all(axis=1)]
-        if len(points_W) < self._min_points:
+        finite = np.isfinite(points_W).all(axis=1)
+        if len(finite) >= self._min_points and not finite.any():
+            return seen.without(ViewFault.NOT_FINITE, f"{len(finite)} points of the object's mask")
+        points_O = (X_OW @ points_W[finite].T).T
+        if len(points_O) < self._min_points:
             return seen
-        points_O = (X_OW @ points_W.T).T
-        contradicted = seen.cloud.contradicted(points_O) > MAX_CONTRADICTION
+        bad = outliers(points_O, p_OC)
+        kept = points_O[~bad]
+        if len(kept) < max(self._min_points, _LEAST_KEPT * len(bad)):
+            return seen.without(ViewFault.MOSTLY_OUTLIERS, f"{bad.sum()} of {len(bad)} points")
+        extent = float(np.ptp(kept, axis=0).max())
+        if extent > MAX_EXTENT:
+            return seen.without(ViewFault.TOO_WIDE, f"{extent:.3g} m, more than {MAX_EXTENT:g} m")
+        contradicted = seen.cloud.contradicted(kept) > MAX_CONTRADICTION
+        looked = replace(seen, looked=time, contradicted=contradicted, last_fault="")
         if contradicted or not tells_more:
-            return replace(seen, looked=time, contradicted=contradicted)
-        cloud = seen.cloud.merged(points_O, p_OC)
-        if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
-            return seen
-        gpdf = complete_shape(cloud, **self._options)
-        return Perceived(cloud, gpdf, seen.views.extended(p_OC, time), time)
+            return looked
+        merged = self._merged(looked, kept, p_OC)
+        return replace(merged, outliers=seen.outliers + int(bad.sum()))
 
-    def _calc_seen_at(self, context: Context, output) -> None:
-        times = self._seen.Eval(context).views.times
-        output.SetAtIndex(0, times[-1] if len(times) else np.nan)
+    def _merged(self, seen: Perceived, points_O: Array, p_OC: Array) -> Perceived:
+        """What is known after one more view; without it if no field comes of it."""
+        try:
+            cloud = seen.cloud.merged(points_O, p_OC)
+            if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
+                return seen.without(ViewFault.NO_SURFACE)
+            gpdf = complete_shape(cloud, **self._options)
+        # Whatever numerics make of a strange cloud (LinAlgError is a ValueError): the run goes on.
+        except (ValueError, ArithmeticError) as error:
+            return seen.without(ViewFault.NO_FIELD, str(error))
+        return replace(
+            seen, cloud=cloud, gpdf=gpdf, views=seen.views.extended(p_OC, seen.looked)
+        )

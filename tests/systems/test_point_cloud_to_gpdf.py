@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.systems import point_cloud_to_gpdf
-from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
+from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF, ViewFault
 
 RADIUS = 0.04
 CAMERA = np.array([0.0, 0.0, 0.5])
@@ -56,6 +56,9 @@ class Perception:
 
     def gpdf(self):
         return self.dut.GetOutputPort("gpdf").Eval(self.context)
+
+    def view_faults(self):
+        return self.dut.GetOutputPort("view_faults").Eval(self.context)[0]
 
     def see_object(self, t, X_WO, p_OC=CAMERA):
         """Looks at the sphere at some pose from a camera that is fixed to the object."""
@@ -111,24 +114,32 @@ def test_directions_point_to_the_camera_of_their_view():
 
 
 NAN_POSE = RigidTransform(np.full((4, 4), np.nan))
+#: Points in W, pose of the object, and the fault; None for a view that does not show the object.
 BLIND = {
-    "empty": (np.zeros((0, 3)), POSES[0]),
-    "too few points": (sphere(31), POSES[0]),
-    "all NaN": (np.full((500, 3), np.nan), POSES[0]),
-    "all infinite": (np.full((500, 3), np.inf), POSES[0]),
-    "one coordinate NaN": (np.where([True, True, False], sphere(), np.nan), POSES[0]),
-    "pose NaN": (sphere(), NAN_POSE),
-    "a spot": (np.full((500, 3), 0.1), POSES[0]),
-    "a line": (np.outer(np.linspace(0, 0.1, 500), [0, 0, 1.0]), POSES[0]),
+    "empty": (np.zeros((0, 3)), POSES[0], None),
+    "too few points": (sphere(31), POSES[0], None),
+    "all NaN": (np.full((500, 3), np.nan), POSES[0], ViewFault.NOT_FINITE),
+    "all infinite": (np.full((500, 3), np.inf), POSES[0], ViewFault.NOT_FINITE),
+    "one coordinate NaN": (
+        np.where([True, True, False], sphere(), np.nan),
+        POSES[0],
+        ViewFault.NOT_FINITE,
+    ),
+    "pose NaN": (sphere(), NAN_POSE, ViewFault.UNKNOWN_POSE),
+    "a spot": (np.full((500, 3), 0.1), POSES[0], ViewFault.NO_SURFACE),
+    "a line": (np.outer(np.linspace(0, 0.1, 500), [0, 0, 1.0]), POSES[0], ViewFault.NO_SURFACE),
+    "metres wide": (sphere() * 60.0, POSES[0], ViewFault.TOO_WIDE),
 }
 
 
 @pytest.mark.parametrize("case", BLIND)
-def test_a_view_without_content_changes_nothing(case):
-    points, pose = BLIND[case]
+def test_a_view_that_cannot_be_used_changes_nothing_and_is_counted(case):
+    points, pose, fault = BLIND[case]
     perception = Perception()
-    perception.look(0.1, points, pose)
+    blind = perception.look(0.1, points, pose)
     assert perception.gpdf() is None
+    assert blind.faults == ({} if fault is None else {fault: 1})
+    assert perception.view_faults() == (fault is not None)
     before = perception.see_object(0.6, POSES[1])
     field = perception.gpdf()
     assert field is not None
@@ -136,8 +147,51 @@ def test_a_view_without_content_changes_nothing(case):
     after = perception.look(1.1, points, pose)
     if case in ("a spot", "a line"):  # beside a surface seen before they are points like others
         return
-    assert after is before
+    assert after.cloud is before.cloud and after.views is before.views
     assert perception.gpdf() is field
+    assert perception.view_faults() == 2 * (fault is not None)
+    assert after.last_fault.startswith(fault or "")
+
+
+def test_a_view_far_from_the_others_is_a_fault_and_not_the_end():
+    """A tracked pose that is metres off: the merged cloud would be too wide for any field."""
+    perception = Perception()
+    perception.see_object(0.1, POSES[1])
+    field = perception.gpdf()
+    off = POSES[1] @ RigidTransform([2.5, 0.0, 0.0])
+    after = perception.look(0.6, (off @ seen_from(sphere(), CAMERA).T).T, POSES[1], off @ CAMERA)
+    assert after.faults == {ViewFault.NO_FIELD: 1}
+    assert "m wide" in after.last_fault
+    assert perception.gpdf() is field
+    assert perception.see_object(1.1, POSES[1]).cloud.views == 2
+
+
+def test_whatever_the_fit_raises_is_counted(monkeypatch):
+    def broken(*args, **kwargs):
+        raise np.linalg.LinAlgError("singular matrix")
+
+    perception = Perception()
+    monkeypatch.setattr(point_cloud_to_gpdf, "complete_shape", broken)
+    perception.see_object(0.1, POSES[1])
+    seen = perception.see_object(0.6, POSES[1])
+    assert seen.faults == {ViewFault.NO_FIELD: 2}
+    assert seen.last_fault == "no field fits: singular matrix"
+    assert perception.view_faults() == 2
+    monkeypatch.undo()
+    assert perception.see_object(1.1, POSES[1]).gpdf is not None
+
+
+def test_outliers_are_dropped_and_counted():
+    visible = seen_from(sphere(3000), CAMERA)
+    rng = np.random.default_rng(1)
+    stray = visible[:100] + rng.uniform(-0.05, 0.05, (100, 3)) + [0.0, 0.0, 0.06]
+    clean, dirty = Perception(), Perception()
+    expected = clean.look(0.1, visible)
+    found = dirty.look(0.1, np.concatenate([visible, stray]))
+    assert expected.outliers < 5 and 80 < found.outliers < 120
+    np.testing.assert_allclose(
+        np.ptp(found.cloud.points, 0), np.ptp(expected.cloud.points, 0), atol=0.006
+    )
 
 
 def test_the_time_of_the_last_view_is_told():

@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.clouds.checks import checked_cloud
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.outliers import outliers
+from feasigrasp.models.clouds.table import check_no_table
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -26,6 +29,7 @@ class Perception:
         grasps: The grasps that the filter kept, and why it dropped the others.
         gripper: The hand they are for.
         viewpoint: Where the camera was, shape (3,) [m]; None for a cloud of several views.
+        outliers: How many points were dropped as outliers before anything else.
     """
 
     cloud: FusedCloud
@@ -33,6 +37,7 @@ class Perception:
     grasps: GraspSet
     gripper: ParallelGripper
     viewpoint: Array | None
+    outliers: int
 
 
 def perceive(
@@ -64,13 +69,17 @@ def perceive(
         `Rejection` what was found and dropped.
 
     Raises:
-        PointCloudError: A cloud that no field can be fitted to.
+        PointCloudError: A cloud that no field can be fitted to, or that shows a table.
         GraspError: There is no such sampler.
     """
     gripper = gripper or ParallelGripper()
     if isinstance(sampler, str):
         sampler = make_sampler(sampler, gripper, seed=seed)
     view = None if viewpoint is None else np.asarray(viewpoint, dtype=float)
+    points = checked_cloud(points)
+    check_no_table(points, view)
+    bad = outliers(points, view)
+    points = points[~bad]
     if view is None:
         # No camera, so no free space; the normals point away from the middle.
         cloud = FusedCloud.empty(voxel_size).merged(points, np.zeros(3))
@@ -78,4 +87,4 @@ def perceive(
     else:
         cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
         gpdf = complete_shape(cloud)
-    return Perception(cloud, gpdf, sampler(gpdf), gripper, view)
+    return Perception(cloud, gpdf, sampler(gpdf), gripper, view, int(bad.sum()))

@@ -114,7 +114,7 @@ class GraspVisualizer(LeafSystem):
         self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 
     def _forget(self) -> None:
-        self._drawn_perceived: Perceived | None = None
+        self._drawn_gpdf: Gpdf | None = None
         self._ordered: tuple[GraspSet | None, Indices] = (None, np.zeros(0, np.int64))
         self._drawn_grasps: bytes | None = None
 
@@ -146,9 +146,9 @@ class GraspVisualizer(LeafSystem):
         return EventStatus.Succeeded()
 
     def _draw_surface(self, time: float, perceived: Perceived) -> None:
-        if perceived is self._drawn_perceived or perceived.gpdf is None:
+        if perceived.gpdf is self._drawn_gpdf or perceived.gpdf is None:
             return
-        self._drawn_perceived = perceived
+        self._drawn_gpdf = perceived.gpdf
         surface = perceived.gpdf.completion
         # A little outside, where the object's own skin does not hide them.
         frames = frames_along(surface.points + DISC_LIFT * surface.normals, surface.normals)
