@@ -24,7 +24,7 @@ from feasigrasp.resources import model_path
 #: Capsules of each shape, the link that shows it, the coordinate that its symmetry leaves out, and
 #: whether the first capsule is a tube along the joint's axis (where it does not move with joint 1,
 #: and then costs reachability less). Links 3 and 4 are links 1 and 2 mirrored.
-SHAPES = {"base": (3, 0, 1, True), "link 1": (2, 1, 0, True), "link 2": (2, 2, 0, True)}
+SHAPES = {"base": (2, 0, 1, True), "link 1": (2, 1, 0, True), "link 2": (2, 2, 0, True)}
 SHAPES |= {"link 5": (2, 5, 0, True), "link 6": (2, 6, 0, False), "link 7": (1, 7, 0, True)}
 #: Step of the grid on which volumes are counted, and how far a capsule may stand out [m].
 STEP, AROUND = 0.010, 0.06
