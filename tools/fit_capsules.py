@@ -33,7 +33,7 @@ ROUNDS = 4
 
 def vertices(name: str) -> Array:
     """Vertices of a mesh of the cell in the frame of its body, shape (n, 3) [m]."""
-    mesh = trimesh.load(model_path("iiwa", "meshes", f"{name}.gltf"), process=False).to_mesh()
+    mesh = trimesh.load_mesh(model_path("iiwa", "meshes", f"{name}.gltf"), process=False)
     return np.asarray(mesh.vertices[:, [0, 2, 1]] * [1, -1, 1])  # glTF is y up
 
 
@@ -79,7 +79,9 @@ class Fit:
         """Radii (k,) with which segments (k, 2, 3) hold points (n, 3)."""
         distance = segment_distances(points, ends)
         owner = np.argmin(distance - offset[:, None], axis=0)
-        return np.array([np.max(distance[k], where=owner == k, initial=0) for k in range(len(ends))])
+        return np.array(
+            [np.max(distance[k], where=owner == k, initial=0) for k in range(len(ends))]
+        )
 
     def volume(self, x: Array) -> float:
         """Volume of the union [l]."""
@@ -90,7 +92,7 @@ class Fit:
     def best(self, n: int, rng: np.random.Generator) -> tuple[float, Array, Array]:
         """Volume [l], ends and radii of ``n`` capsules of least volume, in millimetres."""
         low, high = self.points[:, self.axes].min(0), self.points[:, self.axes].max(0)
-        found = (np.inf, np.zeros(5 * n))
+        least, chosen = np.inf, np.zeros((n, 5))
         for _ in range(ROUNDS):
             ends = rng.uniform(low + 0.04, np.maximum(high - 0.04, low + 0.05), (n, 2, 2))
             ends[0, :, 1] = low[1] + 0.03, high[1] - 0.03  # along the link
@@ -99,12 +101,13 @@ class Fit:
                 simplex = x + size * np.vstack([np.zeros(len(x)), np.eye(len(x))])
                 options = {"initial_simplex": simplex, "fatol": 0.003, "xatol": 1e-3}
                 x = minimize(self.volume, x, method="Nelder-Mead", options=options).x
-            found = min(found, (self.volume(x), x), key=lambda one: one[0])
-        x = found[1].reshape(-1, 5)
-        rounded = np.hstack([x[:, :4].round(3), x[:, 4:]])
+            volume = self.volume(x)
+            if volume < least:
+                least, chosen = volume, x.reshape(n, 5)
+        rounded = np.hstack([chosen[:, :4].round(3), chosen[:, 4:]])
         ends, _ = self.capsules(rounded.ravel())
         radii = self.radii(ends, rounded[:, 4], self.all)
-        return found[0], ends, np.ceil(1e3 * radii - 1e-6) / 1e3
+        return least, ends, np.ceil(1e3 * radii - 1e-6) / 1e3
 
 
 def _thinned(points: Array) -> Array:
@@ -126,7 +129,7 @@ def main() -> None:
         volume, ends, radii = fit.best(chosen.capsules or n, np.random.default_rng(0))
         hull = 1e3 * trimesh.convex.convex_hull(points).volume
         print(f"{shape}: {volume:.2f} l (convex hull {hull:.2f} l)")
-        for (a, b), radius in sorted(zip(ends.tolist(), radii.tolist()), key=str):
+        for (a, b), radius in sorted(zip(ends.tolist(), radii.tolist(), strict=True), key=str):
             print(f"    {a} {b} {radius:.3f}", flush=True)
 
 

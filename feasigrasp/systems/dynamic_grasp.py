@@ -73,9 +73,9 @@ def make_dynamic_grasp(
     ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
     ``tracker``, ``metrics`` and ``obstacle_distance``. The vector logs ``log(metrics)`` and
     ``log(obstacle_distance)`` hold their samples, ``log(drive)``, ``log(arm)`` and ``log(torque)``
-    the commanded and the true state of the arm and its motors' torques at the control rate. With a Meshcat there are ``scene`` and
-    ``visualizer`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
-    ``clear_hand_poses``.
+    the commanded and the true state of the arm and its motors' torques at the control rate. With a
+    Meshcat there are ``scene`` and ``visualizer`` as well; with a scene field
+    ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``.
 
     A port of any of them can be read while a simulator runs, and a log when it has run::
 

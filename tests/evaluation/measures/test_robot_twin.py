@@ -21,7 +21,9 @@ G = 9.81
 
 @pytest.fixture(scope="module")
 def twin():
-    return RobotTwin(load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear").directives)
+    return RobotTwin(
+        load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear").directives
+    )
 
 
 def surfaces(twin, q, n=4000):
@@ -49,7 +51,7 @@ def test_bodies_and_pairs(twin):
 
 
 def test_distances_are_those_of_the_visible_surfaces(twin):
-    """Sampled surfaces are never nearer than the hulls; for bodies with convex sides not farther."""
+    """Sampled surfaces are never nearer than the hulls, and far away not much farther."""
     rng = np.random.default_rng(4)
     for q in (READY, *IIWA_7.random_positions(rng, 3)):
         (distances,) = twin.self_distances(q[None])
@@ -72,8 +74,6 @@ def test_the_forearm_leaves_room_for_the_wrist(twin):
     assert (distances[1:-1] > 0.0).all() and distances[12] > 0.03
     Q[:, 5] *= 1.1  # beyond the limit it does collide
     assert twin.self_distances(Q)[[0, -1], k].max() < 0.0
-
-
 
 
 def test_ready_is_free_and_folded_is_not(twin):

@@ -226,7 +226,9 @@ def test_an_unknown_configuration_is_not_free(joint, bad, model):
 @pytest.fixture(scope="module")
 def twin():
     """The visible robot: its distances owe nothing to the capsules."""
-    return RobotTwin(load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear").directives)
+    return RobotTwin(
+        load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear").directives
+    )
 
 
 def test_left_out_pairs_stay_apart(twin):
