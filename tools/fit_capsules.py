@@ -24,7 +24,7 @@ from feasigrasp.resources import model_path
 #: Capsules of each shape, the link that shows it, the coordinate that its symmetry leaves out, and
 #: whether the first capsule is a tube along the joint's axis (where it does not move with joint 1,
 #: and then costs reachability less). Links 3 and 4 are links 1 and 2 mirrored.
-SHAPES = {"base": (3, 0, 1, True), "link 1": (2, 1, 0, True), "link 2": (2, 2, 0, True)}
+SHAPES = {"base": (2, 0, 1, True), "link 1": (2, 1, 0, True), "link 2": (2, 2, 0, True)}
 SHAPES |= {"link 5": (2, 5, 0, True), "link 6": (2, 6, 0, False), "link 7": (1, 7, 0, True)}
 #: Step of the grid on which volumes are counted, and how far a capsule may stand out [m].
 STEP, AROUND = 0.010, 0.06
@@ -33,7 +33,7 @@ ROUNDS = 4
 
 def vertices(name: str) -> Array:
     """Vertices of a mesh of the cell in the frame of its body, shape (n, 3) [m]."""
-    mesh = trimesh.load(model_path("iiwa", "meshes", f"{name}.gltf"), process=False).to_mesh()
+    mesh = trimesh.load_mesh(model_path("iiwa", "meshes", f"{name}.gltf"), process=False)
     return np.asarray(mesh.vertices[:, [0, 2, 1]] * [1, -1, 1])  # glTF is y up
 
 
@@ -92,7 +92,7 @@ class Fit:
     def best(self, n: int, rng: np.random.Generator) -> tuple[float, Array, Array]:
         """Volume [l], ends and radii of ``n`` capsules of least volume, in millimetres."""
         low, high = self.points[:, self.axes].min(0), self.points[:, self.axes].max(0)
-        found = (np.inf, np.zeros(5 * n))
+        least, chosen = np.inf, np.zeros((n, 5))
         for _ in range(ROUNDS):
             ends = rng.uniform(low + 0.04, np.maximum(high - 0.04, low + 0.05), (n, 2, 2))
             ends[0, :, 1] = low[1] + 0.03, high[1] - 0.03  # along the link
@@ -101,12 +101,13 @@ class Fit:
                 simplex = x + size * np.vstack([np.zeros(len(x)), np.eye(len(x))])
                 options = {"initial_simplex": simplex, "fatol": 0.003, "xatol": 1e-3}
                 x = minimize(self.volume, x, method="Nelder-Mead", options=options).x
-            found = min(found, (self.volume(x), x), key=lambda one: one[0])
-        x = found[1].reshape(-1, 5)
-        rounded = np.hstack([x[:, :4].round(3), x[:, 4:]])
+            volume = self.volume(x)
+            if volume < least:
+                least, chosen = volume, x.reshape(n, 5)
+        rounded = np.hstack([chosen[:, :4].round(3), chosen[:, 4:]])
         ends, _ = self.capsules(rounded.ravel())
         radii = self.radii(ends, rounded[:, 4], self.all)
-        return found[0], ends, np.ceil(1e3 * radii - 1e-6) / 1e3
+        return least, ends, np.ceil(1e3 * radii - 1e-6) / 1e3
 
 
 def _thinned(points: Array) -> Array:
@@ -128,7 +129,7 @@ def main() -> None:
         volume, ends, radii = fit.best(chosen.capsules or n, np.random.default_rng(0))
         hull = 1e3 * trimesh.convex.convex_hull(points).volume
         print(f"{shape}: {volume:.2f} l (convex hull {hull:.2f} l)")
-        for (a, b), radius in sorted(zip(ends.tolist(), radii.tolist()), key=str):
+        for (a, b), radius in sorted(zip(ends.tolist(), radii.tolist(), strict=True), key=str):
             print(f"    {a} {b} {radius:.3f}", flush=True)
 
 

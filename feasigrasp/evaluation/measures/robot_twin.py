@@ -124,7 +124,8 @@ class RobotTwin:
 
     def _add_hulls(self, body: RigidBody) -> list[GeometryId]:
         """Gives a body the hulls of what is seen of it as collision geometry."""
-        inspector, hulls = self._scene_graph.model_inspector(), []
+        inspector = self._scene_graph.model_inspector()
+        hulls: list[GeometryId] = []
         for visual in self.plant.GetVisualGeometriesForBody(body):
             shape, X_BV = inspector.GetShape(visual), inspector.GetPoseInFrame(visual)
             if not isinstance(shape, Mesh):
@@ -158,7 +159,7 @@ class RobotTwin:
 
 def slices(shape: Mesh, n: int) -> list[trimesh.Trimesh]:
     """Convex hulls of ``n`` slices of a mesh; together they hold all its triangles."""
-    mesh = trimesh.load(shape.source().path(), process=False).to_mesh()
+    mesh = trimesh.load_mesh(shape.source().path(), process=False)
     if shape.extension() == ".gltf":
         mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
     mesh.apply_scale(shape.scale3())

@@ -103,9 +103,8 @@ def _mirrored(segment: Segment) -> Segment:
 def arm_capsules() -> tuple[Capsule, ...]:
     """The capsules of the base and the seven links, in the order of the bodies."""
     return (
-        *_along(0, ((0.0, 0.0, 0.124), (0.0, 0.0, 0.125), 0.075)),
-        *_along(0, ((-0.067, 0.0, 0.037), (0.001, 0.0, 0.104), 0.075)),
-        *_along(0, ((0.0, 0.0, -0.009), (0.0, 0.0, -0.005), 0.115)),
+        *_along(0, ((0.0, 0.0, 0.026), (0.0, 0.0, 0.031), 0.130)),
+        *_along(0, ((0.023, 0.0, 0.059), (0.0, 0.0, 0.092), 0.093)),
         *_along(1, *_UPPER),
         *_along(2, *_LOWER),
         *_along(3, *map(_mirrored, _UPPER)),

@@ -51,7 +51,7 @@ def test_bodies_and_pairs(twin):
 
 
 def test_distances_are_those_of_the_visible_surfaces(twin):
-    """Sampled surfaces are never nearer than the hulls; for bodies with convex sides not farther."""
+    """Sampled surfaces are never nearer than the hulls, and far away not much farther."""
     rng = np.random.default_rng(4)
     for q in (READY, *IIWA_7.random_positions(rng, 3)):
         (distances,) = twin.self_distances(q[None])

@@ -126,7 +126,7 @@ def test_rows_are_the_rates_of_the_distances_as_hand_and_object_move(grid):
 def test_a_hand_that_is_led_through_the_object_does_not_touch_it(safety, grid, direction):
     """The ball lies below the palm or beside a finger; without the rows the hand goes through."""
     X_WG = forward_kinematics(Q, GRIPPER.X_FG)
-    X_WO = at(X_WG[:3, 3] + 0.35 * np.array(direction))
+    X_WO = at(X_WG[:3, 3] + 0.32 * np.array(direction))
     change = OPTIONS.period * OPTIONS.acceleration_scale * IIWA_7.acceleration_limits
     nearest = {}
     for moving in (None, MovingObject(grid, X_WO, np.zeros(6))):
