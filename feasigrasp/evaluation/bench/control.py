@@ -3,8 +3,8 @@
 What is timed is a whole evaluation of a controller's output, by Drake, after its joint positions
 and the object's pose have changed; on one thread. `DIR/timings.csv` has all timings.
 
-- ``bench.task_hz.K``: task space, paper mode, mixture of K components.
-- ``bench.joint_hz.N``: joint space, paper mode; the inverse kinematics of N solutions at the new
+- ``bench.task_hz.K``: task space, corrected mode, mixture of K components.
+- ``bench.joint_hz.N``: joint space, corrected mode; the inverse kinematics of N solutions at the new
   pose, the fit of the field to them and its gradient, at every step. Preset ``new solutions``: the
   solutions are also looked for anew at every step.
 - ``bench.planning_ms.median|p99|worst``: the update at 10 Hz in between, safe mode, in which the
@@ -73,7 +73,7 @@ def cases(seed: int) -> Iterator[Case]:
     reachability = Reachability()
     X_FG = reachability.gripper.X_FG
     for K in TABLE_3_TASK:
-        name, probe = f"bench.task_hz.{K}", task_probe(reachability, K, "paper", seed)
+        name, probe = f"bench.task_hz.{K}", task_probe(reachability, K, "corrected", seed)
         yield Case(name, "default", probe.step)
         if K in _PEERS_TASK:
             mixture = probe.controller.memory(probe.context).mixture.targets
@@ -81,10 +81,10 @@ def cases(seed: int) -> Iterator[Case]:
                 step = partial(_fed, ArrayTaskStep(xp, mixture, X_FG), probe, V_WO)
                 yield Case(name, f"peer:{xp.__name__}", step)
     for N in TABLE_3_JOINT:
-        name, probe = f"bench.joint_hz.{N}", joint_probe(reachability, N, "paper", seed)
+        name, probe = f"bench.joint_hz.{N}", joint_probe(reachability, N, "corrected", seed)
         yield Case(name, "default", probe.step)
         if N in _PEERS_JOINT:
-            renewed = joint_probe(reachability, N, "paper", seed, period=_STEP)
+            renewed = joint_probe(reachability, N, "corrected", seed, period=_STEP)
             yield Case(name, "new solutions", partial(_renewed_step, renewed))
             X_OG = probe.controller.memory(probe.context).X_OG
             for xp in (np, torch):

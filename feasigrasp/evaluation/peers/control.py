@@ -121,10 +121,8 @@ class ArrayTaskStep:
         log_density = self._log_weight - 0.5 * xp.sum(xi * whitened, -1)
         r = xp.exp(log_density - xp.max(log_density))
         u = -options.gain * (r @ xi) / xp.sum(r)
-        angular, linear = xp.sqrt(xp.sum(u[:3] ** 2)), xp.sqrt(xp.sum(u[3:] ** 2))
-        excess = max(1.0, angular / options.max_angular, linear / options.max_linear)
         carried = V_WO[3:] + _cross(xp, V_WO[None, :3], (p_WH - p_WO)[None])[0]
-        V = xp.concatenate([R_WH @ u[:3] / excess + V_WO[:3], R_WH @ u[3:] / excess + carried])
+        V = xp.concatenate([R_WH @ u[:3] + V_WO[:3], R_WH @ u[3:] + carried])
         square = options.damping**2 * xp.eye(6, dtype=J.dtype)
         return J.T @ xp.linalg.solve(J @ J.T + square, V)
 

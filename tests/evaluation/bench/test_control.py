@@ -43,7 +43,7 @@ def test_array_logarithm_is_ours():
 
 @pytest.mark.parametrize("K", [1, 4])
 def test_the_peers_of_the_task_step_give_our_command(K):
-    probe = task_probe(REACHABILITY, K, "paper", seed=0)
+    probe = task_probe(REACHABILITY, K, "corrected", seed=0)
     mixture = probe.controller.memory(probe.context).mixture
     assert len(mixture.mixture) == K
     commands = [probe.step().copy() for _ in range(3)]
@@ -55,7 +55,7 @@ def test_the_peers_of_the_task_step_give_our_command(K):
 
 
 def test_the_joint_controller_follows_as_many_solutions_as_asked():
-    probe = joint_probe(REACHABILITY, 10, "paper", seed=0)
+    probe = joint_probe(REACHABILITY, 10, "corrected", seed=0)
     assert len(probe.controller.memory(probe.context)) == 10
     first, second = probe.step().copy(), probe.step().copy()
     assert np.isfinite(first).all() and np.linalg.norm(first - second) > 1e-4
@@ -112,4 +112,4 @@ def test_the_table_has_the_papers_figures():
 def test_a_draw_that_never_fits_is_told(monkeypatch):
     monkeypatch.setattr(bench_control, "_DRAWS", 0)
     with pytest.raises(RuntimeError, match="gave no mixture of 3 components"):
-        task_probe(REACHABILITY, 3, "paper", seed=0)
+        task_probe(REACHABILITY, 3, "corrected", seed=0)

@@ -192,8 +192,8 @@ def test_let_go_the_object_falls(blind):
     np.testing.assert_allclose(moved, 0.2 * speed + [0, 0, -9.81 / 2 * 0.2**2], atol=3e-3)
 
 
-@pytest.mark.parametrize(("mode", "free"), [("safe", False), ("paper", True)])
-def test_the_end_stops_are_there_only_in_safe_mode(mode, free):
+@pytest.mark.parametrize(("mode", "free"), [("safe", False), ("corrected", True), ("paper", True)])
+def test_end_stops_and_torque_limits_are_there_only_in_safe_mode(mode, free):
     cell = Cell(scenario(mode=mode)).start()
     beyond = HOME.copy()
     beyond[0] = IIWA_7.position_limits[0] + 0.2
@@ -205,6 +205,8 @@ def test_the_end_stops_are_there_only_in_safe_mode(mode, free):
     )
     cell.advance(1.0)
     reached = cell.read("iiwa.position_measured")[0]
+    efforts = [plant.GetJointActuatorByName(name).effort_limit() for name in IIWA_7.joint_names]
+    np.testing.assert_array_equal(efforts, np.full(7, np.inf) if free else IIWA_7.effort_limits)
     if free:
         assert reached == pytest.approx(beyond[0], abs=5e-3)
     else:
