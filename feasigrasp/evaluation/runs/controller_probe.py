@@ -109,8 +109,8 @@ class ControllerProbe:
     def update_ms(self, period: float, count: int) -> Array:
         """Processor time of updates that follow one another [ms], shape (count,).
 
-        Arm and object are elsewhere at every update, and grasps are others at every fifth: there are
-        two views in a second.
+        Arm and object are elsewhere at every update, and grasps are others at every fifth: there
+        are two views in a second.
 
         Args:
             period: Time between updates of the controller [s].

@@ -45,6 +45,10 @@ def test_entries_follow_the_scenarios():
     assert (first["friction"], first["perception_latency_s"]) == (0.4, 0.0)
     second = conditions(Plan(runs[1:2]), "development")
     assert second["camera"] == "wrist_camera, 424 x 240, noise of a D435 with flying 0.1"
+    plain = planned("ReachLinear", "{camera_noise: {wrist_camera: {}}}")
+    plain.scenario.camera_noise = {"wrist_camera": {}}
+    third = conditions(Plan([plain]), "development")
+    assert third["camera"] == "wrist_camera, 424 x 240, noise of a D435"
     everything = conditions(Plan(runs, {"vase": "has a hole"}), "test")
     assert everything["objects"] == ["mug", "cup"] and everything["seeds"] == [0, 7]
     assert everything["tracking"] == [
