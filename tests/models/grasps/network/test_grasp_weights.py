@@ -17,7 +17,6 @@ from feasigrasp.models.grasps.network.network import (
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.weights_file import WeightsError
 
-
 #: Semi-axes of an ellipsoid of 4 x 6 x 10 cm [m].
 RADII = np.array([0.02, 0.03, 0.05])
 
