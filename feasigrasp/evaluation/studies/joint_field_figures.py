@@ -27,7 +27,7 @@ from feasigrasp.models.control.joint.field import (
     length_scale_kernel,
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.results.arguments import add_run_arguments
+from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.rows import Row, report_rows, write_csv
 
 #: Lengths of the two links [m].
@@ -122,8 +122,7 @@ def inverse(targets: Array) -> Array:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
-    add_run_arguments(parser, out="out/joint_field_figures", jobs=False)
-    parser.add_argument("--quick", action="store_true", help="fewer starts")
+    add_common_arguments(parser, out="out/joint_field_figures", objects="builtin")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -112,6 +112,43 @@ def test_a_drive_that_clips_nothing_shows_in_the_record():
     assert shares["corrected"] > 0.5
 
 
+@pytest.mark.parametrize(
+    "choice",
+    [
+        "control: {controller: task, mode: paper}",
+        "control: {controller: joint, mode: paper}",
+        "control: {controller: joint, source: flow}",
+        "control: {controller: joint, source: dls}",
+        "reachability: {method: rmm}",
+        "reachability: {method: both}",
+        "perception: {sampler: antipodal}",
+        "perception: {sampler: paper}",
+        "perception: {preset: paper}",
+    ],
+)
+def test_every_choice_moves_the_arm_towards_grasps(choice):
+    text = f"{{simulation_duration: 0.8, object: {{model: soup_can}}, {choice}}}"
+    result = run(load_scenario(FILE, "ReachLinear", text))
+    metrics = result.record["metrics"]
+    assert result.record["error"] is None
+    assert metrics["no_grasp_percent"] < 90.0
+    assert metrics["velocity_peak_percent"] > 5.0
+    distance = result.samples[SAMPLE_NAMES.index("grasp_position_error")]
+    distance = distance[np.isfinite(distance)]
+    assert distance[-1] < distance.max() - 0.005
+
+
+def test_an_object_is_grasped_while_it_moves_and_held():
+    """By where the object is, not by what the sequencer says."""
+    result = run(load_scenario(FILE, "ReachLinear", "{object: {model: soup_can}, random_seed: 1}"))
+    metrics = result.record["metrics"]
+    assert metrics["grasp_held"] is True
+    height = result.samples[SAMPLE_NAMES.index("p_WO_z")]
+    last = height[-int(1.0 / 0.02) :]
+    assert last.min() > height[0] + 0.05  # it was let go of two seconds ago
+    assert np.ptp(last) < 0.01
+
+
 def test_a_failing_simulation_is_reported(monkeypatch, validator):
     """What Drake raises while it simulates ends the run, not the evaluation."""
 

@@ -8,6 +8,7 @@ import pytest
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.points import sphere_points
 
 VOXEL = 0.01
 
@@ -208,3 +209,20 @@ def test_pictures_that_contradict_what_was_seen_are_forgotten():
     after = whole.merged(half[half[:, 1] > 0.0], camera)
     assert [image is whole.images[0] for image in after.images] == [False]
     np.testing.assert_allclose(after.images[0].X_OC, whole.images[0].X_OC, atol=5e-3)
+
+
+def ball_seen_from(angle, radius=0.04):
+    """The half of a ball that faces a camera, which has gone round it by an angle."""
+    camera = 0.5 * np.array([np.cos(angle), np.sin(angle), 0.3])
+    points = radius * sphere_points(4000, 1.0)
+    return points[points @ camera > 1.2 * radius**2], camera
+
+
+@pytest.mark.parametrize(("step", "kept"), [(5.0, 1), (40.0, 3)])
+def test_one_picture_is_kept_for_every_direction_and_the_latest_of_them(step, kept):
+    fused = FusedCloud.empty(0.004, smooth=True)
+    for k in range(3):
+        points, camera = ball_seen_from(k * np.deg2rad(step))
+        fused = fused.merged(points, camera)
+    assert len(fused.images) == kept
+    np.testing.assert_allclose(fused.images[-1].X_OC[:3, 3], camera, atol=0.01)

@@ -61,6 +61,19 @@ def test_points_the_camera_looked_through_are_not_possible(field):
     assert field.possible(np.array([[0.0, 0.0, -0.1]])).all()  # hidden: who knows
 
 
+def test_free_space_begins_close_to_the_surface(field):
+    """Eight millimetres in front of what was seen and twelve beside the silhouette it is free."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(24)], axis=1)
+    assert not field.possible((RADIUS + 0.012) * circle).any()
+    assert field.possible((RADIUS + 0.001) * circle).all()
+    front = seen(CAMERA)[::50]
+    outward = front / np.linalg.norm(front, axis=1, keepdims=True)
+    facing = outward @ CAMERA / np.linalg.norm(CAMERA) > 0.8
+    assert not field.possible((front + 0.008 * outward)[facing]).any()
+    assert field.possible((front + 0.001 * outward)[facing]).all()
+
+
 def test_variance_counts_the_observed_nodes_alone(field):
     """In front of the object, the same as that of a field that never had the others."""
     x = np.random.default_rng(1).uniform(-0.08, 0.08, (500, 3))
