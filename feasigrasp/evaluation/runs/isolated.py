@@ -133,8 +133,8 @@ def run_isolated(
     """Runs a scenario in its own single-threaded process and writes its record.
 
     However the process ends, there is a record, unless it was told to end (SIGTERM): one that did
-    not finish has its ``error``, and its grasp counts as not held. All processes run the code, and name the revision, that was there when
-    the first of them started.
+    not finish has its ``error``, and its grasp counts as not held. All processes run the code, and
+    name the revision, that was there when the first of them started.
 
     Args:
         scenario: What to run.
