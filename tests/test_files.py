@@ -31,6 +31,7 @@ from feasigrasp.evaluation.report.markdown_report import ReportError, report
 from feasigrasp.evaluation.runs import isolated
 from feasigrasp.evaluation.runs.plan import PlannedRun
 from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, run
+from feasigrasp.evaluation.runs.summary import summary_rows
 from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.models.clouds.files import read_cloud
 from feasigrasp.models.objects.rigid_object import load_object
@@ -204,6 +205,29 @@ def test_evaluations_with_a_crash_end_non_zero(capsys):
     assert isolated.report_crashes(records) == 1
     assert "2 of 2 runs broke off: boom" in capsys.readouterr().err
     assert isolated.report_crashes([record | {"error": None} for record in records]) == 0
+
+
+@settings(QUICK, max_examples=20)
+@given(st.data())
+def test_a_damaged_record_is_run_again(tmp_path, data):
+    def fake(scenario, name, filename, *, replay=None):
+        record = crash_record(scenario, name, "") | {"error": None}
+        record["timings"] = dict.fromkeys(record["timings"], 1.0)
+        return record
+
+    planned = PlannedRun("Mine", "ball", Scenario())
+    whole = fake(planned.scenario, "Mine", None)
+    damaged = data.draw(
+        st.sampled_from(sorted(whole)).flatmap(lambda key: JSON.map(lambda of: whole | {key: of}))
+        | st.sampled_from(sorted(whole)).map(lambda key: {k: whole[k] for k in whole if k != key})
+        | JSON
+    )
+    (tmp_path / f"{planned.id}.json").write_text(json.dumps(damaged))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(isolated, "run_isolated", fake)
+        (record,) = isolated.run_all([planned], tmp_path, 1, desc="test")
+    assert record.keys() >= whole.keys() and record["metrics"].keys() == whole["metrics"].keys()
+    assert summary_rows([record])
 
 
 # ------------------------------------------------------------------------------------ the lock
