@@ -22,14 +22,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 #: package that they lie in.
 ORDER = (
     ("errors", "models.arrays"),
-    (
-        "resources",
-        "inputs",
-        "outputs",
-        "models.choices",
-        "models.control.mode",
-        "models.weights_file",
-    ),
+    ("resources", "inputs", "outputs"),
+    ("models.choices", "models.control.mode", "models.weights_file"),
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import joblib
 
+from feasigrasp.errors import MeshError
 from feasigrasp.models.objects.rigid_object import RigidObject, builtin_objects, find_objects
 
 
@@ -96,10 +97,13 @@ def select_objects(selection: str) -> dict[str, str]:
         By name, what `feasigrasp.models.objects.rigid_object.load_object` loads; not loaded yet.
 
     Raises:
-        MeshError: A folder without meshes.
+        MeshError: A folder without meshes, or nothing named at all.
     """
     if selection == "builtin":
         return {name: name for name in builtin_objects()}
     if Path(selection).is_dir():
         return {name: str(path) for name, path in find_objects(selection).items()}
-    return {Path(name).stem: name for name in names(selection)}
+    try:
+        return {Path(name).stem: name for name in names(selection)}
+    except argparse.ArgumentTypeError as error:
+        raise MeshError(f"--objects {selection!r}: {error}; name an object or a file") from error

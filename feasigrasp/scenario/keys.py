@@ -91,7 +91,7 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
             elif name not in fields:
                 raise ScenarioError(
                     f"{shown} has no key {name!r} (line {key.start_mark.line + 1})"
-                    f"{nearest(name, fields)}; it has {', '.join(fields)}"
+                    f"{nearest(name, fields) or '.'} It has {', '.join(fields)}"
                 )
             else:
                 check_keys(value, fields[name], (*path, name))

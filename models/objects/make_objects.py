@@ -2,7 +2,7 @@
 
 Writes ``<name>.obj`` (metres, z up, closed, with vertex normals) and ``objects.json`` beside this
 script. The objects are modelled here from scratch in the size range of the YCB set; no data of
-others goes in. Needs ``manifold3d`` (the ``dev`` extra).
+others goes in.
 """
 
 from __future__ import annotations

@@ -211,7 +211,7 @@ def test_missing_and_broken_files_are_named(tmp_path):
     [
         ("{objct: {model: mug}}", "objct"),
         ("{object: {colour: red}}", "colour"),
-        ("{control: {gian: 3}}", "gian"),
+        ("{control: {strength: 3}}", "strength"),
     ],
 )
 def test_unknown_keys_are_refused_by_name(text, named, tmp_path):

@@ -6,21 +6,19 @@ import numpy as np
 import pytest
 import trimesh
 
-pytest.importorskip("manifold3d", reason="the generator needs manifold3d (train extra)")
-
-from feasigrasp.models.grasps.network.surface_input import SCALARS  # noqa: E402
-from feasigrasp.training import train_sampler_data  # noqa: E402
-from feasigrasp.training.data.grasp_examples import (  # noqa: E402
+from feasigrasp.models.grasps.network.surface_input import SCALARS
+from feasigrasp.training import train_sampler_data
+from feasigrasp.training.data.grasp_examples import (
     POINTS,
     completed_input,
     object_examples,
     true_input,
 )
-from feasigrasp.training.data.grasp_labels import N_APPROACHES, N_TURNS  # noqa: E402
-from feasigrasp.training.data.grasp_truth import TrueGrasps  # noqa: E402
-from feasigrasp.training.data.household_shapes import HELD_OUT, TRAINED, make_shape  # noqa: E402
-from feasigrasp.training.data.object_streams import HELD_OUT_EVERY, ObjectStream  # noqa: E402
-from feasigrasp.training.data.views import ViewedObject  # noqa: E402
+from feasigrasp.training.data.grasp_labels import N_APPROACHES, N_TURNS
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
+from feasigrasp.training.data.object_streams import HELD_OUT_EVERY, ObjectStream
+from feasigrasp.training.data.views import ViewedObject
 
 SHAPES = {
     "points": (POINTS, 3),

@@ -13,7 +13,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.errors import FeasigraspError
+from feasigrasp.errors import FeasigraspError, InputError, OutputError
 from feasigrasp.evaluation.report.dynamic import FIGURE, dynamic_report
 from feasigrasp.evaluation.report.faults import faults_report
 from feasigrasp.inputs import read_json
@@ -60,7 +60,7 @@ def report(folder: Path) -> str:
     """The text for the results in a folder; figures are drawn beside each ``summary.json``.
 
     Raises:
-        ReportError: There are no results.
+        ReportError: There are no results, or a summary is broken.
     """
     files = [folder / "summary.json"]
     if not files[0].exists():
@@ -69,18 +69,22 @@ def report(folder: Path) -> str:
         raise ReportError(
             f"neither {folder} nor a folder in it has a summary.json; give the --out of a command"
         )
-    return "\n\n".join(_section(file) for file in files)
+    sections = []
+    for file in files:
+        try:
+            sections.append(_section(file))
+        except OutputError:
+            raise
+        except (InputError, LookupError, TypeError, ValueError, AttributeError) as error:
+            raise ReportError(
+                f"{file} is no summary ({error!s:.200}); repeat the command that makes it"
+            ) from error
+    return "\n\n".join(sections)
 
 
 def _section(file: Path) -> str:
-    try:
-        summary: dict[str, Any] = read_json(file)
-        rows = [Row(**row) for row in summary["rows"]]
-        heading, origin = f"## `{summary['command']}`", _origin(summary)
-    except (FeasigraspError, KeyError, TypeError, AttributeError) as error:
-        raise ReportError(
-            f"{file} is no summary ({error}); repeat the command that makes it"
-        ) from error
+    summary: dict[str, Any] = read_json(file)
+    rows = [Row(**row) for row in summary["rows"]]
     found = summary.get("conditions")
     conditions = conditions_text(found) if found else ""
     body = ""
@@ -89,7 +93,7 @@ def _section(file: Path) -> str:
     if any(row.name.startswith("faults.held") for row in rows):
         body = faults_report(rows)
     body = body or "\n\n".join(filter(None, [_plain_table(rows), conditions]))
-    return f"{heading}\n\n{origin}\n\n{body}"
+    return f"## `{summary['command']}`\n\n{_origin(summary)}\n\n{body}"
 
 
 def _origin(summary: dict[str, Any]) -> str:

@@ -65,9 +65,9 @@ def run_all(
         record = read_finished(folder / f"{planned.id}.json", wanted)
         if record is None or (replays and not (folder / f"{planned.id}.html").exists()):
             return None
-        timings = record.get("timings")
-        ended = isinstance(timings, dict) and timings.get("wall_s") is not None
-        return record if ended and record.keys() >= _ENTRIES else None
+        return (
+            record if _is_whole(record, crash_record(planned.scenario, planned.name, "")) else None
+        )
 
     records = {planned.id: finished(planned) for planned in runs}
     missing = [planned for planned in runs if records[planned.id] is None]
@@ -133,8 +133,8 @@ def run_isolated(
     """Runs a scenario in its own single-threaded process and writes its record.
 
     However the process ends, there is a record, unless it was told to end (SIGTERM): one that did
-    not finish has its ``error``, and its grasp counts as not held. All processes run the code, and name the revision, that was there when
-    the first of them started.
+    not finish has its ``error``, and its grasp counts as not held. All processes run the code, and
+    name the revision, that was there when the first of them started.
 
     Args:
         scenario: What to run.
@@ -178,8 +178,16 @@ def run_isolated(
     return record
 
 
-#: What a record has at least.
-_ENTRIES = {"scenario", "controller", "mode", "object", "seed", "metrics", "timings", "error"}
+def _is_whole(record: Record, form: Record) -> bool:
+    """Whether a record has all that such a one has, and its process came to its end."""
+    figures = [(record.get(part), form[part]) for part in ("metrics", "timings")]
+    return (
+        record.keys() >= form.keys()
+        and all(isinstance(found, dict) and found.keys() >= of.keys() for found, of in figures)
+        and all(isinstance(record[k], str) for k in ("scenario", "object", "controller", "mode"))
+        and isinstance(record["error"], str | None)
+        and record["timings"]["wall_s"] is not None
+    )
 
 
 @cache

@@ -79,15 +79,17 @@ def run(
         # What is alive by now, compiled code above all, stays: not worth traversing again.
         gc.freeze()
         meshcat = start_recording() if replay else None
-        built = time.perf_counter()
-        diagram = make_dynamic_grasp(scenario, meshcat)
-        tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
-        simulator = Simulator(diagram)
-        ApplySimulatorConfig(scenario.simulator_config, simulator)
         error = None
-        started = time.perf_counter()
         with postponed_interrupt() as interrupted:
+            built = time.perf_counter()
+            diagram = make_dynamic_grasp(scenario, meshcat)
+            tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
+            simulator = Simulator(diagram)
+            ApplySimulatorConfig(scenario.simulator_config, simulator)
             simulator.set_monitor(_StopWhenDone(diagram, interrupted))
+            if interrupted.is_set():
+                raise KeyboardInterrupt  # there is nothing yet
+            started = time.perf_counter()
             try:
                 simulator.Initialize()
                 simulator.AdvanceTo(scenario.simulation_duration)

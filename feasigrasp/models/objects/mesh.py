@@ -6,15 +6,26 @@ reason why it cannot be one, is in this file.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+from tqdm import tqdm
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.objects.bodies import (
+    clean,
+    drop_satellites,
+    orient,
+    part,
+    shell_of_faces,
+    signed_volume,
+    unite,
+)
+from feasigrasp.models.objects.mesh_cache import LARGE
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.outputs import write_text
 
@@ -22,6 +33,8 @@ from feasigrasp.outputs import write_text
 MIN_EXTENT, MAX_EXTENT = 0.005, 1.0
 #: Faces beyond this number slow contact down without changing a grasp.
 MAX_FACES = 4000
+#: Faces from which on decimation takes long enough to be told.
+_MANY_FACES = 200_000
 #: Edges sharper than this stay sharp in the shading [rad].
 _CREASE = np.radians(40.0)
 
@@ -31,7 +44,8 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
 
     Vertices are merged by position (normals and texture seams are dropped), the winding is made
     consistent and outward, and the result is checked. A closed surface inside another one is the
-    wall of a cavity. Not checked: whether the surface cuts through itself.
+    wall of a cavity; bodies that touch or overlap are united; what floats apart and has less than
+    1 % of the volume is dropped. Not checked: whether one body's surface cuts through itself.
 
     Args:
         path: Any mesh file that trimesh reads.
@@ -42,17 +56,25 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
 
     Raises:
         MeshError: If the file is missing or unreadable, has no faces, NaN, open edges, no volume,
-            several bodies, or a size outside 5 mm to 1 m.
+            several bodies apart, or a size outside 5 mm to 1 m.
     """
     if not (np.isfinite(scale) and scale > 0):
         raise MeshError(f"{path}: scale={scale}; give a positive number such as 0.001 for mm.")
-    mesh = _read(path)
-    mesh.apply_scale(scale)
-    _check_extent(mesh, path, scale)
-    _check_closed(mesh, path)
-    notes = _orient(mesh)
-    _check_one_body(mesh, path)
-    return mesh, notes
+    large = path.is_file() and path.stat().st_size >= LARGE
+    with tqdm(total=4, desc=f"reading {path.name}", unit="step", disable=not large) as bar:
+        mesh = _read(path)
+        bar.update()
+        mesh.apply_scale(scale)
+        _check_extent(mesh, path, scale)
+        mesh, united = unite(mesh)
+        _check_closed(mesh, path)
+        bar.update()
+        turned = orient(mesh)
+        bar.update()
+        mesh, dropped = drop_satellites(mesh)
+        _check_one_body(mesh, path)
+        bar.update()
+    return mesh, united + turned + dropped
 
 
 def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
@@ -66,12 +88,15 @@ def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tu
         return mesh, ()
     import open3d as o3d  # a slow import that most objects never need
 
+    if len(mesh.faces) >= _MANY_FACES:
+        text = f"decimating {len(mesh.faces)} faces to {max_faces}, a minute per million"
+        tqdm.write(text, file=sys.stderr)
     fine = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(np.array(mesh.vertices)),
         o3d.utility.Vector3iVector(np.array(mesh.faces)),
     )
     coarse = fine.simplify_quadric_decimation(max_faces)
-    result = _clean(np.asarray(coarse.vertices), np.asarray(coarse.triangles))
+    result = clean(np.asarray(coarse.vertices), np.asarray(coarse.triangles))
     was = f"{len(mesh.faces)} faces"
     if not result.is_watertight or not result.is_winding_consistent:
         return mesh, (f"kept all {was}: decimation to {max_faces} tears the surface",)
@@ -140,20 +165,9 @@ def _read(path: Path) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices)).any(axis=1).sum())
         raise MeshError(f"{path}: {bad} vertices are NaN or infinite; export the mesh again.")
-    mesh = _clean(vertices, faces)
+    mesh = clean(vertices, faces)
     if not len(mesh.faces):
         raise MeshError(f"{path}: all {len(faces)} faces have no area; give a solid in its units.")
-    return mesh
-
-
-def _clean(vertices: Array, faces: NDArray[Any]) -> trimesh.Trimesh:
-    """Merges vertices by position and drops faces that collapse to an edge by that."""
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    mesh.merge_vertices()
-    f = mesh.faces
-    mesh.update_faces((f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0]))
-    mesh.update_faces(mesh.unique_faces())
-    mesh.remove_unreferenced_vertices()
     return mesh
 
 
@@ -188,80 +202,18 @@ def _check_closed(mesh: trimesh.Trimesh, path: Path) -> None:
     )
 
 
-def _orient(mesh: trimesh.Trimesh) -> tuple[str, ...]:
-    """Makes the winding consistent and outward; a shell inside another one faces its cavity."""
-    notes: list[str] = []
-    if not mesh.is_winding_consistent:
-        trimesh.repair.fix_winding(mesh)
-        notes.append("winding made consistent")
-    label = _shell_of_faces(mesh)
-    shells = [_part(mesh, label == i) for i in range(label.max() + 1)]
-    turned = [
-        (_signed_volume(shell) < 0)
-        != bool(sum(_encloses(o, shell) for o in shells if o is not shell) % 2)
-        for shell in shells
-    ]
-    if any(turned):
-        faces = mesh.faces.copy()
-        flip = np.array(turned)[label]
-        faces[flip] = faces[flip][:, ::-1]
-        mesh.faces = faces
-        notes.append("normals turned outward")
-    return tuple(notes)
-
-
 def _check_one_body(mesh: trimesh.Trimesh, path: Path) -> None:
-    label = _shell_of_faces(mesh)
-    volumes = [_signed_volume(_part(mesh, label == i)) for i in range(label.max() + 1)]
+    label = shell_of_faces(mesh)
+    volumes = [signed_volume(part(mesh, label == i)) for i in range(label.max() + 1)]
     bodies = sorted((v for v in volumes if v > 0), reverse=True)
     if len(bodies) > 1:
         listed = ", ".join(f"{v * 1e6:.3g}" for v in bodies[:5])
         raise MeshError(
-            f"{path}: {len(bodies)} separate bodies ({listed} cm^3); a rigid object is one closed "
-            "surface. Unite them (trimesh.boolean.union, Blender's boolean modifier) or export "
-            "one body per file."
+            f"{path}: {len(bodies)} separate bodies ({listed} cm^3) that do not touch; a rigid "
+            "object is one closed surface. Export one body per file, or join them."
         )
     if sum(volumes) < 1e-7 * float(mesh.extents.max()) ** 3:
         raise MeshError(f"{path}: encloses no volume; give a solid, not a sheet folded on itself.")
-
-
-def _shell_of_faces(mesh: trimesh.Trimesh) -> Indices:
-    """The connected surface that each face belongs to, counted from 0."""
-    label = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(mesh.faces))
-    return np.asarray(label, dtype=np.int64)
-
-
-def _part(mesh: trimesh.Trimesh, member: Mask) -> trimesh.Trimesh:
-    part = trimesh.Trimesh(mesh.vertices, mesh.faces[member], process=False)
-    part.remove_unreferenced_vertices()
-    return part
-
-
-def _signed_volume(mesh: trimesh.Trimesh) -> float:
-    a, b, c = (mesh.triangles[:, i] - mesh.bounds[0] for i in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
-
-
-def _encloses(outer: trimesh.Trimesh, inner: trimesh.Trimesh) -> bool:
-    """Whether one closed surface lies inside another (tested at up to 16 of its vertices)."""
-    if (inner.bounds[0] < outer.bounds[0]).any() or (inner.bounds[1] > outer.bounds[1]).any():
-        return False
-    points = inner.vertices[:: -(-len(inner.vertices) // 16)]
-    return all(_winding_number(outer.triangles - point) > 0.5 for point in points)
-
-
-def _winding_number(triangles: Array) -> float:
-    """Absolute winding number of a closed surface about the origin (van Oosterom, Strackee 1983).
-
-    Args:
-        triangles: Corners, shape (m, 3, 3).
-    """
-    a, b, c = (triangles[:, i] for i in range(3))
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    ab, bc, ca = (np.einsum("ij,ij->i", v, w) for v, w in ((a, b), (b, c), (c, a)))
-    numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
-    solid_angle = 2.0 * np.arctan2(numerator, la * lb * lc + ab * lc + bc * la + ca * lb)
-    return float(abs(solid_angle.sum())) / (4.0 * np.pi)
 
 
 def _crease_normals(vertices: Array, faces: Indices) -> tuple[Array, Indices]:

@@ -14,6 +14,7 @@ import trimesh
 from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.objects.mesh import MAX_FACES, decimate, read_solid, write_obj
+from feasigrasp.models.objects.mesh_cache import kept
 from feasigrasp.resources import model_path
 
 #: Used when neither a mass nor a density is known: a hollow household object [kg/m^3].
@@ -96,7 +97,8 @@ def load_object(
     beside the file gives (times ``scale`` cubed); 300 kg/m^3 times volume. A catalogue is a JSON
     file in the mesh's folder or its parent with ``{"objects": [{"name", "mesh", "mass_kg"}]}``, as
     in ``models/objects`` and in the YCB layout; its masses belong to meshes in metres. Meshes of
-    more than 4000 faces are decimated.
+    more than 4000 faces are decimated; what is made of a file of 4 MB or more is kept on disk (see
+    `feasigrasp.models.objects.mesh_cache`) and made with a progress bar.
 
     Args:
         name_or_path: One of `builtin_objects()`, a mesh file, or ``folder/name`` for an entry of
@@ -119,8 +121,12 @@ def load_object(
         if value is not None:
             _check_positive(f"{path}: {what}", value)
 
-    solid, repairs = read_solid(path, scale)
-    mesh, reduction = decimate(solid, MAX_FACES)
+    def make() -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+        solid, repairs = read_solid(path, scale)
+        mesh, reduction = decimate(solid, MAX_FACES)
+        return mesh, repairs + reduction
+
+    mesh, notes = kept(path, f"{scale!r} {MAX_FACES}", make)
     if mass is None and density is None and "mass_kg" in entry:
         _check_positive(f"{path}: its catalogue gives mass_kg", entry["mass_kg"])
         mass = float(entry["mass_kg"]) * scale**3
@@ -129,7 +135,7 @@ def load_object(
         mesh,
         mass if mass is not None else (density or DEFAULT_DENSITY) * float(mesh.volume),
         color=tuple(entry.get("color", _DEFAULT_COLOR)),
-        notes=repairs + reduction,
+        notes=notes,
     )
 
 

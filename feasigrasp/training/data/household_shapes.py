@@ -3,7 +3,7 @@
 Every family draws its sizes and proportions, in metres and in the range of things that stand in a
 kitchen or lie on a bench: 2 to 25 cm, some of them too large for the hand everywhere. Some families
 are never trained on (`HELD_OUT`), so that they can tell whether a network has learnt shapes or
-grasps. Needs ``manifold3d`` (the ``train`` extra).
+grasps.
 """
 
 from __future__ import annotations
@@ -12,18 +12,11 @@ from collections.abc import Callable
 
 import numpy as np
 import trimesh
+from manifold3d import Manifold
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects.rigid_object import RigidObject
-
-try:
-    from manifold3d import Manifold
-
-    from feasigrasp.training.data import household_families as families
-except ImportError as error:
-    raise MeshError(
-        "household shapes need manifold3d; install feasigrasp[train] (or manifold3d>=3.5)"
-    ) from error
+from feasigrasp.training.data import household_families as families
 
 Maker = Callable[[np.random.Generator], Manifold]
 

@@ -1,7 +1,7 @@
 """The few solids that objects are made of: lofts, lathes, tubes, boxes, and their booleans.
 
 Every function returns a closed `manifold3d.Manifold` in metres. Only the generators of objects need
-this, and ``manifold3d`` with it (the ``train`` and ``dev`` extras).
+this.
 """
 
 from __future__ import annotations

@@ -11,8 +11,6 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.resources import model_path
 
-pytest.importorskip("manifold3d", reason="the generator needs manifold3d (dev extra)")
-
 
 def oriented_triangles(faces):
     """Faces as a set that ignores which corner comes first, but not the winding."""

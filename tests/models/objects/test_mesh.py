@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import MeshError
+from feasigrasp.models.objects import mesh_cache, rigid_object
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object, load_objects
 
 
@@ -83,6 +84,41 @@ def test_mesh_that_decimation_would_ruin_is_kept(tmp_path):
     assert obj.notes[0].startswith("kept all 20480 faces")
 
 
+@pytest.mark.parametrize(
+    ("offset", "volume"),
+    [
+        ((0.02, 0.01, 0.01), 2 * 0.05**3 - 0.03 * 0.04 * 0.04),
+        ((0.05, 0.01, 0.01), 2 * 0.05**3),
+        ((0.05, 0.0, 0.0), 2 * 0.05**3),
+    ],
+    ids=["overlapping", "touching", "sharing a face"],
+)
+def test_bodies_that_meet_are_united(tmp_path, offset, volume):
+    two = trimesh.util.concatenate([box(), box(offset)])
+    obj = load_object(save(two, tmp_path / "two.ply"), density=1000.0)
+    assert obj.notes == ("united bodies that touch or overlap",)
+    assert obj.mesh.is_watertight and obj.mesh.body_count == 1
+    assert obj.mass == pytest.approx(1000.0 * volume)
+    np.testing.assert_allclose(obj.p_MO, np.array(offset) / 2, atol=1e-12)
+    if offset == (0.05, 0.0, 0.0):  # a box of 10 x 5 x 5 cm
+        a, b = obj.mass / 12 * (0.1**2 + 0.05**2), obj.mass / 12 * (2 * 0.05**2)
+        np.testing.assert_allclose(obj.inertia, np.diag([b, a, a]), atol=1e-12)
+
+
+def test_a_cavity_stays_one_when_its_body_is_united(tmp_path):
+    three = trimesh.util.concatenate([box(), box((0.04, 0.0, 0.0)), box(size=0.01)])
+    obj = load_object(save(three, tmp_path / "three.ply"), density=1000.0)
+    assert obj.mass == pytest.approx(1000.0 * (0.09 * 0.05**2 - 0.01**3))
+
+
+def test_crumbs_of_a_scan_are_dropped(tmp_path):
+    crumbs = [box(), box((0.06, 0, 0), 0.004), box((0, 0.06, 0), 0.006), box((0, 0.06, 0), 0.003)]
+    obj = load_object(save(trimesh.util.concatenate(crumbs), tmp_path / "scan.ply"), mass=0.2)
+    assert obj.notes[-1] == "dropped 2 crumbs beside the object, 0.28 cm^3"
+    np.testing.assert_allclose(obj.extents, 0.05)
+    np.testing.assert_allclose(obj.inertia, 0.2 * 0.05**2 / 6 * np.eye(3), atol=1e-12)
+
+
 # ---------------------------------------------------------------- refused
 
 
@@ -143,15 +179,19 @@ def test_suggested_scale_mends_a_file_in_millimetres(tmp_path):
     assert obj.mass == pytest.approx(300 * 0.05**3)
 
 
-@pytest.mark.parametrize("offset", [0.1, 0.02], ids=["apart", "overlapping"])
-def test_several_bodies_are_refused(tmp_path, offset):
-    two = trimesh.util.concatenate([box(), box((offset, 0.01, 0.01))])
-    with pytest.raises(MeshError, match="2 separate bodies .*Unite them"):
+def test_bodies_apart_are_refused(tmp_path):
+    two = trimesh.util.concatenate([box(), box((0.1, 0.01, 0.01))])
+    with pytest.raises(MeshError, match="2 separate bodies .*do not touch"):
+        load_object(save(two, tmp_path / "two.ply"))
+    # Boxes around them meet, the bodies do not.
+    ring = trimesh.creation.annulus(0.04, 0.05, 0.02)
+    two = trimesh.util.concatenate([ring, trimesh.creation.icosphere(radius=0.02)])
+    with pytest.raises(MeshError, match="2 separate bodies .*do not touch"):
         load_object(save(two, tmp_path / "two.ply"))
 
 
 def test_body_inside_a_cavity_is_a_second_body(tmp_path):
-    nested = trimesh.util.concatenate([box(), box(size=0.03), box(size=0.01)])
+    nested = trimesh.util.concatenate([box(), box(size=0.03), box(size=0.015)])
     with pytest.raises(MeshError, match="2 separate bodies"):
         load_object(save(nested, tmp_path / "nested.ply"))
 
@@ -200,3 +240,24 @@ def test_folder_without_meshes(tmp_path):
         load_objects(tmp_path)
     with pytest.raises(MeshError, match="no such folder"):
         load_objects(tmp_path / "gone")
+
+
+def test_what_was_made_of_a_large_file_is_kept(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(mesh_cache, "LARGE", 1000)
+    path = save(trimesh.creation.icosphere(subdivisions=5, radius=0.04), tmp_path / "fine.ply")
+    first = load_object(path)
+    (kept,) = (tmp_path / "cache" / "feasigrasp").iterdir()
+    monkeypatch.setattr(rigid_object, "read_solid", lambda *args: pytest.fail("read again"))
+    again = load_object(path)
+    assert again.notes == first.notes and again.mass == first.mass
+    np.testing.assert_array_equal(again.vertices, first.vertices)
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(mesh_cache, "LARGE", 1000)
+    kept.write_bytes(kept.read_bytes()[:500])  # cut off: made anew
+    np.testing.assert_array_equal(load_object(path).vertices, first.vertices)
+    load_object(path, scale=0.5)  # another scale is another object
+    assert len(list(kept.parent.iterdir())) == 2
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
+    np.testing.assert_array_equal(load_object(path).vertices, first.vertices)

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import MeshError
-
-pytest.importorskip("manifold3d", reason="the generator needs manifold3d (train extra)")
-
-from feasigrasp.training.data.household_shapes import (  # noqa: E402
+from feasigrasp.training.data.household_shapes import (
     FAMILIES,
     HELD_OUT,
     TRAINED,

@@ -1,0 +1,438 @@
+"""What is written is whole, what is read is whole or refused, and what was computed is kept."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis.extra import numpy as arrays
+from matplotlib.figure import Figure
+
+from feasigrasp import cli, outputs
+from feasigrasp.errors import (
+    FeasigraspError,
+    InputError,
+    MeshError,
+    OutputError,
+    PointCloudError,
+    ReachabilityError,
+)
+from feasigrasp.evaluation.report.markdown_report import ReportError, report
+from feasigrasp.evaluation.runs import isolated
+from feasigrasp.evaluation.runs.plan import PlannedRun
+from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, run
+from feasigrasp.evaluation.runs.summary import summary_rows
+from feasigrasp.inputs import read_arrays, read_json
+from feasigrasp.models.clouds.files import read_cloud
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.models.weights_file import WEIGHTS, WeightsError, WeightsFormat
+from feasigrasp.resources import diagram_path, model_path
+from feasigrasp.results.arguments import names, select_objects
+from feasigrasp.results.finished import read_finished
+from feasigrasp.results.folder_lock import LOCK, only_one_in
+from feasigrasp.results.interrupts import Unfinished, postponed_interrupt
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.schema import Scenario
+
+QUICK = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A file whose name begins with ``full`` takes half of what is written to it."""
+
+    class Full:
+        def __init__(self, file):
+            self.file = file
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            self.file.close()
+
+        def write(self, content):
+            self.file.write(content[: len(content) // 2])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    opened = Path.open
+
+    def open_full(self, mode="r", *arguments, **options):
+        file = opened(self, mode, *arguments, **options)
+        return Full(file) if "w" in mode and self.name.startswith("full") else file
+
+    monkeypatch.setattr(outputs.Path, "open", open_full)
+
+
+# ------------------------------------------------------------------------------------- writing
+
+
+def test_a_full_disk_leaves_the_old_file_and_no_part(tmp_path, full_disk):
+    file = tmp_path / "full.json"
+    with open(file, "wb") as old:
+        old.write(b"old")
+    with pytest.raises(OutputError, match="full.json cannot be written .No space left on device"):
+        outputs.write_text(file, "new and longer")
+    assert file.read_bytes() == b"old" and os.listdir(tmp_path) == ["full.json"]
+
+
+def test_an_error_or_interruption_while_writing_leaves_the_old_file(tmp_path):
+    file = tmp_path / "a.txt"
+    outputs.write_text(file, "old")
+    for error in (KeyboardInterrupt, ValueError):
+        with pytest.raises(error), outputs.replacing(file) as target:
+            target.write(b"half")
+            raise error
+    assert file.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_figures_take_the_format_of_their_suffix(tmp_path):
+    figure = Figure()
+    outputs.save_figure(figure, tmp_path / "deep" / "a.png")
+    outputs.save_figure(figure, tmp_path / "a.pdf")
+    assert (tmp_path / "deep" / "a.png").read_bytes()[1:4] == b"PNG"
+    assert (tmp_path / "a.pdf").read_bytes()[:4] == b"%PDF"
+    with pytest.raises(OutputError, match="a.xyz: end it in .png"):
+        outputs.save_figure(figure, tmp_path / "a.xyz")
+
+
+def test_outputs_are_tried_before_the_work(tmp_path):
+    (tmp_path / "file").write_text("")
+    new = tmp_path / "new" / "a.json"
+    outputs.check_outputs({"--results": new, "--replay": None})
+    assert not new.parent.exists()  # nothing is made yet
+    for options, message in (
+        ({"--results": tmp_path}, "is a folder; give a file"),
+        ({"--results": tmp_path / "file" / "a.json"}, "--results: nothing can be written"),
+        ({"--results": Path("/proc/a/b.json")}, "--results: nothing can be written"),
+        ({"--results": new, "--replay": new}, "--results and --replay are both"),
+    ):
+        with pytest.raises(OutputError, match=message):
+            outputs.check_outputs(options)
+
+
+@pytest.mark.parametrize("option", ["--results", "--replay", "--graphviz"])
+def test_the_diagram_refuses_an_output_before_it_runs(option, tmp_path, repository):
+    command = [sys.executable, repository / "diagrams/dynamic_grasp.py", option, tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=repository)
+    assert done.returncode == 2
+    assert (
+        done.stderr.splitlines()[-1] == f"error: {option} {tmp_path} is a folder; give a file in it"
+    )
+    assert "Traceback" not in done.stderr
+
+
+def test_commands_refuse_a_folder_that_cannot_be_written(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert cli.main(["evaluate", "dynamic", "--out", str(tmp_path / "file" / "out")]) == 2
+    assert "--out: nothing can be written" in capsys.readouterr().err
+
+
+# -------------------------------------------------------------------- interruptions, full disks
+
+
+def small_run():
+    text = "{object: {model: ball}}"
+    return load_scenario(diagram_path("dynamic.scenarios.yaml"), "PaperLinear", text)
+
+
+def test_ctrl_c_ends_a_run_with_what_it_has(tmp_path):
+    scenario = small_run()
+    scenario.simulation_duration = 0.1
+    run(scenario)  # everything is loaded
+    scenario.simulation_duration = 60.0
+    kept = []
+    interrupt = threading.Timer(3.0, lambda: os.kill(os.getpid(), signal.SIGINT))
+    interrupt.start()
+    record = run(scenario, "Mine", keep=kept.append).record
+    interrupt.join()
+    assert kept == [record] and record["error"] == INTERRUPTED
+    assert 0.0 < record["timings"]["simulated_s"] < 60.0
+    assert record["metrics"]["manipulability_mean"] > 0.0
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_second_ctrl_c_breaks_off(capsys):
+    with pytest.raises(KeyboardInterrupt), postponed_interrupt() as asked:
+        assert not asked.is_set()
+        os.kill(os.getpid(), signal.SIGINT)
+        assert asked.is_set()
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(1.0)
+    assert "once more" in capsys.readouterr().err
+
+
+def test_the_record_is_there_before_a_replay_that_cannot_be_written(tmp_path, full_disk):
+    scenario = small_run()
+    scenario.simulation_duration = 0.1
+    kept = []
+    with pytest.raises(OutputError, match="full.html"):
+        run(scenario, "Mine", replay=tmp_path / "full.html", keep=kept.append)
+    assert kept[0]["error"] is None
+
+
+def test_a_full_disk_keeps_the_record_of_the_run_that_met_it(tmp_path, monkeypatch):
+    planned = [PlannedRun("Mine", "ball", Scenario(random_seed=seed)) for seed in range(3)]
+
+    def fake(scenario, name, filename, *, replay=None):
+        record = crash_record(scenario, name, "") | {"error": None}
+        if scenario.random_seed == 1:
+            raise Unfinished(f"{filename} cannot be written", [record], 2)
+        return record
+
+    monkeypatch.setattr(isolated, "run_isolated", fake)
+    with pytest.raises(Unfinished, match="cannot be written; 2 of 3 runs came") as stopped:
+        isolated.run_all(planned, tmp_path / "runs", 1, desc="test")
+    assert [record["seed"] for record in stopped.value.records] == [0, 1]
+    assert stopped.value.status == 2
+
+
+def test_evaluations_with_a_crash_end_non_zero(capsys):
+    records = [crash_record(Scenario(), "Mine", "boom"), crash_record(Scenario(), "Mine", "boom")]
+    assert isolated.report_crashes(records) == 1
+    assert "2 of 2 runs broke off: boom" in capsys.readouterr().err
+    assert isolated.report_crashes([record | {"error": None} for record in records]) == 0
+
+
+@settings(QUICK, max_examples=20)
+@given(st.data())
+def test_a_damaged_record_is_run_again(tmp_path, data):
+    def fake(scenario, name, filename, *, replay=None):
+        record = crash_record(scenario, name, "") | {"error": None}
+        record["timings"] = dict.fromkeys(record["timings"], 1.0)
+        return record
+
+    planned = PlannedRun("Mine", "ball", Scenario())
+    whole = fake(planned.scenario, "Mine", None)
+    damaged = data.draw(
+        st.sampled_from(sorted(whole)).flatmap(lambda key: JSON.map(lambda of: whole | {key: of}))
+        | st.sampled_from(sorted(whole)).map(lambda key: {k: whole[k] for k in whole if k != key})
+        | JSON
+    )
+    (tmp_path / f"{planned.id}.json").write_text(json.dumps(damaged))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(isolated, "run_isolated", fake)
+        (record,) = isolated.run_all([planned], tmp_path, 1, desc="test")
+    assert record.keys() >= whole.keys() and record["metrics"].keys() == whole["metrics"].keys()
+    assert summary_rows([record])
+
+
+# ------------------------------------------------------------------------------------ the lock
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from feasigrasp.results.folder_lock import only_one_in
+with only_one_in(Path(sys.argv[1])):
+    print("in", flush=True)
+    time.sleep(float(sys.argv[2]))
+"""
+
+
+def hold(folder, seconds):
+    command = [sys.executable, "-c", HOLD, folder, str(seconds)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "in\n"
+    return process
+
+
+def test_a_second_command_waits_and_says_for_whom(tmp_path, capsys):
+    first = hold(tmp_path, 1.0)
+    started = time.monotonic()
+    with only_one_in(tmp_path):
+        assert time.monotonic() - started > 0.3
+    assert f"another command (process {first.pid}) works in {tmp_path}" in capsys.readouterr().err
+    first.wait()
+
+
+def test_a_killed_command_leaves_no_lock(tmp_path, capsys):
+    first = hold(tmp_path, 60.0)
+    first.kill()
+    first.wait()
+    with only_one_in(tmp_path):
+        assert (tmp_path / LOCK).read_text() == str(os.getpid())
+    assert capsys.readouterr().err == ""
+
+
+# ------------------------------------------------------------------------- reading, whatever it is
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=5),
+    lambda of: st.lists(of, max_size=3) | st.dictionaries(st.text(max_size=5), of, max_size=3),
+    max_leaves=8,
+)
+
+
+@QUICK
+@given(st.binary(max_size=200) | JSON.map(lambda of: json.dumps(of).encode()))
+def test_any_file_is_json_or_refused(tmp_path, content):
+    file = tmp_path / "a.json"
+    file.write_bytes(content)
+    try:
+        read_json(file)
+    except InputError as error:
+        assert "a.json" in str(error)
+    assert read_finished(file, {"key": {"seed": 0}}) is None
+
+
+ROW = {"name": "a", "preset": "b", "value": 1.0, "low": None, "high": None, "unit": "m", "n": 1}
+SUMMARY = {"command": "x", "git": "y", "seed": 0, "versions": {}, "rows": [ROW]}
+
+
+@QUICK
+@given(
+    JSON
+    | st.tuples(st.sampled_from(sorted(SUMMARY)), JSON).map(lambda kv: SUMMARY | {kv[0]: kv[1]})
+    | st.tuples(st.sampled_from(sorted(ROW)), JSON).map(
+        lambda kv: SUMMARY | {"rows": [ROW | {kv[0]: kv[1]}]}
+    )
+)
+def test_any_summary_is_reported_or_refused(tmp_path, summary):
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    try:
+        assert report(tmp_path)
+    except ReportError as error:
+        assert "summary.json is no summary" in str(error)
+
+
+def test_a_cut_off_summary_is_refused_in_one_line(tmp_path, capsys):
+    (tmp_path / "summary.json").write_text(json.dumps(SUMMARY)[:-20])
+    assert cli.main(["report", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error:") and said.count("\n") == 1 and "repeat the command" in said
+
+
+@QUICK
+@given(st.data())
+def test_any_damage_of_an_npz_file_is_refused(tmp_path, data):
+    file, whole = tmp_path / "a.npz", tmp_path / "whole.npz"
+    np.savez_compressed(whole, points=np.arange(60.0).reshape(20, 3), header=np.array("{}"))
+    content = bytearray(whole.read_bytes())
+    cut = data.draw(st.integers(0, len(content)))
+    where = data.draw(st.lists(st.integers(0, max(cut - 1, 0)), max_size=4))
+    content = content[:cut]
+    for i in where if cut else ():
+        content[i] = data.draw(st.integers(0, 255))
+    file.write_bytes(content)
+    format_ = WeightsFormat("test", "test-1", "feasigrasp train test")
+    for read, error in (
+        (read_arrays, InputError),
+        (read_cloud, PointCloudError),
+        (ReachableSpace.load, ReachabilityError),
+        (lambda path: format_.load(path, lambda header, of: of), WeightsError),
+    ):
+        try:
+            read(file)
+        except error as refused:
+            assert "a.npz" in str(refused)
+
+
+@pytest.mark.parametrize(
+    "path", [*WEIGHTS.glob("*.npz"), model_path("iiwa", "reachable_space.npz")]
+)
+def test_shipped_files_that_are_cut_off_are_refused(path, tmp_path):
+    content = path.read_bytes()
+    for size in (0, 10, len(content) // 2, len(content) - 1):
+        (tmp_path / path.name).write_bytes(content[:size])
+        with pytest.raises(InputError, match="no whole npz"):
+            read_arrays(tmp_path / path.name)
+
+
+CLOUD_ARRAYS = arrays.arrays(
+    st.sampled_from([np.float64, np.float32, np.int16, np.bool_, np.complex128, "U3"]),
+    arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=7),
+)
+
+
+@QUICK
+@given(st.sampled_from([".npy", ".npz", ".ply", ".pcd", ".xyz"]), st.binary(max_size=80))
+def test_any_bytes_are_a_cloud_or_refused(tmp_path, suffix, content):
+    file = tmp_path / f"a{suffix}"
+    heads = {
+        ".ply": b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n",
+        ".pcd": b"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nDATA ascii\n",
+        ".npy": b"\x93NUMPY\x01\x00",
+    }
+    file.write_bytes(heads.get(suffix, b"") * (len(content) % 2) + content)
+    check_cloud(file)
+
+
+@QUICK
+@given(CLOUD_ARRAYS, st.booleans())
+def test_any_array_is_a_cloud_or_refused(tmp_path, array, named):
+    file = tmp_path / ("a.npz" if named else "a.npy")
+    (np.savez(file, points=array) if named else np.save(file, array))
+    check_cloud(file)
+
+
+def check_cloud(file):
+    try:
+        points = read_cloud(file)
+    except PointCloudError as error:
+        assert file.name in str(error)
+    else:
+        assert points.ndim == 2 and points.shape[1] == 3 and np.isfinite(points).all()
+
+
+@QUICK
+@given(
+    st.sampled_from([".obj", ".ply", ".stl", ".off", ".glb", ".3mf", ".dae"]),
+    st.binary(max_size=99),
+)
+def test_any_bytes_are_a_mesh_or_refused(tmp_path, suffix, content):
+    file = tmp_path / f"a{suffix}"
+    heads = {
+        ".obj": b"v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n",
+        ".off": b"OFF\n3 1 0\n0 0 0\n0.1 0 0\n0 0.1 0\n3 0 1 2\n",
+        ".ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nend_header\n",
+        ".stl": b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n",
+    }
+    file.write_bytes(heads.get(suffix, b"") * (len(content) % 2) + content)
+    with pytest.raises(MeshError, match="a" + suffix):
+        load_object(file)
+
+
+COORDINATES = st.sampled_from([0.0, 0.05, -0.05, 0.1, 1e-9, 0.03, np.nan])
+
+
+@QUICK
+@given(
+    arrays.arrays(float, (6, 3), elements=COORDINATES),
+    arrays.arrays(int, st.integers(1, 12).map(lambda n: (n, 3)), elements=st.integers(0, 5)),
+)
+def test_any_triangles_are_a_solid_or_refused(tmp_path, vertices, faces):
+    file = tmp_path / "a.off"
+    trimesh.Trimesh(vertices, faces, process=False).export(file)
+    try:
+        obj = load_object(file)
+    except MeshError as error:
+        assert "a.off" in str(error)
+    else:
+        assert obj.mesh.is_watertight and obj.mass > 0.0
+        assert (np.linalg.eigvalsh(obj.inertia) > 0.0).all()
+
+
+@QUICK
+@given(
+    st.text(max_size=30) | st.lists(st.sampled_from(["mug", "ball", "", " ", "."])).map(",".join)
+)
+def test_any_selection_of_objects_is_one_or_refused(selection):
+    try:
+        selected = select_objects(selection)
+    except FeasigraspError:
+        return
+    assert selected and list(selected) == list(dict.fromkeys(selected))
+    assert set(names(selection)) >= set(selected.values()) or Path(selection).is_dir()
