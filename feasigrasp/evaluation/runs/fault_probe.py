@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.images import CameraGone
-from feasigrasp.models.faults.object import ObjectPace
+from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.models.faults.pose import PoseFrozen, PoseNan
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.files import parse_scenario
@@ -21,9 +21,10 @@ from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
 #: A joint that turns more slowly than this is at rest [rad/s].
 _REST = 0.01
-#: When what is known of the object ends in `blind_pairs` [s], and for how long it is looked on:
-#: in this time the arm does not come near the object, which it would feel.
-_BLIND_FROM, _BLIND_UNTIL = 0.5, 2.0
+#: When what is known of the object ends in `blind_pairs` [s], and when they end.
+_BLIND_FROM, _BLIND_UNTIL = 0.5, 2.5
+#: Where the object goes then, one way or the other, before the arm could feel it [m], [s].
+_AWAY, _QUICKLY = ([1.3, 0.3, 0.55], [1.3, -0.3, 0.55]), 0.4
 
 
 class ArmLog(NamedTuple):
@@ -59,8 +60,8 @@ def blind_pairs(scenario: Scenario) -> dict[str, tuple[Scenario, Scenario]]:
     """By name, two scenarios that differ in nothing but what no sensor can tell.
 
     In the first two the object's place differs and no pose is ever measured, so no view can be
-    used either; in the others the object turns back at an instant from which on there is no image
-    and no new pose.
+    used either; in the others the object leaves to different places at an instant from which on
+    there is no image and no new pose.
     """
     plain = copy.deepcopy(scenario)
     plain.simulation_duration = _BLIND_UNTIL
@@ -70,8 +71,9 @@ def blind_pairs(scenario: Scenario) -> dict[str, tuple[Scenario, Scenario]]:
     pairs = {"pose_nan": (nan, _aside(nan)), "dropout": (lost, _aside(lost))}
     for name, kind in (("pose_nan_later", PoseNan), ("pose_frozen", PoseFrozen)):
         one, other = (copy.deepcopy(plain) for _ in range(2))
-        one.faults = [kind(start=_BLIND_FROM), CameraGone(start=_BLIND_FROM)]
-        other.faults = [*one.faults, ObjectPace(start=_BLIND_FROM, factor=-1.0)]
+        for each, place in zip((one, other), _AWAY, strict=True):
+            leaving = ObjectMoved(start=_BLIND_FROM, to=place, ramp=_QUICKLY)
+            each.faults = [kind(start=_BLIND_FROM), CameraGone(start=_BLIND_FROM), leaving]
         pairs[name] = one, other
     return pairs
 

@@ -1,0 +1,282 @@
+"""``feasigrasp evaluate faults`` and ``soak``: what they run, what they count and find."""
+
+import argparse
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from feasigrasp import cli
+from feasigrasp.errors import ScenarioError
+from feasigrasp.evaluation.report.faults import faults_report
+from feasigrasp.evaluation.runs import fault_probe, isolated
+from feasigrasp.evaluation.runs.fault_plan import (
+    MOTIONS,
+    FaultRun,
+    faulty_runs,
+    nominal_runs,
+    outcome,
+)
+from feasigrasp.evaluation.runs.fault_probe import ArmLog, blind_pairs, leaks
+from feasigrasp.evaluation.runs.fault_table import FAULTS
+from feasigrasp.evaluation.runs.run import crash_record
+from feasigrasp.evaluation.studies import faults, soak
+from feasigrasp.resources import diagram_path
+from feasigrasp.results.rows import Row
+from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp.scenario.schema import Scenario
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+
+
+def options(*arguments):
+    parser = argparse.ArgumentParser()
+    faults.add_arguments(parser)
+    return parser.parse_args(["--objects", "ball,mug", *arguments])
+
+
+def record(scenario, *, simulated=10.5, **metrics):
+    made = crash_record(scenario, "", "") | {"error": None}
+    made["timings"] |= {"simulated_s": simulated, "wall_s": 1.0}
+    made["metrics"] |= {"grasp_held": True, "obstacle_distance_min_mm": 50.0} | metrics
+    return made
+
+
+# ------------------------------------------------------------------------------------------ plan
+
+
+def test_every_fault_meets_every_object_controller_and_instant():
+    nominal = nominal_runs(options("--instants", "5"))
+    runs = faulty_runs(nominal, [record(run.scenario) for run in nominal], list(FAULTS), 0)
+    assert len(nominal) == 2 * 2 * 6
+    assert len({run.id for run in runs}) == len(runs) == len(FAULTS) * len(nominal) >= 300
+    assert {run.name for run in runs} == set(MOTIONS)
+    assert {run.fault for run in runs} == set(FAULTS)
+
+
+def test_the_study_has_the_faults_that_it_must_have():
+    """Camera 6 (outliers of three shares), mask 5, pose 7, late, object 7, controller 3."""
+    assert len(FAULTS) == 6 + 5 + 7 + 1 + 7 + 3
+    held = {name for name, fault in FAULTS.items() if fault.held}
+    assert held == {
+        "outliers_5",
+        "mask_shifted",
+        "mask_eroded",
+        "mask_dilated",
+        "pose_nan_short",
+        "pose_late",
+        "perception_late",
+    }
+
+
+def test_faults_begin_in_the_approach_of_the_run_without_them_or_in_its_lift():
+    """With a run of 10.5 s: approach until 6 s, fingers until 7 s, lift until 8.5 s."""
+    nominal = nominal_runs(options("--instants", "40", "--controllers", "task"))
+    records = [record(run.scenario) for run in nominal]
+    for name, first, last in (("pose_nan", 0.0, 6.0), ("object_pulled", 7.0, 8.5)):
+        runs = faulty_runs(nominal, records, [name], 0)
+        starts = np.array([run.start for run in runs])
+        assert {run.start for run in runs if run.instant == 0} == {first}
+        drawn = np.array([run.start for run in runs if run.instant > 0])
+        assert starts.min() >= first and starts.max() <= last
+        assert drawn.mean() == pytest.approx(0.5 * (first + last), rel=0.15)
+        assert drawn.std() == pytest.approx((last - first) / np.sqrt(12), rel=0.2)
+        for run in runs:
+            (fault,) = run.scenario.faults
+            assert fault.start == run.start
+            assert run.scenario.simulation_duration <= run.start + 12.0
+            assert parse_scenario(dump_scenario(run.scenario)).faults == [fault]
+
+
+def test_instants_are_drawn_from_the_seed():
+    nominal = nominal_runs(options())
+    records = [record(run.scenario) for run in nominal]
+
+    def starts(seed):
+        return [run.start for run in faulty_runs(nominal, records, ["pose_nan"], seed)]
+
+    assert starts(0) == starts(0) != starts(1)
+
+
+def test_what_is_always_so_is_told_to_the_tracker():
+    nominal = nominal_runs(options("--instants", "1"))
+    records = [record(run.scenario) for run in nominal]
+    for run in faulty_runs(nominal, records, ["pose_late"], 0):
+        tracker = run.scenario.tracker
+        assert run.scenario.faults == []
+        assert (tracker.latency, tracker.position_noise) == (0.1, 0.005)
+        assert np.degrees(tracker.rotation_noise) == pytest.approx(3.0)
+
+
+def test_an_unknown_fault_is_refused():
+    with pytest.raises(ScenarioError, match="no fault pose_lost; there are camera_gone"):
+        faulty_runs([], [], ["pose_lost"], 0)
+
+
+# --------------------------------------------------------------------------------------- outcome
+
+
+def came_of(status=(), fault="pose_nan", error=None, **metrics):
+    scenario = load_scenario(FILE, "ReachLinear")
+    run = FaultRun("ReachLinear", "ball", scenario, fault=fault, instant=1, start=3.0)
+    made = record(scenario, **{"grasp_held": False} | metrics)
+    made |= {"status": [list(entry) for entry in status], "error": error}
+    return outcome(run, made)
+
+
+def test_a_status_names_a_fault_if_it_is_right_and_not_from_before():
+    wrong = came_of([(0.0, "following", ""), (3.5, "none_reachable", "")])
+    assert not wrong["named"] and wrong["noticed_s"] is None
+    right = came_of([(0.0, "following", ""), (3.5, "pose_lost", "")])
+    assert right["named"] and right["noticed_s"] == pytest.approx(0.5)
+    earlier = came_of([(1.0, "pose_lost", ""), (2.0, "following", "")])
+    assert not earlier["named"]
+    lasting = came_of([(0.0, "following", ""), (1.0, "pose_lost", "")])
+    assert lasting["named"] and lasting["noticed_s"] == 0.0
+    assert came_of(grasp_held=True)["named"]
+    assert came_of(cause="pose_lost")["named"] and not came_of(cause="timeout")["named"]
+    assert not came_of()["named"]
+
+
+@pytest.mark.parametrize(
+    ("metrics", "broken"),
+    [
+        ({}, False),
+        ({"joint_limit_violation_percent": 0.1}, True),
+        ({"velocity_limit_violation_percent": 0.1}, True),
+        ({"acceleration_limit_violation_percent": 0.1}, True),
+        ({"torque_limit_violation_percent": 0.1}, True),
+        ({"self_collision_percent": 0.1}, True),
+        ({"obstacle_distance_min_mm": -0.1}, True),
+        ({"obstacle_distance_min_mm": None}, False),
+    ],
+)
+def test_any_limit_counts(metrics, broken):
+    came = came_of(**metrics)
+    assert came["broken"] is broken and bool(came["worst"]) is broken
+    if broken:
+        assert next(iter(metrics)) in came["worst"]
+
+
+def test_rows_count_and_share():
+    outcomes = [
+        came_of([(3.25, "pose_lost", "")]),
+        came_of(grasp_held=True),
+        came_of(error="boom", self_collision_percent=2.0),
+        came_of(fault="mask_empty", grasp_held=True),
+    ]
+    rows = {(row.preset, row.name): row for row in faults.outcome_rows(outcomes)}
+    for name, value in (("crashes", 1), ("limits_broken", 1), ("noticed_s", 0.25)):
+        assert rows["pose_nan", f"faults.{name}"].value == value
+    assert rows["pose_nan", "faults.named_percent"].value == pytest.approx(200 / 3)
+    assert rows["pose_nan", "faults.held_percent"].value == pytest.approx(100 / 3)
+    assert rows["all", "faults.held_percent"].value == 50.0
+    assert rows["all", "faults.crashes"].n == 4
+    assert ("mask_empty", "faults.noticed_s") not in rows
+    text = faults_report([*rows.values(), Row.plain("faults.truth_leaks", "all", 0, "1", 8)])
+    lines = [line for line in text.splitlines() if line.startswith("| `pose_nan`")]
+    assert len(lines) == 1 and "| 33 | 67 | 0.25 | 1 | 1 | 3 |" in lines[0]
+    assert "0 of 8 pairs" in text
+
+
+# --------------------------------------------------------------------------------------- command
+
+
+@pytest.fixture
+def fake_runs(monkeypatch):
+    """Replaces simulation and probes; gives the list of what ran."""
+    ran = []
+
+    def run(scenario, name, filename, *, replay=None):
+        ran.append(filename.stem)
+        made = record(scenario) | {"scenario": name}
+        filename.write_text(json.dumps(made))
+        return made
+
+    def probe(name, item):
+        ran.append(name)
+        return [{"leaks": "joint" in name} if "pair" in item else {"rest_s": item["lost_at"]}]
+
+    monkeypatch.setattr(isolated, "run_isolated", run)
+    monkeypatch.setattr(faults, "probe", probe)
+    return ran
+
+
+def test_it_runs_and_goes_on_where_it_was(fake_runs, tmp_path):
+    chosen = ("--objects", "ball", "--faults", "pose_nan,mask_empty", "--instants", "1")
+    line = ["evaluate", "faults", "--out", str(tmp_path), "--jobs", "1", *chosen]
+    assert cli.main(line) == 0
+    assert len(set(fake_runs)) == len(fake_runs) == 4 + 8 + 8 + 4
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    rows = {(row["preset"], row["name"]): row for row in summary["rows"]}
+    assert rows["mask_empty", "faults.held_percent"]["value"] == 100.0
+    assert rows["all", "faults.truth_leaks"]["value"] == 4.0
+    assert rows["all", "faults.truth_leaks"]["n"] == 8
+    with (tmp_path / "runs.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    starts = [float(each["start_s"]) for each in lines if each["fault"] == "pose_nan"]
+    assert rows["all", "faults.rest_s"]["value"] == max(starts) > 0.0
+    fake_runs.clear()
+    assert cli.main(line) == 0 and fake_runs == []
+
+
+# ---------------------------------------------------------------------------------------- probes
+
+
+def test_the_runs_of_a_blind_pair_differ_in_what_no_sensor_tells():
+    for name, pair in blind_pairs(load_scenario(FILE, "ReachLinear")).items():
+        texts = [dump_scenario(parse_scenario(dump_scenario(each))) for each in pair]
+        assert texts[0] != texts[1], name
+
+
+def test_a_leak_is_any_bit_of_the_commands(monkeypatch):
+    text = dump_scenario(Scenario())
+
+    def log(scenario):
+        commanded = np.zeros((4, 7))
+        commanded[2, 3] = next(values)
+        return ArmLog(np.arange(4), commanded, commanded)
+
+    monkeypatch.setattr(fault_probe, "arm_log", log)
+    monkeypatch.setattr(fault_probe, "parse_scenario", lambda text: text)
+    values = iter((1.0, 1.0, 1.0, np.nextafter(1.0, 2.0)))
+    assert not leaks([text, text])
+    assert leaks([text, text])
+
+
+def test_rest_is_counted_from_the_end_of_the_silence(monkeypatch):
+    scenario = load_scenario(FILE, "ReachLinear", "{tracker: {silence: 0.25}}")
+    times = np.arange(0.0, 5.0, 0.01)
+    measured = np.zeros((500, 7))
+    measured[times < 2.6, 5] = -0.3
+    measured[times > 2.6, 2] = 0.009
+    monkeypatch.setattr(fault_probe, "arm_log", lambda _: ArmLog(times, measured, measured))
+    assert fault_probe.rest_time(dump_scenario(scenario), 2.0) == pytest.approx(0.34, abs=0.011)
+    assert fault_probe.rest_time(dump_scenario(scenario), 4.0) == 0.0
+
+
+# ------------------------------------------------------------------------------------------ soak
+
+
+def test_growth_compares_the_end_with_what_comes_after_the_first_part():
+    parts = [{"memory_mib": 50.0, "tick_p99_us": 900.0}]
+    parts += [{"memory_mib": 100.0, "tick_p99_us": 200.0}] * 16
+    parts += [{"memory_mib": 103.0, "tick_p99_us": 230.0}] * 3
+    memory, tick = soak.growth_rows("task", parts)
+    assert (memory.name, tick.name) == (
+        "faults.soak_memory_growth_percent",
+        "faults.soak_tick_p99_growth_percent",
+    )
+    assert memory.value == pytest.approx(3.0) and tick.value == pytest.approx(15.0)
+
+
+def test_a_soak_measures_every_part_and_drops_its_logs():
+    few = "{n_candidates: 50, n_grasps: 8, sampler: antipodal, max_points: 120}"
+    text = f"{{object: {{model: ball}}, perception: {few}, simulation_duration: 0.4}}"
+    scenario = load_scenario(FILE, soak.SCENARIO, text)
+    parts = soak.soak("task", dump_scenario(scenario))
+    assert [part["until_s"] for part in parts] == pytest.approx(0.02 * np.arange(1, 21))
+    for part in parts:
+        assert 50.0 < part["memory_mib"] < 5000.0
+        assert 0.0 < part["tick_p50_us"] <= part["tick_p99_us"] < 1e6
