@@ -4,7 +4,7 @@ from pydrake.common import RandomGenerator
 from pydrake.common.schema import Sample, Transform
 
 from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.faults.object import AlteredMotion, altered
+from feasigrasp.models.faults.object import ObjectMotion, altered
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.scenario.schema import Scenario
@@ -21,7 +21,7 @@ def load_scenario_object(scenario: Scenario) -> RigidObject:
     return load_object(config.model, scale=config.scale, mass=config.mass)
 
 
-def make_motion(scenario: Scenario) -> HarmonicMotion | AlteredMotion:
+def make_motion(scenario: Scenario) -> ObjectMotion:
     """The object's motion, with everything random drawn from the scenario's seed.
 
     Faults of the object alter it.

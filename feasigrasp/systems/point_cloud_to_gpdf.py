@@ -207,6 +207,4 @@ class PointCloudToGPDF(LeafSystem):
         # Whatever numerics make of a strange cloud (LinAlgError is a ValueError): the run goes on.
         except (ValueError, ArithmeticError) as error:
             return seen.without(ViewFault.NO_FIELD, str(error))
-        return replace(
-            seen, cloud=cloud, gpdf=gpdf, views=seen.views.extended(p_OC, seen.looked)
-        )
+        return replace(seen, cloud=cloud, gpdf=gpdf, views=seen.views.extended(p_OC, seen.looked))

@@ -33,9 +33,9 @@ from feasigrasp.evaluation.runs.motion_limits import JointTicks
 from feasigrasp.evaluation.runs.robot_limits import self_collision_metrics
 from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, summarize
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.faults.object import ObjectMotion
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -76,9 +76,9 @@ class Rollout:
 
 
 class _ObjectPose(LeafSystem):
-    """The pose of an object that moves as a `HarmonicMotion` says."""
+    """The pose of an object that moves."""
 
-    def __init__(self, motion: HarmonicMotion) -> None:
+    def __init__(self, motion: ObjectMotion) -> None:
         super().__init__()
         self._motion = motion
         self.DeclareAbstractOutputPort(

@@ -12,8 +12,8 @@ import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.faults.object import ObjectMotion
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.pose_filter import (
     Noise,
     empty_state,
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def motion_errors(
-    motion: HarmonicMotion, noise: Noise, latency: float, seed: int, duration: float
+    motion: ObjectMotion, noise: Noise, latency: float, seed: int, duration: float
 ) -> dict[str, float]:
     """Root mean square errors of the filter, of a difference, and of the predictions.
 

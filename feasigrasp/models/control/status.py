@@ -86,6 +86,7 @@ class Situation:
 _PHASES = {
     Phase.CLOSE: StatusCode.CLOSING,
     Phase.LIFT: StatusCode.LIFTING,
+    Phase.SHAKE: StatusCode.HOLDING,
     Phase.HOLD: StatusCode.HOLDING,
     Phase.DONE: StatusCode.DONE,
 }

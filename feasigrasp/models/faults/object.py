@@ -136,8 +136,16 @@ class AlteredMotion:
         """``X_WO`` at time t [s], shape (4, 4)."""
         return self.state(t)[0]
 
+    def velocity(self, t: float) -> Array:
+        """``V_WO`` = [angular; linear] at time t [s], shape (6,)."""
+        return self.state(t)[1]
 
-def altered(motion: HarmonicMotion, faults: Sequence[object]) -> HarmonicMotion | AlteredMotion:
+
+#: How an object moves.
+ObjectMotion = HarmonicMotion | AlteredMotion
+
+
+def altered(motion: HarmonicMotion, faults: Sequence[object]) -> ObjectMotion:
     """The motion with those of some faults that alter it; itself if none does."""
     own = [fault for fault in faults if isinstance(fault, ObjectFault)]
     return AlteredMotion(motion, own) if own else motion

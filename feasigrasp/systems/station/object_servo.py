@@ -9,7 +9,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.faults.object import AlteredMotion, ObjectPulled
+from feasigrasp.models.faults.object import ObjectMotion, ObjectPulled
 from feasigrasp.models.objects.carrying import Load, motion_wrench_kernel, spring_wrench_kernel
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.systems.ports import declare_output
@@ -38,7 +38,7 @@ class ObjectServo(LeafSystem):
         self,
         plant: MultibodyPlant,
         body_index: BodyIndex,
-        motion: HarmonicMotion | AlteredMotion,
+        motion: ObjectMotion,
         *,
         pulls: Sequence[ObjectPulled] = (),
         frequency: float = 60.0,

@@ -26,9 +26,8 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.faults.object import AlteredMotion, ObjectPulled
+from feasigrasp.models.faults.object import ObjectMotion, ObjectPulled
 from feasigrasp.models.objects.carrying import body_pose_kernel
-from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
@@ -125,9 +124,7 @@ class Station(Diagram):
     carried along its motion and 0 once it is let go. Point clouds are in the world frame.
     """
 
-    def __init__(
-        self, config: StationConfig, obj: RigidObject, motion: HarmonicMotion | AlteredMotion
-    ) -> None:
+    def __init__(self, config: StationConfig, obj: RigidObject, motion: ObjectMotion) -> None:
         """Builds the cell around one object that moves as ``motion`` says."""
         super().__init__()
         # Renderers read mesh files late: the folder lives as long as the station.
@@ -213,7 +210,7 @@ class Station(Diagram):
     def _export_object(
         self,
         builder: DiagramBuilder,
-        motion: HarmonicMotion | AlteredMotion,
+        motion: ObjectMotion,
         pulls: list[ObjectPulled],
     ) -> None:
         plant = self.plant

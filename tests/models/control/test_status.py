@@ -36,6 +36,7 @@ CASES = [
     ({"tracking": replace(LOST, jumping=True)}, StatusCode.POSE_JUMPED, "somewhere else"),
     ({"phase": Phase.CLOSE, "speed": 0.0}, StatusCode.CLOSING, ""),
     ({"phase": Phase.LIFT, "tracking": LOST}, StatusCode.LIFTING, ""),
+    ({"phase": Phase.SHAKE}, StatusCode.HOLDING, ""),
     ({"phase": Phase.HOLD}, StatusCode.HOLDING, ""),
     ({"phase": Phase.DONE}, StatusCode.DONE, ""),
     ({"command_faults": 3, "phase": Phase.CLOSE}, StatusCode.COMMAND_FAULTY, "not finite"),
