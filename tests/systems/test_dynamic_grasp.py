@@ -158,7 +158,8 @@ def test_a_sampler_and_a_controller_of_one_s_own(mode):
 
     config = scenario(
         "ReachLinear",
-        f"{{motion: {{rate: 0.05, spin: 0}}, control: {{mode: {mode}}}, grasp: {{close: false}}}}",
+        f"{{motion: {{rate: 0.05, spin: 0}}, control: {{mode: {mode}}}, grasp: {{close: false}},"
+        " camera_noise: {}}",
     )
     controller = own_controller()(Reachability(), mode=mode)
     diagram = make_dynamic_grasp(config, sampler=sampler, controller=controller)
