@@ -80,6 +80,7 @@ def print_table(name: str, perception: Perception) -> None:
     grasps, gripper = perception.grasps, perception.gripper
     size = 1e2 * np.ptp(perception.gpdf.completion.points, axis=0)
     print(f"{name}: {len(perception.cloud.points)} points of {perception.cloud.voxel_size:g} m")
+    print(f"  {'outliers dropped before':34s} {perception.outliers:6d}")
     print(f"  {'completed size [cm]':34s} {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f}")
     print(f"  {'grasps kept':34s} {len(grasps):6d}")
     if len(grasps) > 0:

@@ -30,6 +30,7 @@ from feasigrasp.systems.from_scenario import make_controller
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
+from feasigrasp.systems.point_cloud_to_gpdf import ViewFault
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.station import object_servo
 
@@ -158,7 +159,8 @@ def test_a_sampler_and_a_controller_of_one_s_own(mode):
 
     config = scenario(
         "ReachLinear",
-        f"{{motion: {{rate: 0.05, spin: 0}}, control: {{mode: {mode}}}, grasp: {{close: false}}}}",
+        f"{{motion: {{rate: 0.05, spin: 0}}, control: {{mode: {mode}}}, grasp: {{close: false}},"
+        " camera_noise: {}}",
     )
     controller = own_controller()(Reachability(), mode=mode)
     diagram = make_dynamic_grasp(config, sampler=sampler, controller=controller)
@@ -316,3 +318,18 @@ def test_with_a_scene_the_controllers_keep_clear_of_it():
         assert built.HasSubsystemNamed("log(obstacle_distance)")
     without = make_dynamic_grasp(scenario("ReachObstacle", "{scene: {enabled: false}}"))
     assert not without.HasSubsystemNamed("scene_perception")
+
+
+def test_an_object_that_was_never_measured_moves_nothing():
+    """No truth leaks: nothing is perceived, the arm stays where it is, and every view is named."""
+    config = scenario("ReachObstacle", "{tracker: {dropout: 1.0}}")
+    diagram = make_dynamic_grasp(config)
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.6)
+    context = simulator.get_context()
+    perception, log = (diagram.GetSubsystemByName(name) for name in ("perception", "log(arm)"))
+    seen = perception.GetOutputPort("perceived").Eval(perception.GetMyContextFromRoot(context))
+    assert seen.gpdf is None
+    assert seen.faults == {ViewFault.UNKNOWN_POSE: 2}  # at 0 and at 0.5 s
+    q = log.FindLog(context).data()[:7]
+    assert np.abs(q - q[:, :1]).max() < 0.01  # it settles; following, it turns by 0.5 rad
