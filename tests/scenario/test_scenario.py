@@ -247,6 +247,7 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
         ("{motion: {spin_axis: [0, 0, 0]}}", "motion.spin_axis is zero"),
         ("{motion: {rate: .nan}}", "motion.rate is nan"),
         ("{grasp: {lift: [0.1]}}", "grasp.lift has 1 entries"),
+        ("{grasp: {shake: [0.1]}}", "grasp.shake has 1 entries"),
         ("{object: {scale: 0.0}}", "object.scale is 0; "),
         ("{object: {friction: -0.1}}", "object.friction is -0.1"),
         ("{object: {model: mug", "ReachLinear"),

@@ -89,7 +89,9 @@ class ObjectContact(LeafSystem):
         # Fingers that grasp touch all the time; to look at that in every step would cost a lot.
         if self._phase.Eval(context)[0] != Phase.APPROACH:
             return EventStatus.DidNothing()
-        force = float(np.linalg.norm(self.force(self._results.Eval(context))))
+        results = self._results.Eval(context)
+        any_contact = results.num_hydroelastic_contacts() + results.num_point_pair_contacts() > 0
+        force = float(np.linalg.norm(self.force(results))) if any_contact else 0.0
         time, touched, peak = state.value()
         touched += self._step * (force > 0.0)
         state.set_value([time + self._step, touched, max(peak, force)])

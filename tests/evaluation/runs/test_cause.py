@@ -43,6 +43,7 @@ NONE_LATER = {"sampled_grasps": 0.0, "reachable_grasps": 0.0}
         (course([A, C, C, A, A, A, A, A]), Cause.MISSED),
         (course([A, C, C, A, A, A, C, C]), Cause.MISSED),
         (course([A, A, A, A, A, A, C, C]), Cause.OUT_OF_TIME),
+        (course([A, A, A, A, A, A, C, C], touched=False), Cause.OUT_OF_TIME),
         (course([A, A, A, C, C, L, L, S]), Cause.OUT_OF_TIME),
         (course([A, A, A, C, C, L, L, S], touched=False), Cause.DROPPED),
         (course(touched=False), Cause.DROPPED),

@@ -111,10 +111,12 @@ def test_it_is_the_weight_of_what_rests_on_the_hand(tmp_path, compliant):
     assert peak > weight  # it fell
 
 
-def test_contact_with_others_does_not_count(tmp_path):
-    resting = Resting(tmp_path, compliant=True, robot=False)
+@pytest.mark.parametrize("compliant", [True, False], ids=["hydroelastic", "points"])
+def test_contact_with_others_does_not_count(tmp_path, compliant):
+    resting = Resting(tmp_path, compliant=compliant, robot=False)
     np.testing.assert_allclose(resting.advance(0.5), [0.5, 0.0, 0.0], atol=1.5 * DT)
     assert not resting.touches()
+    assert np.linalg.norm(resting.force()) == 0.0
 
 
 def test_only_the_approach_counts(tmp_path):
