@@ -22,7 +22,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 HAND_NAMES = ("palm", "left_finger", "right_finger", "camera")
 #: Rigid bodies that carry capsules; ``BODY_LINK`` names the link that each of them moves with.
 BODY_NAMES = (*IIWA_7.link_names, *HAND_NAMES)
-BODY_LINK = np.array([*range(IIWA_7.joints + 1), *[IIWA_7.joints] * len(HAND_NAMES)])
+BODY_LINK = np.minimum(np.arange(len(BODY_NAMES)), IIWA_7.joints)
 PALM, LEFT_FINGER, RIGHT_FINGER, CAMERA = 8, 9, 10, 11
 
 #: Pairs of bodies that can come close inside the joint limits. Left out are neighbours, links 5 and

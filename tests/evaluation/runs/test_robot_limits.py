@@ -1,5 +1,7 @@
 """Self-collision and torques of runs whose answers are known."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -40,8 +42,6 @@ def test_shares_of_samples_in_self_collision(twin):
 
 
 def test_a_thousand_samples_take_less_than_a_second(twin):
-    import time
-
     start = time.process_time()
     self_collision_metrics(twin, np.tile(READY, (1000, 1)))
     assert time.process_time() - start < 1.0

@@ -92,7 +92,7 @@ def test_metrics_of_the_record_are_those_of_the_samples():
     }
     # These are of the control's ticks, of Drake's geometry and contact solver, and of a clock.
     assert record["self_collision_percent"] == 0.0
-    assert 20.0 < record["torque_peak_percent"] < 100.0  # the arm's weight alone is a quarter
+    assert 5.0 < record["torque_peak_percent"] < 100.0  # the weight alone is a tenth
     assert of_samples["acceleration_peak_percent"] is None
     assert 0.0 <= record["velocity_peak_percent"] < 100.0
     assert record["obstacle_distance_min_mm"] > 50.0
