@@ -125,7 +125,7 @@ def test_the_desired_position_never_leaves_the_limits(sign):
 
 
 def test_one_margin_keeps_drive_program_and_judge_off_the_limits():
-    """The drive has nothing to do where the program in front of it has not stopped the arm before."""
+    """Where the drive would stop the arm, the program in front of it has done so before."""
     margin = IIWA_7.position_margin
     assert (IIWA_7.driver.position < IIWA_7.position_limits).all()
     assert (IIWA_7.position_limits - margin < IIWA_7.driver.position - np.deg2rad(0.5)).all()

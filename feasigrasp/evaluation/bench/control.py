@@ -4,9 +4,9 @@ What is timed is a whole evaluation of a controller's output, by Drake, after it
 and the object's pose have changed; on one thread. `DIR/timings.csv` has all timings.
 
 - ``bench.task_hz.K``: task space, corrected mode, mixture of K components.
-- ``bench.joint_hz.N``: joint space, corrected mode; the inverse kinematics of N solutions at the new
-  pose, the fit of the field to them and its gradient, at every step. Preset ``new solutions``: the
-  solutions are also looked for anew at every step.
+- ``bench.joint_hz.N``: joint space, corrected mode; the inverse kinematics of N solutions at the
+  new pose, the fit of the field to them and its gradient, at every step. Preset ``new solutions``:
+  the solutions are also looked for anew at every step.
 - ``bench.planning_ms.median|p99|worst``: the update at 10 Hz in between, safe mode, in which the
   controller chooses anew what to follow; with the sizes of the next line.
 - ``bench.task_safe_hz.8``, ``bench.joint_safe_hz.64``: safe mode, limits and clearances enforced.

@@ -19,13 +19,9 @@ from numba import njit
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.choices import parse_choice
-from feasigrasp.models.control.joint.field import distances_kernel, length_scale_kernel
+from feasigrasp.models.control.joint.resampling import length_scale_of, resampled_solutions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.joint.sources import (
-    Source,
-    drawn_configurations,
-    new_configurations,
-)
+from feasigrasp.models.control.joint.sources import Source, new_configurations
 from feasigrasp.models.control.planning.continuation import (
     branch_kernel,
     flange_pose_kernel,
@@ -214,7 +210,10 @@ class SolutionSearch:
             q: Joint positions [rad], shape (7,).
         """
         if self.options.resample:
-            return self._resampled(time, X_OG, X_WO[0], q)
+            most, X_WF = self.options, self._flange_poses(X_OG, X_WO[0], q)
+            return resampled_solutions(
+                most.source, most.n_solutions, most.length_scale, time, X_OG, X_WF
+            )
         angles, costs, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
         grasp = matches(previous.X_OG, X_OG)
         old = self._items(
@@ -240,7 +239,7 @@ class SolutionSearch:
         acceleration = np.clip(
             (glide - items.rate) / period, -most.glide_acceleration, most.glide_acceleration
         )
-        wanted = self._length_scale(items.q)
+        wanted = length_scale_of(items.q, self.options.length_scale)
         if len(old.q) == 0:
             scale = wanted
         scale_rate = np.clip((wanted - scale) / period, -_LENGTH_SCALE_RATE, _LENGTH_SCALE_RATE)
@@ -254,37 +253,13 @@ class SolutionSearch:
             int((previous.turn + len(looked_at)) % max(len(X_OG), 1)),
         )
 
-    def _resampled(self, time: float, X_OG: Array, X_WO: Array, q: Array) -> Solutions:
-        """Solutions of all grasps, as many of each, drawn anew; none costs anything."""
-        if len(X_OG) == 0:
-            return Solutions.empty(time)
+    def _flange_poses(self, X_OG: Array, X_WO: Array, q: Array) -> Array:
+        """Flange poses (n, 4, 4) on the way into grasps, as far as the hand has lined up."""
         X_GF = se3.inverse(self.reachability.gripper.X_FG)
         X_WF, standoffs = np.empty((len(X_OG), 4, 4)), self._standoffs(X_OG, X_WO, q)
         for k, X in enumerate(X_OG):
             flange_pose_kernel(X_WO, X, standoffs[k], X_GF, X_WF[k])
-        n = self.options.n_solutions
-        drawn = drawn_configurations(self.options.source, X_WF, -(-n // len(X_OG)))
-        # The first of every grasp, then the second, up to the number that is wanted.
-        found = drawn.swapaxes(0, 1).reshape(-1, IIWA_7.joints)[:n]
-        grasp = (np.arange(len(found)) % len(X_OG))[np.isfinite(found).all(axis=1)]
-        found = found[np.isfinite(found).all(axis=1)]
-        still = np.zeros((len(found), 2))
-        return Solutions(
-            X_OG[grasp],
-            np.array([branch_kernel(one) for one in found], dtype=np.int64),
-            np.column_stack([[arm_angle_kernel(one) for one in found], still]),
-            still,
-            np.array([self._length_scale(found), 0.0]),
-            time,
-        )
-
-    def _length_scale(self, q: Array) -> float:
-        """The length scale [rad] of a field over configurations (n, 7)."""
-        if self.options.length_scale > 0.0:
-            return self.options.length_scale
-        r = np.empty((len(q), len(q)))
-        distances_kernel(q, r)
-        return float(length_scale_kernel(r))
+        return X_WF
 
     def _items(
         self,
@@ -315,11 +290,7 @@ class SolutionSearch:
         self, old: _Items, X_OG: Array, looked_at: Indices, X_WO: Array, q: Array
     ) -> _Items:
         """Solutions of some of the grasps that are apart from those there are."""
-        X_GF = se3.inverse(self.reachability.gripper.X_FG)
-        X_WF = np.empty((len(looked_at), 4, 4))
-        standoffs = self._standoffs(X_OG[looked_at], X_WO[0], q)
-        for k, g in enumerate(looked_at):
-            flange_pose_kernel(X_WO[0], X_OG[g], standoffs[k], X_GF, X_WF[k])
+        X_WF = self._flange_poses(X_OG[looked_at], X_WO[0], q)
         found = new_configurations(
             self.options.source,
             X_WF,
