@@ -13,6 +13,7 @@ from feasigrasp.models.grasps.certainty import (
     probability,
 )
 from feasigrasp.models.grasps.filter import (
+    _holding,
     contact_cosine,
     contacts,
     filter_grasps,
@@ -247,3 +248,21 @@ def test_impossible_hands_are_refused_by_name(wrong):
 def test_a_hand_cannot_open_further_than_it_can():
     with pytest.raises(GraspError, match="max_opening"):
         GRIPPER.surface_points(0.2)
+
+
+class Tube:
+    """A field that is exact: a tube round z, 3 cm in radius outside, with a wall."""
+
+    def __init__(self, wall):
+        self.wall = wall
+
+    def distance(self, x):
+        r = np.hypot(x[:, 0], x[:, 1])
+        return np.maximum(r - 0.03, 0.03 - self.wall - r)
+
+
+@pytest.mark.parametrize(("wall", "holds"), [(0.03, True), (0.003, True), (0.001, False)])
+def test_of_a_cup_there_are_the_walls_alone_between_the_pads(wall, holds):
+    """Walls of 3 mm are found behind the contacts, thinner ones not: those the network judges."""
+    across = GraspSet(np.eye(4)[None], np.array([0.06]), np.ones(1))
+    assert _holding(Tube(wall), across).item() is holds

@@ -85,5 +85,4 @@ def test_real_clouds_are_completed_near_what_was_measured(name, shared_data):
     assert np.median(np.abs(to_field)) < 1e-3
     size = np.ptp(points, axis=0).max()
     assert np.ptp(found.gpdf.completion.points, axis=0).max() < 1.6 * size
-    if len(found.grasps) == 0:
-        assert sum(found.grasps.rejected.values()) > 100
+    assert len(found.grasps) > 0

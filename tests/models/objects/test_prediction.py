@@ -199,3 +199,27 @@ def test_future_poses_fall_back_on_the_twist():
     expected = [se3.extrapolate(lifted, V_WO, s) for s in AHEAD]
     for unknown in (estimate, None, MotionEstimate(empty_state(), 0.0)):
         np.testing.assert_allclose(future_poses(unknown, lifted, V_WO, AHEAD), expected)
+
+
+class SpeedingUp:
+    """A straight motion that never oscillates: its acceleration stays what it is."""
+
+    a = np.array([0.05, 0.0, -0.02])
+
+    def pose(self, t):
+        X = np.eye(4)
+        X[:3, 3] = 0.5 * self.a * t * t
+        return X
+
+    def velocity(self, t):
+        return np.r_[np.zeros(3), self.a * t]
+
+
+def test_an_acceleration_without_end_is_not_believed_for_long():
+    """What the object gains in speed from now on is what a second and a half of it would bring."""
+    estimate, _ = follow(SpeedingUp(), 8.0)
+    soon, late, later = estimate.predict([0.1, 9.9, 10.0])[:, :3, 3]
+    true = SpeedingUp().pose(estimate.time + 0.1)[:3, 3]
+    np.testing.assert_allclose(soon, true, atol=1e-3)
+    gained = (later - late) / 0.1 - SpeedingUp().velocity(estimate.time)[3:]
+    np.testing.assert_allclose(gained, 1.5 * SpeedingUp.a, rtol=0.05, atol=1e-3)

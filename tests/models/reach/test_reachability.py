@@ -99,7 +99,10 @@ def test_admissible_is_limits_clearance_and_table(table_height):
 
 def test_all_solutions_are_admissible_and_agree_with_reachable():
     X_WG, _ = hand_poses(100, seed=2)
+    X_WG[90:, :3, 3] *= 3.0  # out of reach
     found, times = REACHABILITY.nearest(X_WG, HOME)
+    assert np.isfinite(times[:90]).any()
+    assert np.isinf(times[90:]).any()
     for q, time in zip(found, times, strict=True):
         if np.isfinite(time):
             assert plainly_admissible(q)
