@@ -1,4 +1,4 @@
-"""What is measured during a run, sample by sample; `evaluation.runs.run_metrics` sums it up."""
+"""What is measured during a run, sample by sample; `evaluation.metrics.run_metrics` sums it up."""
 
 from __future__ import annotations
 

@@ -27,11 +27,11 @@ from pydrake.systems.primitives import (
 )
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.measures.robot_twin import robot_twin
-from feasigrasp.evaluation.runs.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
-from feasigrasp.evaluation.runs.motion_limits import JointTicks
-from feasigrasp.evaluation.runs.robot_limits import self_collision_metrics
-from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric, summarize
+from feasigrasp.evaluation.metrics.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
+from feasigrasp.evaluation.metrics.motion_limits import JointTicks
+from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics
+from feasigrasp.evaluation.metrics.robot_twin import robot_twin
+from feasigrasp.evaluation.metrics.run_metrics import METRICS, Metric, summarize
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.object import ObjectMotion
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
@@ -62,7 +62,7 @@ class Rollout:
     """What happened.
 
     Attributes:
-        metrics: The metrics of `feasigrasp.evaluation.runs.run_metrics.summarize` and those of
+        metrics: The metrics of `feasigrasp.evaluation.metrics.run_metrics.summarize` and those of
             `rollout_metrics`.
         times: Times of the samples [s], shape (n,).
         samples: Samples, one row per entry of `feasigrasp.systems.metrics.SAMPLE_NAMES`.

@@ -15,14 +15,14 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.measures.robot_twin import robot_twin
-from feasigrasp.evaluation.runs.cause import Cause
-from feasigrasp.evaluation.runs.handling import ObjectTruth
-from feasigrasp.evaluation.runs.motion_limits import JointTicks
+from feasigrasp.evaluation.metrics.cause import Cause
+from feasigrasp.evaluation.metrics.handling import ObjectTruth
+from feasigrasp.evaluation.metrics.motion_limits import JointTicks
+from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics, torque_metrics
+from feasigrasp.evaluation.metrics.robot_twin import robot_twin
+from feasigrasp.evaluation.metrics.run_metrics import METRICS, not_held, summarize
+from feasigrasp.evaluation.metrics.tick_times import TickTimes
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
-from feasigrasp.evaluation.runs.robot_limits import self_collision_metrics, torque_metrics
-from feasigrasp.evaluation.runs.run_metrics import METRICS, not_held, summarize
-from feasigrasp.evaluation.runs.tick_times import TickTimes
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.evaluation.runs.run_metrics import METRICS, Metric
+from feasigrasp.evaluation.metrics.run_metrics import METRICS, Metric
 from feasigrasp.evaluation.runs.studies import suffix_of
 from feasigrasp.results.rows import Row
 from feasigrasp.results.statistics import mean_of_objects, share_of_objects

@@ -8,9 +8,9 @@ import jsonschema
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs.cause import Cause
+from feasigrasp.evaluation.metrics.cause import Cause
+from feasigrasp.evaluation.metrics.run_metrics import METRICS, summarize
 from feasigrasp.evaluation.runs.run import crash_record, run
-from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names

@@ -12,7 +12,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.evaluation.measures.robot_twin import RobotTwin
+from feasigrasp.evaluation.metrics.robot_twin import RobotTwin
 from feasigrasp.models.robot import self_collision as sc
 from feasigrasp.models.robot.capsules import (
     BODY_LINK,

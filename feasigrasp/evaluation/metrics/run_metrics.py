@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feasigrasp.evaluation.runs.cause import Cause, Course, cause_of
-from feasigrasp.evaluation.runs.grasp_tracking import tracking_metrics
-from feasigrasp.evaluation.runs.handling import (
+from feasigrasp.evaluation.metrics.cause import Cause, Course, cause_of
+from feasigrasp.evaluation.metrics.grasp_tracking import tracking_metrics
+from feasigrasp.evaluation.metrics.handling import (
     ObjectTruth,
     contact_metrics,
     hold_metrics,
     pushed_metrics,
 )
-from feasigrasp.evaluation.runs.motion_limits import JointTicks, limit_metrics
+from feasigrasp.evaluation.metrics.motion_limits import JointTicks, limit_metrics
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.sequence import Phase

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate soak``: an hour of losing and finding an object, memory and ticks."""
+"""``feasigrasp bench soak``: an hour of losing and finding an object, memory and ticks."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def main(args: argparse.Namespace) -> int:
         [{"controller": name} | part for name, parts in found.items() for part in parts],
     )
     rows = [row for name, parts in found.items() for row in growth_rows(name, parts)]
-    report_rows(args, "evaluate soak", rows, format_rows(rows))
+    report_rows(args, "bench soak", rows, format_rows(rows))
     return 0
 
 

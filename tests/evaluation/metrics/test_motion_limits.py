@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs.motion_limits import WINDOW, JointTicks, limit_metrics
+from feasigrasp.evaluation.metrics.motion_limits import WINDOW, JointTicks, limit_metrics
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 PERIOD = 0.005

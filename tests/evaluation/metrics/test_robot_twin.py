@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from feasigrasp.evaluation.measures import robot_twin as module
-from feasigrasp.evaluation.measures.robot_twin import RobotTwin
+from feasigrasp.evaluation.metrics.robot_twin import RobotTwin
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path, model_path

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from feasigrasp.evaluation.runs.handling import ObjectTruth
+from feasigrasp.evaluation.metrics.handling import ObjectTruth
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from feasigrasp.evaluation.measures.robot_twin import RobotTwin
+from feasigrasp.evaluation.metrics.robot_twin import RobotTwin
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 

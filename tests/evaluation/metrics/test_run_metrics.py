@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from feasigrasp.evaluation.runs.handling import ObjectTruth
-from feasigrasp.evaluation.runs.motion_limits import JointTicks
-from feasigrasp.evaluation.runs.run_metrics import METRICS, summarize
+from feasigrasp.evaluation.metrics.handling import ObjectTruth
+from feasigrasp.evaluation.metrics.motion_limits import JointTicks
+from feasigrasp.evaluation.metrics.run_metrics import METRICS, summarize
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import ParallelGripper

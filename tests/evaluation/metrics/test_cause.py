@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs.cause import PUSHED_AWAY, Cause, Course, cause_of
-from feasigrasp.evaluation.runs.handling import ObjectTruth
+from feasigrasp.evaluation.metrics.cause import PUSHED_AWAY, Cause, Course, cause_of
+from feasigrasp.evaluation.metrics.handling import ObjectTruth
 from feasigrasp.models.grasps.sequence import Phase
 
 A, C, L, S, H, D = (int(phase) for phase in Phase)

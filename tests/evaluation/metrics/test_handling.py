@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs.handling import (
+from feasigrasp.evaluation.metrics.handling import (
     HELD_ANGLE,
     HELD_DISTANCE,
     HELD_FOR,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs.grasp_tracking import tracking_metrics
+from feasigrasp.evaluation.metrics.grasp_tracking import tracking_metrics
 from feasigrasp.models.geometry import se3
 
 PERIOD = 0.1

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
+from feasigrasp.evaluation.metrics.tick_times import TickTimes
 from feasigrasp.evaluation.runs.controller_probe import ControllerProbe
-from feasigrasp.evaluation.runs.tick_times import TickTimes
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.systems.grasp_controller import GraspController
