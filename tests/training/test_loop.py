@@ -108,14 +108,22 @@ def test_an_interrupted_write_keeps_the_checkpoint_before(tmp_path, monkeypatch)
     run.save()
     run.advance()
 
-    def full_disk(state, filename):
-        filename.write_bytes(b"PK")
+    def full_disk(state, file):
+        file.write(b"PK")
         raise OSError("no space left on device")
 
     monkeypatch.setattr(torch, "save", full_disk)
     with pytest.raises(OSError, match="no space"):
         run.save()
     assert begun(tmp_path).step == 0
+
+
+def test_a_checkpoint_that_is_cut_off_is_refused_with_the_mend(tmp_path):
+    begun(tmp_path).save()
+    file = tmp_path / "checkpoint.pt"
+    file.write_bytes(file.read_bytes()[:300])
+    with pytest.raises(TrainingError, match="checkpoint.pt is no whole checkpoint.*delete it"):
+        begun(tmp_path)
 
 
 def test_another_run_is_refused_and_left_alone(tmp_path):

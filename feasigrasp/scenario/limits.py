@@ -1,0 +1,143 @@
+"""What every key of a scenario may be: one table of ranges, one of words.
+
+A key of the schema that holds a number has a line in `LIMITS`; a test fails for one that has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.systems.analysis import GetIntegrationSchemes
+
+from feasigrasp.models.control.joint.sources import Source
+from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
+from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.reach.judge import JudgeMethod
+from feasigrasp.models.reach.reachable_space import SpaceName
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.shape.completion import Preset
+
+_SEED = (0, 2**32 - 1, "")
+_TURN = (-3600.0, 3600.0, "deg")
+_PLACE = (-10.0, 10.0, "m")
+
+#: Least and greatest value of every number, and its unit; ``*`` is any name. Of a vector, of each
+#: entry; of a key that may be left empty, where it is not. Beyond these a value is a slip of the
+#: hand (a unit, a sign), or nothing that the cell could be run with.
+LIMITS: dict[str, tuple[float, float, str]] = {
+    "random_seed": _SEED,
+    "simulation_duration": (0.001, 1e5, "s"),
+    "q_start": (*np.rad2deg(IIWA_7.driver.position.max() * np.array([-1.0, 1.0])), "deg"),
+    "object.scale": (1e-6, 1e6, ""),
+    "object.mass": (0.001, 20.0, "kg"),
+    "object.friction": (0.01, 10.0, ""),
+    "object.rotation.deg": _TURN,
+    "object.rotation.angle_deg": _TURN,
+    "object.rotation.axis": (-1e3, 1e3, ""),
+    "motion.center": (-2.0, 2.0, "m"),
+    "motion.amplitude": (-2.0, 2.0, "m"),
+    "motion.harmonic": (-100.0, 100.0, ""),
+    "motion.offset_deg": _TURN,
+    "motion.rate": (-20.0, 20.0, "rad/s"),
+    "motion.start_phase": (-1e3, 1e3, "rad"),
+    "motion.spin_axis": (-1e3, 1e3, ""),
+    "motion.spin": (-20.0, 20.0, "rad/s"),
+    "tracker.period": (1e-4, 1.0, "s"),
+    "tracker.latency": (0.0, 2.0, "s"),
+    "tracker.position_noise": (0.0, 0.1, "m"),
+    "tracker.rotation_noise": (0.0, 1.0, "rad"),
+    "tracker.dropout": (0.0, 1.0, ""),
+    "tracker.silence": (0.01, 60.0, "s"),
+    "tracker.jerk": (1e-4, 1e4, ""),
+    "tracker.angular_jerk": (1e-4, 1e4, ""),
+    "tracker.seed": _SEED,
+    "perception.period": (0.01, 60.0, "s"),
+    "perception.latency": (0.0, 10.0, "s"),
+    "perception.max_points": (8, 4096, ""),
+    "perception.length_scale": (0.001, 10.0, "m"),
+    "perception.voxel_size": (5e-4, 0.05, "m"),
+    "perception.views": (0, 10_000, ""),
+    "perception.n_candidates": (1, 100_000, ""),
+    "perception.n_grasps": (1, 10_000, ""),
+    "scene.period": (0.01, 60.0, "s"),
+    "scene.resolution": (0.001, 0.1, "m"),
+    "scene.margin": (0.0, 0.2, "m"),
+    "reachability.period": (0.001, 10.0, "s"),
+    "reachability.horizon": (0.0, 30.0, "s"),
+    "control.period": (5e-4, 0.05, "s"),
+    "control.gain": (1e-9, 1000.0, "1/s"),
+    "control.damping": (0.0, 1.0, ""),
+    "control.length_scale": (0.0, 10.0, "rad"),
+    "control.n_solutions": (1, 10_000, ""),
+    "grasp.position_tolerance": (1e-4, 0.1, "m"),
+    "grasp.angle_tolerance": (0.001, 3.15, "rad"),
+    "grasp.dwell": (0.0, 60.0, "s"),
+    "grasp.closing_speed": (0.001, 1.0, "m/s"),
+    "grasp.squeeze_time": (0.01, 60.0, "s"),
+    "grasp.min_width": (0.0, 0.2, "m"),
+    "grasp.lift": (-1.0, 1.0, "m"),
+    "grasp.lift_time": (0.01, 60.0, "s"),
+    "grasp.shake": (-0.5, 0.5, "m"),
+    "grasp.shake_frequency": (0.01, 20.0, "Hz"),
+    "grasp.shake_time": (0.0, 60.0, "s"),
+    "grasp.hold_time": (0.0, 600.0, "s"),
+    "camera_noise.*.baseline": (0.001, 1.0, "m"),
+    "camera_noise.*.subpixel": (0.0, 10.0, "px"),
+    "camera_noise.*.disparity_step": (0.0, 10.0, "px"),
+    "camera_noise.*.depth_step": (0.0, 0.1, "m"),
+    "camera_noise.*.edge_disparity": (0.01, 1000.0, "px"),
+    "camera_noise.*.flying": (0.0, 1.0, ""),
+    "camera_noise.*.edge_missing": (0.0, 1.0, ""),
+    "camera_noise.*.grazing_start_deg": (0.0, 180.0, "deg"),
+    "camera_noise.*.grazing_end_deg": (0.0, 180.0, "deg"),
+    "simulator_config.max_step_size": (1e-5, 1.0, "s"),
+    "simulator_config.accuracy": (1e-10, 0.1, ""),
+    "simulator_config.start_time": (0.0, 0.0, "s"),
+    "simulator_config.target_realtime_rate": (0.0, 100.0, ""),
+    "plant_config.time_step": (1e-5, 0.02, "s"),
+    "plant_config.penetration_allowance": (1e-6, 0.1, "m"),
+    "plant_config.stiction_tolerance": (1e-7, 0.1, "m/s"),
+    "plant_config.sap_near_rigid_threshold": (0.0, 10.0, ""),
+    "cameras.*.width": (16, 4096, "px"),
+    "cameras.*.height": (16, 4096, "px"),
+    "cameras.*.focal.x": (1.0, 1e5, "px or deg"),
+    "cameras.*.focal.y": (1.0, 1e5, "px or deg"),
+    "cameras.*.center_x": (0.0, 4096.0, "px"),
+    "cameras.*.center_y": (0.0, 4096.0, "px"),
+    "cameras.*.clipping_near": (0.001, 10.0, "m"),
+    "cameras.*.clipping_far": (0.01, 1e4, "m"),
+    "cameras.*.z_near": (0.001, 10.0, "m"),
+    "cameras.*.z_far": (0.01, 100.0, "m"),
+    "cameras.*.background.rgba": (0.0, 1.0, ""),
+    "cameras.*.fps": (0.1, 1000.0, "Hz"),
+    "cameras.*.capture_offset": (0.0, 10.0, "s"),
+    "cameras.*.output_delay": (0.0, 10.0, "s"),
+    **{
+        f"cameras.*.{frame}.{key}": limits
+        for frame in ("X_PB", "X_BC", "X_BD")
+        for key, limits in (
+            ("translation", _PLACE),
+            ("rotation.deg", _TURN),
+            ("rotation.angle_deg", _TURN),
+            ("rotation.axis", (-1e3, 1e3, "")),
+        )
+    },
+}
+
+#: Words that a key may be.
+CHOICES: dict[str, Sequence[str]] = {
+    "control.controller": tuple(ControlSpace),
+    "control.mode": tuple(ControlMode),
+    "control.law": tuple(Law),
+    "control.targets": tuple(Targets),
+    "control.source": tuple(Source),
+    "perception.preset": tuple(Preset),
+    "perception.sampler": tuple(SamplerName),
+    "reachability.method": tuple(JudgeMethod),
+    "reachability.space": tuple(SpaceName),
+    "simulator_config.integration_scheme": GetIntegrationSchemes(),
+    "plant_config.contact_model": ("point", "hydroelastic", "hydroelastic_with_fallback"),
+    "plant_config.discrete_contact_approximation": ("tamsi", "sap", "similar", "lagged"),
+    "plant_config.contact_surface_representation": ("triangle", "polygon"),
+}
