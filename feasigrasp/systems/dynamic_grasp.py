@@ -172,11 +172,7 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
     cell.add("perception", field, segmentation, cell["tracker"], camera_pose=camera_pose)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
     grasps = cell.add("sampler", GraspSampler(sampler, cell.gripper), gpdf=gpdf)
-    nothing = AbstractValue.Make(GraspSet.empty())
-    # A hold that samples with the camera would see what there was before the view.
-    latency = PassThrough(nothing)
-    if config.latency > 0.0:
-        latency = ZeroOrderHold(config.period, nothing, config.latency)
+    latency = _late(AbstractValue.Make(GraspSet.empty()), config.period, config.latency)
     cell.add("latency", latency, u=grasps.get_output_port())
     if scene_config.enabled:
         scene = PointCloudToScene(
@@ -275,16 +271,24 @@ def _add_measurement(cell: _Cell) -> None:
         LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
 
 
+def _late(value: AbstractValue | int, period: float, latency: float) -> LeafSystem:
+    """Hands on what comes every ``period`` seconds, after ``latency``.
+
+    Args:
+        value: A value of its kind, or the size of a vector.
+        period: [s].
+        latency: [s].
+    """
+    # A hold that samples with the camera would see what there was before the view.
+    return ZeroOrderHold(period, value, latency) if latency > 0.0 else PassThrough(value)
+
+
 def _as_late_as_the_grasps(cell: _Cell, seen_at: OutputPort) -> OutputPort:
     """The time of a view, held back as the grasps are on their way to the controller."""
-    config = cell.scenario
-    for name, period, offset in (
-        ("latency", config.perception.period, config.perception.latency),
-        ("reachable", config.reachability.period, 0.0),
-    ):
-        hold = cell.add(f"seen_at({name})", ZeroOrderHold(period, 1, offset), u=seen_at)
-        seen_at = hold.get_output_port()
-    return seen_at
+    perception, period = cell.scenario.perception, cell.scenario.reachability.period
+    late = cell.add("seen_at(latency)", _late(1, perception.period, perception.latency), u=seen_at)
+    held = cell.add("seen_at(reachable)", ZeroOrderHold(period, 1), u=late.get_output_port())
+    return held.get_output_port()
 
 
 def _add_visualization(cell: _Cell, meshcat: Meshcat) -> None:

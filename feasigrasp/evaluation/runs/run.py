@@ -33,7 +33,6 @@ from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
-from feasigrasp.systems.station.contact_friction import contact_friction
 
 #: The ``error`` of a run that Ctrl-C ended.
 INTERRUPTED = "interrupted"
@@ -183,9 +182,8 @@ def _measured(
         every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
         metrics |= self_collision_metrics(twin, q[::every])
         metrics |= torque_metrics(twin, q, log("torque")[1].T)
-    metrics["friction"] = contact_friction(station)
-    if diagram.GetSubsystemByName("perception").HasOutputPort("view_faults"):
-        metrics["view_faults"] = float(output("perception", "view_faults")[0])
+    metrics["friction"] = station.contact_friction()
+    metrics["view_faults"] = float(output("perception", "view_faults")[0])
     return times, samples, metrics
 
 
