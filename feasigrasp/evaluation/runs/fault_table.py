@@ -169,7 +169,10 @@ FAULTS: dict[str, StudiedFault] = {
         ("none_reachable",),
     ),
     "object_fast": StudiedFault(
-        "the object is five times as fast", _FOLLOW, ObjectPace(factor=5.0), ("none_reachable",)
+        "the object is five times as fast",
+        _FOLLOW,
+        ObjectPace(factor=5.0),
+        ("none_reachable", "never_settled"),
     ),
     "object_out_of_reach": StudiedFault(
         "the object leaves, 1.3 m from the base",
@@ -181,7 +184,7 @@ FAULTS: dict[str, StudiedFault] = {
         "the object is carried through the arm to its other side",
         "the arm keeps its limits; what carries the object gives way at 30 N",
         ObjectMoved(to=[-0.35, 0.0, 0.55]),
-        ("none_reachable", "no_grasp", "braking_for_obstacle", "pose_contradicted"),
+        ("none_reachable", "no_grasp", "braking_for_obstacle", "pose_contradicted", "pushed_away"),
     ),
     "object_into_table": StudiedFault(
         "the object goes down into the table",
@@ -193,7 +196,7 @@ FAULTS: dict[str, StudiedFault] = {
         "150 N pull the object out of the hand while it is lifted",
         "the run ends as not held",
         ObjectPulled(),
-        ("slipped", "dropped", "lost_in_hand"),
+        ("dropped", "slipped"),
     ),
     "controller_nan": StudiedFault(
         "the controller commands NaN", "the drive brakes", CommandNan(), ("command_faulty",)
