@@ -113,7 +113,7 @@ def faulty_runs(
     ]
 
 
-def _with_fault(run: FaultRun, record: Record, name: str, seed: int, afterwards: float) -> FaultRun:
+def _with_fault(run: FaultRun, record: Record, name: str, seed: int) -> FaultRun:
     fault, scenario = FAULTS[name], copy.deepcopy(run.scenario)
     key = [seed, run.instant, zlib.crc32(f"{name} {run.object_name}".encode())]
     share = float(np.random.default_rng(key).random()) if run.instant else 0.0
