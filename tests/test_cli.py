@@ -50,9 +50,9 @@ def test_the_commands_are_those_that_users_rely_on():
     found = {group: list(cli.commands(group)) for group in cli.GROUPS}
     assert found == {
         "evaluate": [
-            *("capability", "dynamic", "gallery", "grasp-labels", "grasp-targets", "kinematics"),
-            *("length-scale", "prediction", "reachability", "rollout", "sampler"),
-            *("sampler-figures", "shape", "shape-figures"),
+            *("capability", "dynamic", "faults", "gallery", "grasp-labels", "grasp-targets"),
+            *("kinematics", "length-scale", "prediction", "reachability", "rollout", "sampler"),
+            *("sampler-figures", "shape", "shape-figures", "soak"),
         ],
         "bench": ["all", "control", "kinematics", "reachability", "safety", "sampler", "shape"],
         "fit": ["certainty", "reachability"],
