@@ -50,12 +50,14 @@ def test_the_commands_are_those_that_users_rely_on():
     found = {group: list(cli.commands(group)) for group in cli.GROUPS}
     assert found == {
         "evaluate": [
-            *("capability", "dynamic", "gallery", "grasp-labels", "grasp-targets"),
+            *("capability", "dynamic", "faults", "gallery", "grasp-labels", "grasp-targets"),
             *("joint-field-figures", "kinematics", "length-scale", "mixture-figures"),
             *("prediction", "reachability", "rollout", "sampler"),
             *("sampler-figures", "shape", "shape-figures"),
         ],
-        "bench": ["all", "control", "kinematics", "reachability", "safety", "sampler", "shape"],
+        "bench": [
+            *("all", "control", "kinematics", "reachability", "safety", "sampler", "shape", "soak"),
+        ],
         "fit": ["certainty", "reachability"],
         "train": ["hidden-side", "ik-flow", "sampler", "sampler-data"],
     }

@@ -107,11 +107,11 @@ def _check_cameras(scenario: Scenario) -> None:
             f"perception.camera is {looking!r}, but cameras has "
             f"{', '.join(scenario.cameras) or 'none'}{nearest(looking, scenario.cameras)}"
         )
-    for image in ("depth", "label"):
-        if not getattr(scenario.cameras[looking], image):
-            raise ScenarioError(
-                f"cameras.{looking}.{image} is false, but perception.camera needs it; make it true"
-            )
+    if not any(getattr(scenario.cameras[looking], image) for image in ("rgb", "depth", "label")):
+        raise ScenarioError(
+            f"cameras.{looking} has neither rgb nor depth nor label, so that Drake leaves it out, "
+            "but it is perception.camera; make one of them true"
+        )
     for name, camera in scenario.cameras.items():
         for pairs, verb in ((_ORDERED, "less than"), (_NOT_GREATER, "at most")):
             for low, high in pairs:

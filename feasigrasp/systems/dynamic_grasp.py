@@ -88,8 +88,8 @@ def make_dynamic_grasp(
     ``tracker``, ``metrics``, ``obstacle_distance``, ``contact``, ``seen_at(latency)``,
     ``seen_at(reachable)`` and ``status``. The vector logs ``log(metrics)`` and
     ``log(obstacle_distance)`` hold their samples, ``log(drive)``, ``log(arm)`` and ``log(torque)``
-    the commanded and the true state of the arm and its motors' torques at the control rate. With a
-    Meshcat there are ``scene`` and ``visualizer`` as well; with a scene field
+    the commanded and the true state of the arm and its motors' torques at the control rate.
+    With a Meshcat there are ``scene`` and ``visualizer`` as well; with a scene field
     ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with faults systems that
     `FaultInjection` adds.
 

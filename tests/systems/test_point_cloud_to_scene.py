@@ -64,7 +64,7 @@ def test_nothing_seen_changes_nothing(fixed_context):
 
 def test_in_the_whole_diagram_the_scene_is_the_table():
     """The camera looks at object and hand; what it sees beside them is the table top, z = 0."""
-    text = "{scene: {enabled: true}, simulation_duration: 0.1}"
+    text = "{scene: {enabled: true}, simulation_duration: 0.1, camera_noise: {}}"
     scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)

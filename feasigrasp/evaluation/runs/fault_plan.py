@@ -26,8 +26,8 @@ from feasigrasp.scenario.schema import Scenario
 
 #: The object moves as in these, instant by instant.
 MOTIONS = ("ReachCircular", "ReachLinear", "ReachSinusoidal")
-#: A run ends at the latest so long after its fault began [s]; the second with ``--quick``.
-AFTERWARDS, QUICK_AFTERWARDS = 12.0, 6.0
+#: A run ends at the latest so long after its fault began [s].
+_AFTERWARDS = 12.0
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
 _LIMITS = (
     "joint_limit_violation_percent",
@@ -88,12 +88,7 @@ def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
 
 
 def faulty_runs(
-    nominal: Sequence[FaultRun],
-    records: Sequence[Record],
-    faults: Sequence[str],
-    seed: int,
-    *,
-    afterwards: float = AFTERWARDS,
+    nominal: Sequence[FaultRun], records: Sequence[Record], faults: Sequence[str], seed: int
 ) -> list[FaultRun]:
     """The runs with faults, which begin while the same run without a fault approaches, or lifts.
 
@@ -104,7 +99,6 @@ def faulty_runs(
         records: What came of them.
         faults: Names of faults.
         seed: Draws when they begin.
-        afterwards: Runs end at the latest so long after that [s].
 
     Raises:
         ScenarioError: There is no such fault.
@@ -113,13 +107,13 @@ def faulty_runs(
     if unknown:
         raise ScenarioError(f"no fault {', '.join(unknown)}; there are {', '.join(FAULTS)}")
     return [
-        _with_fault(run, record, name, seed, afterwards)
+        _with_fault(run, record, name, seed)
         for name in faults
         for run, record in zip(nominal, records, strict=True)
     ]
 
 
-def _with_fault(run: FaultRun, record: Record, name: str, seed: int, afterwards: float) -> FaultRun:
+def _with_fault(run: FaultRun, record: Record, name: str, seed: int) -> FaultRun:
     fault, scenario = FAULTS[name], copy.deepcopy(run.scenario)
     key = [seed, run.instant, zlib.crc32(f"{name} {run.object_name}".encode())]
     share = float(np.random.default_rng(key).random()) if run.instant else 0.0
@@ -127,7 +121,7 @@ def _with_fault(run: FaultRun, record: Record, name: str, seed: int, afterwards:
     start = round(first + share * (last - first), 3)
     scenario.faults = [*scenario.faults, *fault.beginning_at(start)]  # type: ignore[list-item]
     scenario.tracker = dc.replace(scenario.tracker, **fault.tracker)
-    scenario.simulation_duration = min(scenario.simulation_duration, start + afterwards)
+    scenario.simulation_duration = min(scenario.simulation_duration, start + _AFTERWARDS)
     check_scenario(scenario)
     return dc.replace(run, scenario=scenario, fault=name, start=start)
 

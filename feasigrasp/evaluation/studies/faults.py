@@ -14,14 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.evaluation.runs.fault_plan import (
-    AFTERWARDS,
-    QUICK_AFTERWARDS,
-    FaultRun,
-    faulty_runs,
-    nominal_runs,
-    outcome,
-)
+from feasigrasp.evaluation.runs.fault_plan import FaultRun, faulty_runs, nominal_runs, outcome
 from feasigrasp.evaluation.runs.fault_probe import blind_pairs, leaks, rest_time
 from feasigrasp.evaluation.runs.fault_table import FAULTS
 from feasigrasp.evaluation.runs.isolated import run_all
@@ -49,13 +42,7 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     nominal = nominal_runs(args)
     before = run_all(nominal, args.out / "nominal", args.jobs, desc="without a fault")
-    runs = faulty_runs(
-        nominal,
-        before,
-        args.faults or list(FAULTS),
-        args.seed,
-        afterwards=QUICK_AFTERWARDS if args.quick else AFTERWARDS,
-    )
+    runs = faulty_runs(nominal, before, args.faults or list(FAULTS), args.seed)
     records = run_all(runs, args.out / "runs", args.jobs, desc="faults")
     outcomes = [outcome(*pair) for pair in zip(runs, records, strict=True)]
     write_csv(args.out / "runs.csv", outcomes)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from feasigrasp.evaluation.measures import robot_twin as module
+from feasigrasp.evaluation.metrics import robot_twin as module
 from feasigrasp.evaluation.metrics.robot_twin import RobotTwin
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics

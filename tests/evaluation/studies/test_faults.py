@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate faults`` and ``soak``: what they run, what they count and find."""
+"""``feasigrasp evaluate faults`` and ``bench soak``: what they run, what they count and find."""
 
 import argparse
 import csv
@@ -21,7 +21,8 @@ from feasigrasp.evaluation.runs.fault_plan import (
 from feasigrasp.evaluation.runs.fault_probe import ArmLog, blind_pairs, leaks
 from feasigrasp.evaluation.runs.fault_table import FAULTS
 from feasigrasp.evaluation.runs.run import crash_record
-from feasigrasp.evaluation.studies import faults, soak
+from feasigrasp.evaluation.bench import soak
+from feasigrasp.evaluation.studies import faults
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import Row
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario

@@ -238,7 +238,7 @@ def broken_files():
         ("array too many", {"extra": np.zeros(3)}, "unknown: .*extra"),
         ("array too small", {name: np.zeros((2, 2), dtype=np.float32)}, "not float32"),
         ("not finite", {name: np.full((8, 16), np.nan, dtype=np.float32)}, "not finite"),
-        ("a pickle", {name: np.array([{}], dtype=object)}, "not a readable weights file"),
+        ("a pickle", {name: np.array([{}], dtype=object)}, "is no whole npz file"),
     ]
 
 
@@ -273,7 +273,7 @@ def test_half_a_file_is_named(small_flow, tmp_path):
     path = tmp_path / "weights.npz"
     small_flow.save(path)
     path.write_bytes(path.read_bytes()[:2000])
-    with pytest.raises(WeightsError, match="not a readable weights file"):
+    with pytest.raises(WeightsError, match="is no whole npz file"):
         IkFlow.load(path)
 
 

@@ -28,7 +28,7 @@ from feasigrasp.systems.monitoring.grasp_visualizer import (
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 
 OBJECT = "/drake/illustration/object/object"
-SCENARIOS = Path(__file__).parents[2] / "diagrams" / "dynamic.scenarios.yaml"
+SCENARIOS = Path(__file__).parents[3] / "diagrams" / "dynamic.scenarios.yaml"
 
 
 def value_at(keys: list, time: float) -> Any:

@@ -111,7 +111,7 @@ def broken_files():
         ("array too many", {"extra": np.zeros(3)}, "unknown: .*extra"),
         ("array too small", {name: np.zeros((2, 2), dtype=np.float32)}, "not float32"),
         ("not finite", {name: np.full((128, 128), np.nan, dtype=np.float32)}, "not finite"),
-        ("a pickle", {name: np.array([{}], dtype=object)}, "not a readable weights file"),
+        ("a pickle", {name: np.array([{}], dtype=object)}, "is no whole npz file"),
     ]
 
 
@@ -131,5 +131,5 @@ def test_broken_weights_are_named(tmp_path, change, message):
     with pytest.raises(WeightsError, match=message):
         GraspNetwork.load(tmp_path / "bad.npz")
     (tmp_path / "text.npz").write_text("weights")
-    with pytest.raises(WeightsError, match="not a readable weights file"):
+    with pytest.raises(WeightsError, match="is no whole npz file"):
         GraspNetwork.load(tmp_path / "text.npz")
