@@ -9,6 +9,7 @@ import pytest
 
 from feasigrasp import cli
 from feasigrasp.errors import ScenarioError
+from feasigrasp.evaluation.bench import soak
 from feasigrasp.evaluation.report.faults import faults_report
 from feasigrasp.evaluation.runs import fault_probe, isolated
 from feasigrasp.evaluation.runs.fault_plan import (
@@ -21,7 +22,6 @@ from feasigrasp.evaluation.runs.fault_plan import (
 from feasigrasp.evaluation.runs.fault_probe import ArmLog, blind_pairs, leaks
 from feasigrasp.evaluation.runs.fault_table import FAULTS
 from feasigrasp.evaluation.runs.run import crash_record
-from feasigrasp.evaluation.bench import soak
 from feasigrasp.evaluation.studies import faults
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import Row
