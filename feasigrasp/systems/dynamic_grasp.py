@@ -266,7 +266,8 @@ def _add_measurement(cell: _Cell) -> None:
         ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
         ("drive", cell["drive"].GetOutputPort("desired_state"), control_period),
         ("arm", state, control_period),
-        ("torque", station.GetOutputPort("iiwa.torque_measured"), control_period),
+        # At every step of the plant, which computes them anyway; in between it would do so anew.
+        ("torque", station.GetOutputPort("iiwa.torque_measured"), station.plant.time_step()),
     ):
         LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
 

@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
+from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -30,6 +31,7 @@ class GripperSequencer(LeafSystem):
         - grasps
         - object_pose
         - object_velocity
+        - object_motion
         - gripper_state
         - gpdf
         - tracking
@@ -39,6 +41,7 @@ class GripperSequencer(LeafSystem):
         - gpdf
         - object_pose
         - object_velocity
+        - object_motion
         - gripper_position
         - object_hold
         - phase
@@ -51,7 +54,8 @@ class GripperSequencer(LeafSystem):
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     extrapolated from then, and the fingers close; from then on there is no field, since the object
-    is there to be touched. After it is let go, pose and twist are those of a lift and of shaking.
+    is there to be touched, and no ``object_motion`` (a `MotionEstimate` or None), since the pose is
+    not the tracked one. After it is let go, pose and twist are those of a lift and of shaking.
 
     ``gripper_position`` is the commanded distance between the pads [m], ``gripper_state`` the
     measured one and its rate, ``object_hold`` 1 until the object is let go, ``phase`` a `Phase`.
@@ -76,6 +80,7 @@ class GripperSequencer(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
+        self._motion = declare_input(self, "object_motion")
         self._gripper_state = self.DeclareVectorInputPort("gripper_state", 2)
         self._gpdf = declare_input(self, "gpdf")
         self._tracking = declare_input(self, "tracking")
@@ -91,6 +96,7 @@ class GripperSequencer(LeafSystem):
         declare_output(
             self, "object_velocity", self._calc_velocity, target, model=SpatialVelocity.Zero()
         )
+        declare_output(self, "object_motion", self._calc_motion, {state, self._motion.ticket()})
         self.DeclareVectorOutputPort("gripper_position", 1, self._calc_gripper, {state, time})
         self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
         self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
@@ -153,6 +159,10 @@ class GripperSequencer(LeafSystem):
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         return SpatialVelocity(self._target(context)[1])
+
+    def _calc_motion(self, context: Context) -> MotionEstimate | None:
+        passed = self.state(context).grasp is None and self._motion.HasValue(context)
+        return self._motion.Eval(context) if passed else None
 
     def _calc_gripper(self, context: Context, output) -> None:
         state = self.state(context)

@@ -13,10 +13,15 @@ from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS
+from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import SceneConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+
+#: Points of neighbouring pixels that are farther apart lie on different surfaces [m]; those of a
+#: table seen at a slant from a metre away do not.
+EDGE_JUMP = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +47,9 @@ class PointCloudToScene(LeafSystem):
 
     ``point_cloud`` is pixel-ordered, in the world frame W, ``label_image`` of the same camera,
     ``camera_pose`` X_WC a ``RigidTransform``. ``scene`` is a `SceneField` in W, or None before
-    anything was seen. Views are merged, so what the camera has turned away from stays.
+    anything was seen. Views are merged, so what the camera has turned away from stays. Pixels on the
+    edge of a surface are dropped: a real camera mixes the depths of two surfaces there, and what
+    seems to stand between the hand and the table would hold up the arm.
     """
 
     def __init__(
@@ -72,12 +79,15 @@ class PointCloudToScene(LeafSystem):
     def _look(self, context: Context) -> _Surroundings:
         before: _Surroundings = self._seen.Eval(context)
         xyz = self._cloud.Eval(context).xyzs()
-        labels = self._labels.Eval(context).data.reshape(-1)
-        seen = np.isfinite(xyz).all(axis=0) & ~np.isin(labels, self._ignored)
+        labels = self._labels.Eval(context).data[:, :, 0]
+        finite = np.isfinite(xyz).all(axis=0).reshape(labels.shape)
+        surroundings = ~np.isin(labels, self._ignored)
+        edges = edge_pixels(xyz.reshape(3, *labels.shape), finite, surroundings, EDGE_JUMP)
+        seen = finite & surroundings & ~edges
         if np.count_nonzero(seen) < MIN_POINTS:
             return before
         p_WC = self._pose.Eval(context).translation()
-        cloud = before.cloud.merged(xyz[:, seen].T, p_WC)
+        cloud = before.cloud.merged(xyz[:, seen.ravel()].T, p_WC)
         scene = before.scene
         if len(cloud.points) >= MIN_POINTS:
             scene = fit_scene(cloud.points, cloud.directions, resolution=self._resolution)

@@ -67,7 +67,6 @@ BAD = {
     "cameras.wrist_camera.z_near": ("6.0", "-1"),
     "cameras.wrist_camera.clipping_near": ("0", "0.2"),
     "cameras.wrist_camera.fps": ("0",),
-    "cameras.wrist_camera.label": ("false",),
     "cameras.wrist_camera.focal.x": ("!FovDegrees {x: 0, y: 58}", "!FovDegrees {x: 180}"),
     "cameras.wrist_camera.renderer_class": ("Magic",),
     "control.period": ("0.5", "1e-9"),

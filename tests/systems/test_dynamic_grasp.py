@@ -82,7 +82,8 @@ def test_every_stage_runs_at_its_own_rate(controller, monkeypatch):
     assert calls.pop("_calc") == 2  # read by the latency's hold alone, 0.1 s after each view
     assert calls.pop("judge_grasps") == 10
     assert calls.pop("_update") == 200
-    assert calls.pop("motion_wrench_kernel") == 500
+    # Once more when the state of a slow stage changes between the log of the torque and the step.
+    assert 500 <= calls.pop("motion_wrench_kernel") <= 510
     if controller == "task":
         assert calls.pop("update") == 10
         assert calls.pop("task_space_velocity") == 200
@@ -329,9 +330,9 @@ def test_an_object_that_was_never_measured_moves_nothing():
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.6)
     context = simulator.get_context()
-    perception, log = (diagram.GetSubsystemByName(name) for name in ("perception", "log(arm)"))
+    perception, log = (diagram.GetSubsystemByName(name) for name in ("perception", "log(drive)"))
     seen = perception.GetOutputPort("perceived").Eval(perception.GetMyContextFromRoot(context))
     assert seen.gpdf is None
     assert seen.faults == {ViewFault.UNKNOWN_POSE: 2}  # at 0 and at 0.5 s
-    q = log.FindLog(context).data()[:7]
-    assert np.abs(q - q[:, :1]).max() < 0.01  # it settles
+    q = log.FindLog(context).data()[:7]  # what is sent: the object that nobody sees may push the arm
+    np.testing.assert_array_equal(q, np.broadcast_to(q[:, :1], q.shape))

@@ -13,6 +13,8 @@ from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
+from feasigrasp.models.objects.pose_filter import empty_state
+from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -318,3 +320,14 @@ def test_what_is_in_the_fingers_is_not_let_go_because_the_object_is_lost():
     mock.fix(tracking=tracked("lost", 1.0), perceived=perceived(True))
     assert len(mock.output("grasps")) == 1
     mock.advance_to_phase(Phase.DONE)
+
+
+def test_what_the_tracker_predicts_is_for_the_approach_only():
+    motion = MotionEstimate(empty_state(), 0.0)
+    mock = Mock(object_motion=Value[object](motion))
+    assert mock.output("object_motion") is motion
+    mock.advance_to_phase(Phase.CLOSE)
+    assert mock.output("object_motion") is None
+    mock.advance_to_phase(Phase.HOLD)
+    assert mock.output("object_motion") is None
+    assert Mock().output("object_motion") is None

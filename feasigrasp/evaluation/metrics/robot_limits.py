@@ -40,8 +40,8 @@ def torque_metrics(twin: RobotTwin, Q: Array, actuation: Array) -> dict[str, flo
 
     Args:
         twin: Knows the weight.
-        Q: Joint positions at the ticks, shape (m, 7) [rad].
-        actuation: Torques of the simulated motors at these ticks, shape (m, 7) [Nm].
+        Q: Joint positions, shape (m, 7) [rad].
+        actuation: Torques of the simulated motors at the same times, shape (m, 7) [Nm].
     """
     share = np.abs(actuation + twin.gravity_torques(Q)) / IIWA_7.effort_limits
     clamped = np.abs(actuation) / IIWA_7.effort_limits

@@ -181,7 +181,9 @@ def _measured(
         twin = robot_twin(scenario.directives)
         every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
         metrics |= self_collision_metrics(twin, q[::every])
-        metrics |= torque_metrics(twin, q, log("torque")[1].T)
+        at, torques = log("torque")
+        tick = np.minimum(np.rint(at / scenario.control.period).astype(int), len(q) - 1)
+        metrics |= torque_metrics(twin, q[tick], torques.T)
     metrics["friction"] = station.contact_friction()
     metrics["view_faults"] = float(output("perception", "view_faults")[0])
     return times, samples, metrics
