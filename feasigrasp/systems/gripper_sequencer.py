@@ -49,8 +49,9 @@ class GripperSequencer(LeafSystem):
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
     connected. While the object is lost (``tracking``, a `Tracking`), or a view contradicts its pose
-    (``perceived``, a `Perceived`), grasps lapse: none is passed on, and the arm waits; nor are the
-    fingers closed on a pose that is merely extrapolated. Both ports are optional.
+    (``perceived``, a `Perceived`), grasps lapse: none is passed on, nor a pose or twist (NaN), so
+    that a controller brakes at once and waits; nor are the fingers closed on a pose that is merely
+    extrapolated. Both ports are optional.
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     extrapolated from then, and the fingers close; from then on there is no field, since the object
@@ -88,8 +89,8 @@ class GripperSequencer(LeafSystem):
         self._state = PeriodicState(self, GraspState(), period, self._advance)
 
         state, time = self._state.ticket(), self.time_ticket()
-        target = {state, time, self._pose.ticket(), self._velocity.ticket()}
         doubts = {self._tracking.ticket(), self._perceived.ticket()}
+        target = {state, time, self._pose.ticket(), self._velocity.ticket(), *doubts}
         declare_output(self, "grasps", self._calc_grasps, {state, self._grasps.ticket(), *doubts})
         declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
         declare_output(self, "object_pose", self._calc_pose, target, model=RigidTransform())
@@ -136,7 +137,10 @@ class GripperSequencer(LeafSystem):
         )
 
     def _target(self, context: Context) -> tuple[Array, Array]:
-        return self.state(context).target(
+        state = self.state(context)
+        if state.grasp is None and self._doubt(context):
+            return np.full((4, 4), np.nan), np.full(6, np.nan)
+        return state.target(
             context.get_time(),
             self._pose.Eval(context).GetAsMatrix4(),
             self._velocity.Eval(context).get_coeffs(),

@@ -334,5 +334,7 @@ def test_an_object_that_was_never_measured_moves_nothing():
     seen = perception.GetOutputPort("perceived").Eval(perception.GetMyContextFromRoot(context))
     assert seen.gpdf is None
     assert seen.faults == {ViewFault.UNKNOWN_POSE: 2}  # at 0 and at 0.5 s
-    q = log.FindLog(context).data()[:7]  # what is sent: the object that nobody sees may push the arm
+    q = log.FindLog(context).data()[
+        :7
+    ]  # what is sent: the object that nobody sees may push the arm
     np.testing.assert_array_equal(q, np.broadcast_to(q[:, :1], q.shape))

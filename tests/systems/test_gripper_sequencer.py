@@ -299,8 +299,11 @@ def test_grasps_lapse_while_the_pose_is_not_to_be_relied_on(doubt, trust):
     mock = Mock(**doubt)
     assert mock.advance(1.0) == Phase.APPROACH
     assert len(mock.output("grasps")) == 0 and mock.output("grasps").rejected
+    assert np.isnan(mock.output("object_pose").GetAsMatrix4()[:3]).all()
+    assert np.isnan(mock.output("object_velocity").get_coeffs()).all()
     mock.fix(**trust)
     assert len(mock.output("grasps")) == 3
+    assert mock.output("object_pose").IsNearlyEqualTo(X_WO, 1e-12)
     mock.advance_to_phase(Phase.CLOSE, limit=1.3)
 
 

@@ -52,6 +52,21 @@ def test_robot_and_object_are_no_part_of_the_scene_and_views_are_merged(fixed_co
     assert scene.distance(probe[2:])[1] > 0.33
 
 
+def test_what_flies_between_hand_and_table_is_no_part_of_the_scene(fixed_context):
+    """At the edge of the robot a camera mixes its depth with that of the table behind."""
+    dut = PointCloudToScene([ROBOT, OBJECT])
+    view = table_view(0.0)
+    points = view["point_cloud"].mutable_xyzs().reshape(3, 40, 60)
+    points[2, 20:30, 50] = 0.15  # labelled as the table, half way up to the robot
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    for name, value in view.items():
+        dut.GetInputPort(name).FixValue(context, value)
+    simulator.AdvanceTo(0.1)
+    scene = dut.get_output_port().Eval(context)
+    assert scene.distance(np.array([[0.5, 0.25, 0.15]]))[0] > 0.12
+
+
 def test_nothing_seen_changes_nothing(fixed_context):
     dut = PointCloudToScene([TABLE, ROBOT, OBJECT])
     simulator = Simulator(dut)
