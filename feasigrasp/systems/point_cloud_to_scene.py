@@ -47,9 +47,9 @@ class PointCloudToScene(LeafSystem):
 
     ``point_cloud`` is pixel-ordered, in the world frame W, ``label_image`` of the same camera,
     ``camera_pose`` X_WC a ``RigidTransform``. ``scene`` is a `SceneField` in W, or None before
-    anything was seen. Views are merged, so what the camera has turned away from stays. Pixels on the
-    edge of a surface are dropped: a real camera mixes the depths of two surfaces there, and what
-    seems to stand between the hand and the table would hold up the arm.
+    anything was seen. Views are merged, so what the camera has turned away from stays. Pixels on
+    the edge of a surface are dropped: a real camera mixes the depths of two surfaces there, and
+    what seems to stand between the hand and the table would hold up the arm.
     """
 
     def __init__(

@@ -66,14 +66,14 @@ def cpu_time(function: Callable[[], object], seconds: float = 1.0) -> Timing:
 def cpu_ms(function: Callable[[], Result]) -> tuple[Result, float]:
     """What a function returns, and the processor time that it took on one thread [ms].
 
-    The threads of a linear algebra library spin while they wait for each other. All of them count,
-    so that beside other work a call on two threads takes many times the processor time that it
-    needs: hence one.
+    The threads of a linear algebra library spin while they wait for each other. In the processor
+    time of the process all of them count, so that beside other work a call on two threads takes
+    many times what it needs: hence one, and its time alone.
     """
     with threadpool_limits(1):
-        start = time.process_time()
+        start = time.thread_time()
         result = function()
-        return result, 1e3 * (time.process_time() - start)
+        return result, 1e3 * (time.thread_time() - start)
 
 
 def _elapsed(function: Callable[[], object], calls: int) -> float:

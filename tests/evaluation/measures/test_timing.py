@@ -27,8 +27,8 @@ def test_sleep_costs_nothing_and_work_its_time():
     assert asleep < 20.0
 
     def work():
-        start = time.process_time()
-        while time.process_time() - start < 0.05:
+        start = time.thread_time()
+        while time.thread_time() - start < 0.05:
             np.linalg.norm(np.ones(100))
 
     _, spent = cpu_ms(work)
