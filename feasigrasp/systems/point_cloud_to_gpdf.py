@@ -25,6 +25,8 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 
 #: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`.
 MAX_CONTRADICTION = 0.3
+#: A contradiction is forgotten when the object has been out of sight for so long [s].
+DOUBTED_FOR = 2.0
 #: A view of which less remains without its outliers shows no object.
 _LEAST_KEPT = 0.5
 
@@ -182,7 +184,9 @@ class PointCloudToGPDF(LeafSystem):
             return seen.without(ViewFault.NOT_FINITE, f"{len(finite)} points of the object's mask")
         points_O = (X_OW @ points_W[finite].T).T
         if len(points_O) < self._min_points:
-            return seen
+            # Nobody can tell any more whether the pose is wrong; the hand had better go and see.
+            doubted = seen.contradicted and time < seen.looked + DOUBTED_FOR - 1e-9
+            return replace(seen, contradicted=doubted)
         bad = outliers(points_O, p_OC)
         kept = points_O[~bad]
         if len(kept) < max(self._min_points, _LEAST_KEPT * len(bad)):
@@ -190,7 +194,7 @@ class PointCloudToGPDF(LeafSystem):
         extent = float(np.ptp(kept, axis=0).max())
         if extent > MAX_EXTENT:
             return seen.without(ViewFault.TOO_WIDE, f"{extent:.3g} m, more than {MAX_EXTENT:g} m")
-        contradicted = seen.cloud.contradicted(kept) > MAX_CONTRADICTION
+        contradicted = seen.cloud.contradicted(kept, p_OC) > MAX_CONTRADICTION
         looked = replace(seen, looked=time, contradicted=contradicted, last_fault="")
         if contradicted or not tells_more:
             return looked

@@ -286,6 +286,15 @@ def test_a_view_that_contradicts_the_earlier_ones_is_noticed_and_not_merged():
     assert not again.contradicted and again.cloud.views == 1
 
 
+def test_a_contradiction_is_forgotten_when_nothing_is_seen_for_a_while():
+    perception = Perception(period=0.5, views_per_side=1, check=1.0)
+    perception.see_object(0.1, POSES[0])
+    visible = seen_from(sphere(), CAMERA)
+    assert perception.look(1.1, visible + [0.0, 0.1, 0.0]).contradicted  # looked at 1.0
+    assert perception.look(2.6, np.zeros((0, 3))).contradicted
+    assert not perception.look(3.1, np.zeros((0, 3))).contradicted
+
+
 def test_a_badly_tracked_view_is_no_contradiction():
     perception = Perception(period=0.5, views_per_side=9)
     perception.see_object(0.1, POSES[0])

@@ -30,8 +30,9 @@ LINKS = 8
 FAR = 5.0
 #: If more points than this share are far off, those are dropped that are beyond so many times it.
 CONTAMINATED, NEAR = 0.02, 2.5
-#: Fewer points than this that hang together are no surface.
-MIN_GROUP = 8
+#: Fewer points than this that hang together are no surface, and more than so far from the largest
+#: group they are of something else [m].
+MIN_GROUP, ELSEWHERE = 8, 0.05
 #: Neighbours in the picture, and the multiples of their usual distance and of the spread of their
 #: depths within which a point continues them.
 _BESIDE, _APART, _DEEPER = 12, 2.0, 3.0
@@ -63,7 +64,7 @@ def outliers(points: Array, p_OC: ArrayLike | None = None) -> Mask:
             keep[sparse] = _continue_the_picture(points, np.asarray(p_OC, dtype=float), sparse)
     # A point that is dropped is no bridge.
     link = keep[:, None] & keep[near] & (apart <= FAR)
-    return ~keep | (_group_sizes(near, link, keep) < MIN_GROUP)
+    return ~_of_the_object(points, near, link, keep)
 
 
 def _continue_the_picture(points: Array, p_OC: Array, chosen: Indices) -> Mask:
@@ -83,10 +84,22 @@ def _continue_the_picture(points: Array, p_OC: Array, chosen: Indices) -> Mask:
     return np.asarray(continues & (apart[:, -1] <= _APART * usual))
 
 
-def _group_sizes(near: Indices, link: Mask, keep: Mask) -> Array:
-    """For every point, how many kept ones hang together with it by links (n, k), shape (n,)."""
+def _of_the_object(points: Array, near: Indices, link: Mask, keep: Mask) -> Mask:
+    """Which kept points hang together, by links (n, k), in groups that the object can consist of.
+
+    The largest group is of the object. What lies behind its rim, for example, when the mask is too
+    large, hangs together as well, but far from it.
+    """
     n, k = near.shape
     rows = np.repeat(np.arange(n), k)[link.ravel()]
     graph = csr_matrix((np.ones(len(rows)), (rows, near[link])), shape=(n, n))
     _, group = connected_components(graph, directed=False)
-    return np.asarray(np.bincount(group, weights=keep)[group])
+    sizes = np.bincount(group, weights=keep)
+    belongs = sizes >= MIN_GROUP
+    largest = int(np.argmax(sizes))
+    tree = cKDTree(points[keep & (group == largest)]) if sizes[largest] else None
+    for other in np.flatnonzero(belongs):
+        if tree is not None and other != largest:
+            distance, _ = tree.query(points[keep & (group == other)])
+            belongs[other] = distance.min() <= ELSEWHERE
+    return np.asarray(keep & belongs[group])

@@ -226,3 +226,26 @@ def test_one_picture_is_kept_for_every_direction_and_the_latest_of_them(step, ke
         fused = fused.merged(points, camera)
     assert len(fused.images) == kept
     np.testing.assert_allclose(fused.images[-1].X_OC[:3, 3], camera, atol=0.01)
+
+
+def far_and_near_sides():
+    """A cloud from one view of a box's top, and that view: points (n, 3) and the camera."""
+    rng = np.random.default_rng(3)
+    top = np.c_[rng.uniform(-0.03, 0.03, (4000, 2)), rng.normal(0.0, 2e-4, 4000)]
+    camera = np.array([0.0, 0.0, 0.4])
+    return FusedCloud.empty(0.003, smooth=True).merged(top, camera), top, camera
+
+
+@pytest.mark.parametrize("along", [[0.0, 0.0, -0.04], [0.0, 0.0, 0.04], [0.05, 0.0, 0.0]])
+def test_a_view_of_an_object_that_is_elsewhere_contradicts(along):
+    """Farther away, where the old surface would hide it; nearer; and aside."""
+    cloud, top, camera = far_and_near_sides()
+    assert cloud.contradicted(top + along, camera) > 0.5
+
+
+def test_a_view_of_a_part_contradicts_nothing():
+    """A hand hides the rest, or the picture ends."""
+    cloud, top, camera = far_and_near_sides()
+    assert cloud.contradicted(top[top[:, 0] > 0.0], camera) == 0.0
+    assert cloud.contradicted(top + [0.002, 0.0, 0.002], camera) < 0.1
+    assert cloud.contradicted(top[:5], camera) == 0.0

@@ -157,3 +157,22 @@ def test_a_real_table_is_recognised_and_the_object_on_it_is_not(name, shared_dat
     near = np.linalg.norm(cloud - objects.mean(axis=0), axis=1) < 0.3
     with pytest.raises(PointCloudError, match="one plane"):
         perceive(cloud[near][::5])
+
+
+def test_what_lies_far_behind_the_rim_is_not_of_the_object():
+    """A mask that is too large shows the table behind, as dense as the object."""
+    rng = np.random.default_rng(4)
+    front = np.c_[rng.uniform(-0.04, 0.04, (3000, 2)), np.full(3000, 0.4)]
+    angle = rng.uniform(0.0, 2.0 * np.pi, 2000)
+    ring = np.c_[0.08 * np.cos(angle), 0.08 * np.sin(angle), rng.uniform(0.75, 0.76, 2000)]
+    bad = outliers(np.concatenate([front, ring]), np.zeros(3))
+    assert not bad[:3000].any()
+    assert bad[3000:].all()
+
+
+def test_parts_with_a_gap_between_them_are_of_the_object():
+    """A finger before it, or a handle that shows apart from its mug."""
+    rng = np.random.default_rng(5)
+    body, handle = rng.uniform(0.0, 0.03, (2, 2000, 3)) * [1.0, 1.0, 0.01]
+    parts = np.concatenate([body, handle[:400] + [0.06, 0.0, 0.0]])
+    assert outliers(parts).mean() < 0.02
