@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
-from feasigrasp.models.control.safety.obstacle_grid import grid_kernel
+from feasigrasp.models.control.safety.obstacle_grid import box_distance_kernel, grid_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import (
     add_lever,
@@ -39,7 +39,8 @@ class Body(NamedTuple):
         ball_link: As in `feasigrasp.models.control.safety.arm_balls.ArmBalls`, like the next two.
         ball_center: Centres of the balls.
         ball_radius: Their radii.
-        hand: Points on the outside of the open hand, on link 7, shape (k, 3) [m].
+        guarded: What is kept off an object: points on the outside of the open hand and balls that
+            cover the arm, a line of link, x, y, z and radius each, shape (k, 5) [m].
     """
 
     link: Indices
@@ -50,7 +51,7 @@ class Body(NamedTuple):
     ball_link: Indices
     ball_center: Array
     ball_radius: Array
-    hand: Array
+    guarded: Array
 
 
 @njit(cache=True, forceinline=True)
@@ -126,19 +127,22 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
 
 
 @njit(cache=True)
-def object_rows_kernel(R, p, lower, upper, options, hand, grid, frame, X_WO, V_WO, rows, bounds):
-    """Writes rows (m, 7) and bounds (m,) that keep the hand off a moving object; returns m.
+def object_rows_kernel(R, p, lower, upper, options, guarded, grid, frame, X_WO, V_WO, rows, bounds):
+    """Writes rows (m, 7) and bounds (m,) that keep arm and hand off a moving object; returns m.
 
-    ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame. A point of the hand may
-    approach the surface at most at gain x what is left beyond the clearance, relative to the
-    surface as it moves: ``n . (v_point - v_surface)``.
+    ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is kept
+    off, one line of link, x, y, z and radius each: points of the hand (radius 0), which may touch
+    but for a small clearance, and balls that cover the arm. Either may approach the surface at most
+    at gain x what is left beyond the clearance, relative to the surface as it moves:
+    ``n . (v_point - v_surface)``.
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
     m = 0
     rows[0] = 0.0
-    for k in range(len(hand)):
-        x = place(R, p, 7, (hand[k, 0], hand[k, 1], hand[k, 2]))
+    for k in range(len(guarded)):
+        link, radius = int(guarded[k, 0]), guarded[k, 4]
+        x = place(R, p, link, (guarded[k, 1], guarded[k, 2], guarded[k, 3]))
         lever = x[0] - X_WO[0, 3], x[1] - X_WO[1, 3], x[2] - X_WO[2, 3]
         x_O = (
             X_WO[0, 0] * lever[0] + X_WO[1, 0] * lever[1] + X_WO[2, 0] * lever[2],
@@ -146,8 +150,10 @@ def object_rows_kernel(R, p, lower, upper, options, hand, grid, frame, X_WO, V_W
             X_WO[0, 2] * lever[0] + X_WO[1, 2] * lever[1] + X_WO[2, 2] * lever[2],
         )
         distance, slope = grid_kernel(x_O, grid, frame)
-        if distance >= frame[4]:
-            continue
+        if distance >= 0.999 * frame[4]:
+            distance, slope = box_distance_kernel(x_O, grid.shape, frame)
+            if distance <= 0.0:
+                continue
         normal = (
             X_WO[0, 0] * slope[0] + X_WO[0, 1] * slope[1] + X_WO[0, 2] * slope[2],
             X_WO[1, 0] * slope[0] + X_WO[1, 1] * slope[1] + X_WO[1, 2] * slope[2],
@@ -155,7 +161,8 @@ def object_rows_kernel(R, p, lower, upper, options, hand, grid, frame, X_WO, V_W
         )
         turning = cross((V_WO[0], V_WO[1], V_WO[2]), lever)
         surface = V_WO[3] + turning[0], V_WO[4] + turning[1], V_WO[5] + turning[2]
-        add_lever(x, normal, 0, 7, R, p, rows[m])
-        allowed = options.approach_gain * (distance - options.object_clearance)
+        add_lever(x, normal, 0, link, R, p, rows[m])
+        clearance = options.object_clearance if radius == 0.0 else options.obstacle_clearance
+        allowed = options.approach_gain * (distance - radius - clearance)
         m = _keep(rows, bounds, m, dot(normal, surface) - allowed, lower, upper)
     return m

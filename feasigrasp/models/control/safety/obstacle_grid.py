@@ -101,6 +101,29 @@ def grid_kernel(x, values, frame):
 
 
 @njit(cache=True)
+def box_distance_kernel(x, shape, frame):
+    """Distance to the box of the surface in an `object_grid`, and its gradient (a tuple of 3).
+
+    The grid ends at a distance at which something quick could no longer brake. Beyond it, the
+    distance to the box that encloses the surface is a lower bound; 0 in the box.
+    """
+    low = frame[0] + frame[4], frame[1] + frame[4], frame[2] + frame[4]
+    high = (
+        frame[0] + (shape[0] - 1) * frame[3] - frame[4],
+        frame[1] + (shape[1] - 1) * frame[3] - frame[4],
+        frame[2] + (shape[2] - 1) * frame[3] - frame[4],
+    )
+    d = (
+        x[0] - min(max(x[0], low[0]), high[0]),
+        x[1] - min(max(x[1], low[1]), high[1]),
+        x[2] - min(max(x[2], low[2]), high[2]),
+    )
+    distance = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    per = 1.0 / max(distance, 1e-9)
+    return distance, (d[0] * per, d[1] * per, d[2] * per)
+
+
+@njit(cache=True)
 def _lookup(x, values, frame, distance, gradient):
     for m in range(len(x)):
         distance[m], g = grid_kernel((x[m, 0], x[m, 1], x[m, 2]), values, frame)

@@ -68,7 +68,7 @@ def problem_kernel(
     ball_link,
     ball_center,
     ball_radius,
-    hand,
+    guarded,
     grid,
     frame,
     object_grid,
@@ -82,7 +82,7 @@ def problem_kernel(
 
     Everything in two arrays, since making a NumPy array costs as much as filling it: ``matrix``
     has H (7, 7) and below it the rows (m, 7), ``vector`` the lines lower bounds, upper bounds and
-    f. The arguments, from ``link`` to ``hand`` those of `Body`, are single arrays, since numba
+    f. The arguments, from ``link`` to ``guarded`` those of `Body`, are single arrays, since numba
     takes ten times as long to unpack a tuple.
     """
     settings = options[0]
@@ -95,7 +95,7 @@ def problem_kernel(
     bounds_kernel(q, qd_last, settings, lower, upper)
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
-    body = Body(link, ends, radius, pairs, movers, ball_link, ball_center, ball_radius, hand)
+    body = Body(link, ends, radius, pairs, movers, ball_link, ball_center, ball_radius, guarded)
     m = rows_kernel(
         R,
         p,
@@ -109,7 +109,7 @@ def problem_kernel(
         lower[IIWA_7.joints :],
     )
     total = m + object_rows_kernel(
-        *(R, p, lower, upper, settings, hand, object_grid, object_frame, X_WO, V_WO),
+        *(R, p, lower, upper, settings, guarded, object_grid, object_frame, X_WO, V_WO),
         *(matrix[7 + m :], lower[7 + m :]),
     )
     upper[7 : 7 + total] = _UNBOUNDED

@@ -133,12 +133,20 @@ class Safety(Frozen):
         """Lays out the geometry for the kernels, and compiles them."""
         model = capsule_model(self.gripper)
         balls = arm_balls(model)
-        hand = hand_points(self.gripper)
-        geometry = (model.link, model.ends, model.radius, model.pairs, model.movers, *balls, hand)
+        guarded = _kept_off_an_object(self.gripper)
+        geometry = (
+            model.link,
+            model.ends,
+            model.radius,
+            model.pairs,
+            model.movers,
+            *balls,
+            guarded,
+        )
         object.__setattr__(
             self, "_arrays", (record(self.options), *(np.ascontiguousarray(g) for g in geometry))
         )
-        most = 8 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(hand)
+        most = 8 + len(model.pairs) + 2 * len(model.movers) + len(balls.link) + len(guarded)
         hard, soft = np.zeros(most, dtype=np.intc), np.full(most, _SOFT, dtype=np.intc)
         soft[: IIWA_7.joints] = 0
         object.__setattr__(self, "_senses", (hard, soft))
@@ -171,7 +179,7 @@ class Safety(Frozen):
             qd_last: The command of one period ago [rad/s], shape (7,); without it accelerations are
                 not limited.
             obstacles: What the arm must not touch, in the frame of its base.
-            moving: What the open hand should not push. These rows come after all others: they are
+            moving: What arm and open hand should not push. These rows come after all others: they are
                 broken as little as possible where not all can be kept.
 
         Returns:
@@ -239,3 +247,13 @@ class Safety(Frozen):
             vector,
         )
         return matrix[: 7 + m if m >= 0 else 0], vector[:, : 7 + max(m, 0)], n_hard
+
+
+def _kept_off_an_object(gripper: ParallelGripper | None) -> Array:
+    """Points of the opened hand and balls that cover the arm: link, x, y, z, radius, shape (k, 5).
+
+    The hand is more than its balls, which would fill the room between the fingers.
+    """
+    points, arm = hand_points(gripper), arm_balls(capsule_model(gripper, with_hand=False))
+    hand = np.hstack([np.full((len(points), 1), 7.0), points, np.zeros((len(points), 1))])
+    return np.concatenate([hand, np.column_stack([arm.link, arm.center, arm.radius])])
