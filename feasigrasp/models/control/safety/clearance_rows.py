@@ -130,11 +130,11 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
 def object_rows_kernel(R, p, lower, upper, options, guarded, grid, frame, X_WO, V_WO, rows, bounds):
     """Writes rows (m, 7) and bounds (m,) that keep arm and hand off a moving object; returns m.
 
-    ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is kept
-    off, one line of link, x, y, z and radius each: points of the hand (radius 0), which may touch
-    but for a small clearance, and balls that cover the arm. Either may approach the surface at most
-    at gain x what is left beyond the clearance, relative to the surface as it moves:
-    ``n . (v_point - v_surface)``.
+    ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is
+    kept off, one line of link, x, y, z and radius each: points of the hand (radius 0), which keep a
+    small clearance, and balls that cover the arm, which keep the one to obstacles. Either may
+    approach the surface at most at gain x what is left beyond the clearance, relative to the
+    surface as it moves: ``n . (v_point - v_surface)``.
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0

@@ -64,7 +64,7 @@ class SafetyOptions:
         acceleration_scale: Share of the acceleration limits that may be used.
         clearance: Distance kept between bodies, and to the table [m].
         obstacle_clearance: Distance kept to the obstacles of a scene, whose surfaces are known to a
-            centimetre (voxels, noise, edges) [m].
+            centimetre (voxels, noise, edges), and between the arm and the object [m].
         object_clearance: Distance kept between the open hand and the object that it follows [m].
         table_height: Height of the table top in the base frame [m].
         approach_gain: g; limits and bodies are approached at most at g x remaining distance [1/s].
@@ -179,8 +179,8 @@ class Safety(Frozen):
             qd_last: The command of one period ago [rad/s], shape (7,); without it accelerations are
                 not limited.
             obstacles: What the arm must not touch, in the frame of its base.
-            moving: What arm and open hand should not push. These rows come after all others: they are
-                broken as little as possible where not all can be kept.
+            moving: What arm and open hand should not push. These rows come after all others: they
+                are broken as little as possible where not all can be kept.
 
         Returns:
             Joint velocity [rad/s], shape (7,), always finite. A request that is not finite counts

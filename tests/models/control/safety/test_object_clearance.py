@@ -1,16 +1,21 @@
-"""The open hand keeps off the object that it follows, and gives way to it."""
+"""Arm and open hand keep off the object that they follow, and give way to it."""
 
 import numpy as np
 import pytest
 
 from feasigrasp.models.arrays import record
+from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel
-from feasigrasp.models.control.safety.obstacle_grid import MovingObject, object_grid
+from feasigrasp.models.control.safety.obstacle_grid import (
+    MovingObject,
+    box_distance_kernel,
+    object_grid,
+)
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
-from feasigrasp.models.robot.capsules import hand_points
+from feasigrasp.models.robot.capsules import capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
@@ -62,6 +67,22 @@ def test_the_grid_is_the_distance_of_the_ball(grid):
     assert (distance[truth < -0.01] < 0).all() and (distance[truth > 0.005] > 0).all()
 
 
+def test_beyond_the_grid_the_distance_is_that_of_the_box_of_the_surface(grid):
+    """A lower bound of the true distance, with the gradient that finite differences give."""
+    rng = np.random.default_rng(2)
+    size = np.array(grid.values.shape)
+    for x in rng.uniform(-0.4, 0.4, (200, 3)):
+        distance, gradient = box_distance_kernel(tuple(x), tuple(size), grid.frame)
+        truth = np.linalg.norm(x) - RADIUS
+        assert distance <= truth + 0.001
+        assert distance >= np.linalg.norm(np.maximum(np.abs(x) - RADIUS - 0.009, 0.0)) - 1e-9
+        if distance > 1e-3:
+            moved = box_distance_kernel(
+                tuple(x + 1e-6 * np.array(gradient)), tuple(size), grid.frame
+            )
+            assert moved[0] - distance == pytest.approx(1e-6, rel=1e-3)
+
+
 def test_the_grid_of_a_field_is_made_once():
     field, other = (fit_gpdf(sphere_points(100, RADIUS), length_scale=0.1) for _ in range(2))
     made = object_grid(field)
@@ -83,7 +104,8 @@ def test_hand_points_lie_on_the_hand():
 
 
 def all_rows(q, grid, X_WO, V_WO):
-    hand = hand_points()
+    hand = np.pad(hand_points(), ((0, 0), (1, 1)))  # radius 0 ...
+    hand[:, 0] = 7.0  # ... on link 7
     rows, bounds = np.empty((len(hand) + 1, 7)), np.empty(len(hand) + 1)
     wide = np.full(7, 1e6)
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
@@ -141,6 +163,48 @@ def test_a_hand_that_is_led_through_the_object_does_not_touch_it(safety, grid, d
         nearest[moving is None] = min(gaps)
     assert nearest[True] < -0.005
     assert nearest[False] > -0.001
+
+
+def test_a_hand_that_comes_at_full_speed_can_still_brake(safety, grid):
+    """From so far away that the grid does not reach there, the palm first."""
+    X_WG = forward_kinematics(Q, GRIPPER.X_FG)
+    X_WO = at(X_WG[:3, 3] + [0.0, 0.35, -0.02])
+    for moving, lowest in ((None, -0.1), (MovingObject(grid, X_WO, np.zeros(6)), -0.001)):
+        q, last, gaps = Q, np.zeros(7), []
+        for _ in range(250):
+            J = pose_and_jacobian(q, GRIPPER.X_FG)[1]
+            V = np.array([0.0, 0.0, 0.0, 0.0, 1.5, 0.0])
+            last = safety.velocity(q, np.zeros(7), J, V, qd_last=last, moving=moving)
+            q = q + OPTIONS.period * last
+            gaps.append(gap(q, X_WO))
+        assert (min(gaps) < -0.005) == (moving is None)
+        assert min(gaps) > lowest
+
+
+def test_the_forearm_keeps_off_too(safety, grid):
+    """Joint 1 swings the arm past a ball beside the forearm, which no point of the hand comes near."""
+    R, p = np.empty((8, 3, 3)), np.empty((8, 3))
+    link_poses_kernel(Q, R, p)
+    middle = 0.5 * (p[4] + p[6])  # between elbow and wrist
+    turn = se3.so3_exp([0.0, 0.0, 0.5])
+    X_WO = at(turn @ middle)
+    balls = arm_balls(capsule_model(GRIPPER, with_hand=False))
+
+    def arm_gap(q):
+        link_poses_kernel(q, R, p)
+        centers = np.einsum("kij,kj->ki", R[balls.link], balls.center) + p[balls.link]
+        return (np.linalg.norm(centers - X_WO[:3, 3], axis=1) - balls.radius).min() - RADIUS
+
+    nearest = {}
+    for moving in (None, MovingObject(grid, X_WO, np.zeros(6))):
+        q, last, gaps = Q, np.zeros(7), []
+        for _ in range(200):
+            last = safety.velocity(q, np.eye(7)[0], qd_last=last, moving=moving)
+            q = q + OPTIONS.period * last
+            gaps.append(arm_gap(q))
+        nearest[moving is None] = min(gaps)
+    assert nearest[True] < -0.02
+    assert nearest[False] > 0.01
 
 
 def test_a_hand_at_rest_gives_way_to_the_object(safety, grid):
