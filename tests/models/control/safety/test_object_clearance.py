@@ -182,7 +182,7 @@ def test_a_hand_that_comes_at_full_speed_can_still_brake(safety, grid):
 
 
 def test_the_forearm_keeps_off_too(safety, grid):
-    """Joint 1 swings the arm past a ball beside the forearm, which no point of the hand comes near."""
+    """Joint 1 swings the arm past a ball beside the forearm, where the hand does not come."""
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(Q, R, p)
     middle = 0.5 * (p[4] + p[6])  # between elbow and wrist
