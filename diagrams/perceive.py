@@ -1,125 +1,13 @@
-"""Perception only, from a real cloud: completes an object and finds grasps, without a robot.
+"""Perception only, from a real cloud: ``feasigrasp perceive`` by another name.
 
 For example::
 
     python diagrams/perceive.py --cloud mug.ply --picture out/mug.png --html out/mug.html
-
-The cloud shows one object, in metres, in the camera's frame (the camera in the origin, z forward);
-``--scale``, ``--crop``, ``--viewpoint`` and ``--merged`` are for clouds that differ. ``--sampler``
-chooses where grasps come from, as in scenarios.
 """
 
-import argparse
 import sys
-from pathlib import Path
 
-import numpy as np
-
-from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.pictures.perception import draw_perception
-from feasigrasp.evaluation.pictures.perception_html import write_perception_html
-from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
-from feasigrasp.models.grasps.grasp_set import Rejection
-from feasigrasp.models.grasps.perceive import Perception, perceive
-from feasigrasp.models.grasps.samplers import SamplerName
-from feasigrasp.outputs import check_outputs
-from feasigrasp.results.interrupts import STATUS
-
-#: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
-REASONS: dict[str, str] = {
-    Rejection.TOO_WIDE: "no opposite side within the hand's opening",
-    Rejection.OFF_SURFACE: "a contact is not on the completed surface",
-    Rejection.NOTHING_BETWEEN: "the line between the contacts misses the object",
-    Rejection.NOT_ANTIPODAL: "the surfaces at the contacts do not oppose each other",
-    Rejection.COLLIDES: "fingers, palm or camera would hit the object",
-    Rejection.NEAR_COPY: "almost the same as a better grasp",
-    Rejection.UNCERTAIN: "less likely to be a true grasp than the others",
-}
-
-
-def parse_arguments() -> argparse.Namespace:
-    """Reads the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cloud", type=Path, required=True, help=".ply, .pcd, .npy or .npz")
-    parser.add_argument("--picture", type=Path, help="PNG (default: out/perceive/<cloud>.png)")
-    parser.add_argument("--html", type=Path, help="3-D view (default: beside the picture)")
-    parser.add_argument("--scale", type=float, default=1.0, help="from the file's unit to metres")
-    parser.add_argument(
-        "--crop",
-        type=float,
-        nargs=6,
-        metavar=("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX"),
-        help="keep what is inside this box [m]",
-    )
-    parser.add_argument("--voxel", type=float, default=0.003, help="resolution [m]")
-    view = parser.add_mutually_exclusive_group()
-    view.add_argument(
-        "--viewpoint",
-        type=float,
-        nargs=3,
-        default=(0.0, 0.0, 0.0),
-        metavar=("X", "Y", "Z"),
-        help="where the camera was [m] (default: the origin)",
-    )
-    view.add_argument("--merged", action="store_true", help="the cloud shows several sides")
-    parser.add_argument(
-        "--sampler",
-        choices=list(SamplerName),
-        default=SamplerName.NETWORK,
-        help="where grasps come from (default: %(default)s)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the sampler antipodal")
-    args = parser.parse_args()
-    if not args.voxel > 0.0:
-        parser.error(f"--voxel {args.voxel}: give a length in metres")
-    return args
-
-
-def print_table(name: str, perception: Perception) -> None:
-    """Prints what was found, and why the other candidates were dropped."""
-    grasps, gripper = perception.grasps, perception.gripper
-    size = 1e2 * np.ptp(perception.gpdf.completion.points, axis=0)
-    print(f"{name}: {len(perception.cloud.points)} points of {perception.cloud.voxel_size:g} m")
-    print(f"  {'outliers dropped before':34s} {perception.outliers:6d}")
-    print(f"  {'completed size [cm]':34s} {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f}")
-    print(f"  {'grasps kept':34s} {len(grasps):6d}")
-    if len(grasps) > 0:
-        narrow, wide = 1e3 * grasps.width.min(), 1e3 * grasps.width.max()
-        print(f"  {'their widths [mm]':34s} {narrow:.0f} to {wide:.0f}")
-    for reason, count in grasps.rejected.items():
-        print(f"  {'dropped: ' + reason:34s} {count:6d}   {REASONS.get(reason, '')}")
-    if len(grasps) == 0 and grasps.rejected:
-        most = max(grasps.rejected, key=lambda reason: grasps.rejected[reason])
-        print(f"  no grasp, most often because: {most} (the hand opens to", end=" ")
-        print(f"{1e3 * gripper.max_opening:.0f} mm)")
-
-
-def main() -> int:
-    """Looks at one cloud."""
-    args = parse_arguments()
-    viewpoint = None if args.merged else args.viewpoint
-    picture = args.picture or Path("out/perceive") / f"{args.cloud.stem}.png"
-    html = args.html or picture.with_suffix(".html")
-    try:
-        check_outputs({"--picture": picture, "--html": html})
-        points = prepare_cloud(
-            read_cloud(args.cloud), scale=args.scale, crop=args.crop, viewpoint=viewpoint
-        )
-        perception = perceive(
-            points, viewpoint, sampler=args.sampler, voxel_size=args.voxel, seed=args.seed
-        )
-        print_table(args.cloud.name, perception)
-        draw_perception(perception, picture, args.cloud.stem)
-        write_perception_html(perception, html)
-    except FeasigraspError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return STATUS
-    print(f"  wrote {picture} and {html}")
-    return 0
-
+from feasigrasp.cli import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(["perceive", *sys.argv[1:]]))

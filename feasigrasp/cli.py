@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -26,20 +26,27 @@ GROUPS = {
     "fit": ("fit models to an arm, and to grasps", "training/fit_*.py"),
     "train": ("train the networks that come with the package", "training/train_*.py"),
 }
-#: Commands without a group: the module, and what it does.
-SINGLE_COMMANDS = {
-    "report": (
-        "feasigrasp.evaluation.report.markdown_report",
-        "write what a folder of results says as Markdown",
-    ),
-}
+#: The modules of the commands without a group, likewise, but one that lies elsewhere.
+SINGLES = "commands/*.py"
+_REPORT = (
+    "feasigrasp.evaluation.report.markdown_report",
+    "write what a folder of results says as Markdown",
+)
 _PACKAGE = Path(__file__).parent
 
 
 def commands(group: str) -> dict[str, tuple[str, str]]:
     """The commands of a group: by name the module, and what it does."""
+    return _found(GROUPS[group][1])
+
+
+def single_commands() -> dict[str, tuple[str, str]]:
+    """The commands without a group, likewise."""
+    return {**_found(SINGLES), "report": _REPORT}
+
+
+def _found(pattern: str) -> dict[str, tuple[str, str]]:
     found = {}
-    pattern = GROUPS[group][1]
     before = Path(pattern).stem.removesuffix("*")
     for file in sorted(_PACKAGE.glob(pattern)):
         if file.stem != "__init__":
@@ -69,16 +76,58 @@ def main(argv: Sequence[str] | None = None) -> int:
     if chosen.module is None:
         chosen.parser.print_help()
         return 0
-    try:
+
+    def run() -> int:
         module = import_module(chosen.module)
-        parser = argparse.ArgumentParser(prog=chosen.prog, description=f"{chosen.description}.")
+        parser = command_parser(chosen.prog, chosen.description)
         module.add_arguments(parser)
         args = parser.parse_args(rest)
         if "out" not in args:
             return int(module.main(args))
         check_folder("--out", args.out)
-        with only_one_in(args.out):
-            return int(module.main(args))
+        try:
+            with only_one_in(args.out):
+                return int(module.main(args))
+        except KeyboardInterrupt:
+            said = "interrupted; the same command goes on from here"
+            raise Unfinished(said, [], STATUS) from None
+
+    return exit_status(run)
+
+
+def command_parser(prog: str, purpose: str) -> argparse.ArgumentParser:
+    """A parser whose ``--help`` shows defaults."""
+    return argparse.ArgumentParser(prog=prog, description=f"{purpose}.", formatter_class=_Help)
+
+
+class _Help(argparse.HelpFormatter):
+    """Adds the default of an option where its help does not tell of one."""
+
+    def _get_help_string(self, action: argparse.Action) -> str:
+        text, default = super()._get_help_string(action) or "", action.default
+        none = default is None or default is False or default is argparse.SUPPRESS
+        if none or "default:" in text or not action.option_strings:
+            return text
+        return f"{text} (default: {_shown(default)})"
+
+
+def _shown(default: object) -> str:
+    """A default as it would be given."""
+    text = ",".join(map(str, default)) if isinstance(default, list) else str(default)
+    return text.replace("%", "%%")
+
+
+def exit_status(work: Callable[[], int]) -> int:
+    """What a command's process ends with, its errors in one line.
+
+    Args:
+        work: Returns 0, or 1 or more if it failed.
+
+    Returns:
+        That; 2 if something given was wrong; 130 after Ctrl-C.
+    """
+    try:
+        return work()
     except Unfinished as error:
         print(error, file=sys.stderr)
         return error.status
@@ -86,7 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here", file=sys.stderr)
+        print("interrupted", file=sys.stderr)
         return STATUS
 
 
@@ -109,7 +158,7 @@ def _make_parser() -> argparse.ArgumentParser:
         names = group_parser.add_subparsers(metavar="WHAT")
         for name, (module, what) in commands(group).items():
             add(names, name, module, what)
-    for name, (module, what) in SINGLE_COMMANDS.items():
+    for name, (module, what) in single_commands().items():
         add(group_parsers, name, module, what)
     return parser
 

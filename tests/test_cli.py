@@ -1,5 +1,6 @@
 """The ``feasigrasp`` command: what it offers, and how it says no."""
 
+import argparse
 import importlib
 import subprocess
 import sys
@@ -63,14 +64,49 @@ def test_the_commands_are_those_that_users_rely_on():
     }
 
 
-@pytest.mark.parametrize("name", list(cli.SINGLE_COMMANDS))
+@pytest.mark.parametrize("name", list(cli.single_commands()))
 def test_a_command_without_a_group_has_its_help_too(name, capsys):
-    module = importlib.import_module(cli.SINGLE_COMMANDS[name][0])
+    module_name, purpose = cli.single_commands()[name]
+    module = importlib.import_module(module_name)
+    if ".commands." in module_name:
+        assert module.__doc__.splitlines()[0] == f"``feasigrasp {name}``: {purpose}."
     assert callable(module.main) and name not in cli.GROUPS
     with pytest.raises(SystemExit) as ended:
         cli.main([name, "--help"])
     assert ended.value.code == 0
     assert f"feasigrasp {name}" in capsys.readouterr().out
+
+
+def test_the_commands_for_people_are_there():
+    assert list(cli.single_commands()) == [
+        *("doctor", "objects", "perceive", "run", "scenarios", "report")
+    ]
+
+
+@pytest.mark.parametrize("command", COMMANDS + [(name,) for name in cli.single_commands()])
+def test_options_show_their_defaults(command):
+    of_group = len(command) == 2
+    module = cli.commands(command[0])[command[1]] if of_group else cli.single_commands()[command[0]]
+    parser = cli.command_parser(" ".join(command), "test")
+    importlib.import_module(module[0]).add_arguments(parser)
+    shown = parser._get_formatter()
+    for action in parser._actions:
+        if not any(action.default is none for none in (None, False, argparse.SUPPRESS)):
+            assert action.help and "default:" in shown._expand_help(action), action.dest
+
+
+def test_a_default_is_shown_once_and_as_it_is_given():
+    parser = cli.command_parser("test", "test")
+    parser.add_argument("--names", default=["a", "b"], help="some")
+    parser.add_argument("--seed", type=int, default=0, help="a number")
+    parser.add_argument("--share", default="5%", help="of it")
+    parser.add_argument("--said", default="x", help="this (default: see there)")
+    parser.add_argument("--flag", action="store_true", help="a flag")
+    parser.add_argument("--file", help="a file")
+    said = " ".join(parser.format_help().split())
+    for text in ("some (default: a,b)", "a number (default: 0)", "of it (default: 5%)"):
+        assert text in said
+    assert said.count("default:") == 4 and "see there" in said
 
 
 @pytest.mark.parametrize(
@@ -131,6 +167,17 @@ def test_an_interruption_has_a_status_of_its_own(monkeypatch, capsys):
     monkeypatch.setattr(module, "main", interrupted)
     assert cli.main(["evaluate", "dynamic"]) == 130
     assert "the same command goes on from here" in capsys.readouterr().err
+
+
+def test_a_run_that_is_interrupted_does_not_go_on(monkeypatch, capsys):
+    module = importlib.import_module("feasigrasp.commands.objects")
+
+    def interrupted(args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "main", interrupted)
+    assert cli.main(["objects"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
 
 
 def test_help_is_quick_because_nothing_heavy_is_imported():

@@ -91,9 +91,13 @@ def is_identifier(word: str) -> bool:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_commands_exist(page):
-    groups = "|".join(cli.GROUPS)
-    named = re.findall(rf"feasigrasp ({groups}) ([a-z][\w-]*)", page.read_text())
+    text, groups = page.read_text(), "|".join(cli.GROUPS)
+    named = re.findall(rf"feasigrasp ({groups}) ([a-z][\w-]*)", text)
     assert not [(group, name) for group, name in named if name not in cli.commands(group)]
+    first = set(re.findall(r"`(?:\.venv/bin/)?feasigrasp ([a-z][\w-]*)", text))
+    for block in re.findall(r"^```\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        first |= set(re.findall(r"^feasigrasp ([a-z][\w-]*)", block, re.MULTILINE))
+    assert not first - {*cli.GROUPS, *cli.single_commands()}
 
 
 def test_the_checks_can_fail():

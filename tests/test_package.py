@@ -46,6 +46,7 @@ ORDER = (
     ("evaluation.measures", "evaluation.peers", "evaluation.runs"),
     ("evaluation.pictures", "evaluation.report"),
     ("evaluation.bench", "evaluation.studies"),
+    ("commands",),
     ("cli",),
 )
 ROW = {package: row for row, packages in enumerate(ORDER) for package in packages}

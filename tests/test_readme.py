@@ -20,8 +20,8 @@ def block(text, language):
     return found[0]
 
 
-def test_diagram_example_finds_grasps(readme, repository, monkeypatch, capsys):
-    monkeypatch.chdir(repository)
+def test_diagram_example_finds_grasps_from_any_folder(readme, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     names = {}
     exec(compile(block(readme, "python"), "README.md", "exec"), names)
     assert len(names["grasps"]) > 0

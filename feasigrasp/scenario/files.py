@@ -36,6 +36,19 @@ def scenario_names(filename: str | Path) -> list[str]:
     return [name for name in _nodes(filename) if not name.startswith("_")]
 
 
+def only_scenario(filename: str | Path) -> str:
+    """The name of the scenario of a file that has one.
+
+    Raises:
+        ScenarioError: It has more than one, or none, or cannot be read.
+    """
+    names = scenario_names(filename)
+    if len(names) != 1:
+        has = f"{len(names)} scenarios: {', '.join(names)}; name one" if names else "no scenario"
+        raise ScenarioError(f"{filename} has {has}")
+    return names[0]
+
+
 def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Scenario:
     """Reads one scenario of a file; what it leaves to the control mode is filled in.
 

@@ -53,8 +53,9 @@ def add_loop_arguments(
 ) -> None:
     """Adds the arguments that every training takes; ``of`` is what a step has a batch of."""
     parser.add_argument("--batch", type=positive, default=batch, help=f"{of} of a step")
-    parser.add_argument("--learning-rate", type=float, default=rate)
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--learning-rate", type=float, default=rate, help="at the start")
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    parser.add_argument("--device", default=device, help="where torch computes")
 
 
 def add_evaluation_arguments(

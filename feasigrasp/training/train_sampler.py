@@ -37,7 +37,7 @@ _POINTS = 1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("--preset", choices=list(Preset), default="default")
+    parser.add_argument("--preset", choices=list(Preset), default="default", help="which network")
     parser.add_argument(
         "--data", type=Path, default=Path("out/sampler_data"), help="folder of the shards"
     )

@@ -41,7 +41,9 @@ _LOGS = ("metrics", "obstacle_distance", "drive", "arm")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/soak", objects="duck")
-    parser.add_argument("--controllers", type=names, default=["task", "joint"])
+    parser.add_argument(
+        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+    )
     parser.add_argument(
         "--minutes", type=minutes, default=60.0, help="simulated time (default: 60; --quick: 1)"
     )

@@ -96,7 +96,9 @@ def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument(
         "--scenarios", type=names, help="names of scenarios, instead of those of the study"
     )
-    parser.add_argument("--controllers", type=names, default=["task", "joint"])
+    parser.add_argument(
+        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+    )
     parser.add_argument(
         "--mode", type=names, help="modes, separated by commas (default: the study's)"
     )

@@ -38,7 +38,8 @@ _STATUS_LINE = """<div id="grasp-status"></div>
   }, 100);
 </script>
 """
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+#: Browsers that take pictures without a window.
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 def quiet_meshcat() -> Meshcat:
@@ -93,7 +94,7 @@ def take_picture(replay: Path) -> bool:
     Returns:
         Whether there is a picture that is not older than the replay.
     """
-    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     picture = replay.with_suffix(".png")
     if not replay.exists():
         return False

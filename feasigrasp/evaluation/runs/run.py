@@ -22,6 +22,7 @@ from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics, t
 from feasigrasp.evaluation.metrics.robot_twin import robot_twin
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, not_held, summarize
 from feasigrasp.evaluation.metrics.tick_times import TickTimes
+from feasigrasp.evaluation.runs.console import StatusLine, progress
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status
@@ -59,6 +60,7 @@ def run(
     *,
     replay: Path | None = None,
     keep: Callable[[dict[str, Any]], None] = lambda record: None,
+    line: StatusLine | None = None,
 ) -> RunResult:
     """Simulates a scenario until its grasp is over or its duration has passed.
 
@@ -70,7 +72,10 @@ def run(
         name: Its name, for the record.
         replay: Where to write a self-contained HTML replay.
         keep: Gets the record as soon as there is one, before the replay is written.
+        line: Where to say how far the run is.
     """
+    say = line.show if line else lambda text: None
+    say("building the diagram")
     # Made now: the revision may change while the simulation runs.
     record = crash_record(scenario, name, "")
     # The pipeline's matrices are small: a second BLAS thread costs more than it brings.
@@ -85,10 +90,11 @@ def run(
             tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
             simulator = Simulator(diagram)
             ApplySimulatorConfig(scenario.simulator_config, simulator)
-            simulator.set_monitor(_StopWhenDone(diagram, interrupted))
+            simulator.set_monitor(_Monitor(diagram, interrupted, line))
             if interrupted.is_set():
                 raise KeyboardInterrupt  # there is nothing yet
             started = time.perf_counter()
+            say("starting the simulation")
             try:
                 simulator.Initialize()
                 simulator.AdvanceTo(scenario.simulation_duration)
@@ -98,6 +104,7 @@ def run(
             error = INTERRUPTED
         ended = time.perf_counter()
 
+    say("measuring what happened")
     context = simulator.get_context()
     times, samples, metrics = _measured(diagram, context, scenario, broke_off=error is not None)
     metrics |= tick_times.metrics()
@@ -113,6 +120,7 @@ def run(
     record |= {"timings": timings, "metrics": metrics, "error": error, "status": status}
     keep(record)
     if meshcat is not None and replay is not None:
+        say(f"writing {replay}")
         write_replay(meshcat, replay, history)
     return RunResult(record, times, samples)
 
@@ -189,16 +197,20 @@ def _measured(
     return times, samples, metrics
 
 
-class _StopWhenDone:
-    """A monitor that ends the run when the grasp is over; it looks twice per sample.
+class _Monitor:
+    """Ends the run when the grasp is over, or after Ctrl-C, and says how far it is.
 
-    It ends it after Ctrl-C as well.
+    It looks twice per sample.
     """
 
-    def __init__(self, diagram: Diagram, interrupted: threading.Event) -> None:
-        self._interrupted = interrupted
+    def __init__(
+        self, diagram: Diagram, interrupted: threading.Event, line: StatusLine | None
+    ) -> None:
+        self._interrupted, self._line = interrupted, line
         self._sequencer = diagram.GetSubsystemByName("sequencer")
+        self._status = diagram.GetSubsystemByName("status")
         self._next = 0.0
+        self._began = time.perf_counter()
 
     def __call__(self, context: Context) -> EventStatus:
         if self._interrupted.is_set():
@@ -207,8 +219,15 @@ class _StopWhenDone:
         if time < self._next:
             return EventStatus.DidNothing()
         self._next = time + 0.5 * SAMPLE_PERIOD
+        if self._line is not None:
+            self._say(self._line, context)
         state = self._sequencer.state(self._sequencer.GetMyContextFromRoot(context))
         # One sample later than the end, so that the log shows it.
         if state.phase == Phase.DONE and time >= state.since + SAMPLE_PERIOD:
             return EventStatus.ReachedTermination(self._sequencer, "the grasp is over")
         return EventStatus.DidNothing()
+
+    def _say(self, line: StatusLine, context: Context) -> None:
+        wall = time.perf_counter() - self._began
+        history = self._status.history(self._status.GetMyContextFromRoot(context))
+        line.show(progress(context.get_time(), wall, history), patient=True)

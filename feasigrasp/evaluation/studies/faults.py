@@ -32,7 +32,9 @@ _LOST, _LOOKED_AT = "pose_nan", 2.5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/faults", objects="duck,soup_can,small_box")
-    parser.add_argument("--controllers", type=names, default=["task", "joint"])
+    parser.add_argument(
+        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+    )
     parser.add_argument("--faults", type=names, help="names of faults (default: all)")
     parser.add_argument("--instants", type=positive, default=5, help="drawn beginnings of a fault")
     add_scenario_arguments(parser)

@@ -39,9 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenarios", type=names, default=names(SCENARIOS), help=f"default: {SCENARIOS}"
     )
-    parser.add_argument("--controllers", type=names, default=["task", "joint"])
+    parser.add_argument(
+        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+    )
     parser.add_argument("--seeds", type=positive, default=5, help="repeats, with seeds that count")
-    parser.add_argument("--mode", choices=tuple(map(str, ControlMode)), default="safe")
+    parser.add_argument(
+        "--mode", choices=tuple(map(str, ControlMode)), default="safe", help="of control"
+    )
     parser.add_argument("--duration", type=float, help="length of a run [s]; default: three laps")
     add_scenario_arguments(parser)
 

@@ -84,7 +84,7 @@ def prepare_cloud(
 
     Raises:
         PointCloudError: Wrong unit, wrong frame, background in the cloud, or nothing left of it;
-            the message names the option of ``diagrams/perceive.py`` that mends it.
+            the message names the option of ``feasigrasp perceive`` that mends it.
     """
     if not (np.isfinite(scale) and scale > 0.0):
         raise PointCloudError(f"--scale {scale}: give a positive factor from its unit to metres")

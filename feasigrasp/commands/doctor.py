@@ -1,0 +1,227 @@
+"""``feasigrasp doctor``: tell whether everything that is needed is there and works.
+
+Every line begins with ``ok``, ``problem`` or ``without``; what is missing in a line of the last
+kind is needed for extras only. The exit status is 1 if there is a problem.
+
+Libraries are imported where they are looked at, so that one that is missing hides no other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+
+from feasigrasp import __version__
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.resources import diagram_path, model_path
+
+#: Modules of packages that are called otherwise.
+_MODULES = {"drake": "pydrake", "pyyaml": "yaml"}
+_REINSTALL = "pip install --force-reinstall --no-deps"
+#: Files that come with the package: of each network, and of the reachable space.
+_WEIGHTS = ("grasp_network", "grasp_network_paper", "hidden_side", "ik_flow")
+_SPACES = ("reachable_space", "reachable_space_paper")
+#: Prints the depth that a camera sees in the middle of a wall that is 0.9 m away.
+_RENDER = """
+from pydrake.geometry import *
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo
+
+scene_graph = SceneGraph()
+scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
+wall = GeometryInstance(RigidTransform([0.0, 0.0, 1.0]), Box(1.0, 1.0, 0.2), "wall")
+properties = PerceptionProperties()
+properties.AddProperty("label", "id", RenderLabel(1))
+wall.set_perception_properties(properties)
+scene_graph.RegisterAnchoredGeometry(scene_graph.RegisterSource("doctor"), wall)
+query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+lens = CameraInfo(width=32, height=32, fov_y=0.8)
+core = RenderCameraCore("vtk", lens, ClippingRange(0.05, 5.0), RigidTransform())
+camera = DepthRenderCamera(core, DepthRange(0.1, 3.0))
+image = query.RenderDepthImage(camera, scene_graph.world_frame_id(), RigidTransform())
+print("depth", float(image.data[16, 16, 0]))
+"""
+
+
+class Health(StrEnum):
+    """What a line begins with."""
+
+    OK = "ok"
+    PROBLEM = "problem"
+    WITHOUT = "without"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one look found.
+
+    Attributes:
+        health: Whether it is as it should be.
+        text: What was found, and the mend if it is not.
+    """
+
+    health: Health
+    text: str
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command: none."""
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    problems = 0
+    for look in LOOKS:
+        for finding in _carefully(look):
+            problems += finding.health is Health.PROBLEM
+            print(f"{finding.health:8s} {finding.text}", flush=True)
+    print("all is well" if problems == 0 else f"problems: {problems}")
+    return min(problems, 1)
+
+
+def _carefully(look: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+    """What a look finds; if a library keeps it from looking, that."""
+    try:
+        yield from look()
+    except Exception as error:
+        yield Finding(Health.PROBLEM, f"{look.__name__.replace('_', ' ')}: {error}")
+
+
+def libraries() -> Iterator[Finding]:
+    """Whether every package that is required can be imported."""
+    python = ".".join(map(str, sys.version_info[:3]))
+    yield Finding(Health.OK, f"feasigrasp {__version__}, Python {python}")
+    for entry in requires("feasigrasp") or []:
+        if "extra ==" in entry:
+            continue
+        name = re.split(r"[^\w.-]", entry)[0]
+        try:
+            import_module(_MODULES.get(name, name))
+            yield Finding(Health.OK, f"{name} {version(name)}")
+        except (PackageNotFoundError, ModuleNotFoundError):
+            yield Finding(Health.PROBLEM, f"{name} is not installed: pip install '{entry}'")
+        except Exception as error:  # whatever a library stumbles over when it is loaded
+            text = f"{name} does not load ({error}): {_REINSTALL} '{entry}', or make setup"
+            yield Finding(Health.PROBLEM, text)
+
+
+def rendering() -> Iterator[Finding]:
+    """Whether Drake's VTK engine renders, in a process of its own, which it may take with it."""
+    mend = "install libegl1 and libgl1 (Debian), or run 'make setup'"
+    command = [sys.executable, "-c", _RENDER]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    except subprocess.TimeoutExpired:
+        yield Finding(Health.PROBLEM, f"rendering takes more than two minutes: {mend}")
+        return
+    depth = re.search(r"^depth ([\d.]+)$", done.stdout, re.MULTILINE)
+    if depth and abs(float(depth[1]) - 0.9) < 1e-3:
+        yield Finding(Health.OK, "rendering: VTK sees a wall where it is")
+    elif depth:
+        text = f"rendering: VTK sees a wall at {float(depth[1]):.3f} m that is 0.9 m away"
+        yield Finding(Health.PROBLEM, f"{text}; update the graphics driver")
+    else:
+        why = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
+        yield Finding(Health.PROBLEM, f"rendering fails ({why}): {mend}")
+
+
+def threads() -> Iterator[Finding]:
+    """How many processors there are, and how many threads the libraries would use."""
+    import joblib
+    import numpy as np
+    from threadpoolctl import threadpool_info
+
+    np.ones((2, 2)) @ np.ones((2, 2))  # loads BLAS
+    pools = {f"{pool['internal_api']} {pool['num_threads']}" for pool in threadpool_info()}
+    yield Finding(
+        Health.OK,
+        f"processors {joblib.cpu_count()}; threads of {', '.join(sorted(pools)) or 'no pool'}; "
+        "a simulation uses one",
+    )
+
+
+def compiled_code() -> Iterator[Finding]:
+    """Where compiled code is kept, whether it can be, and how much there is."""
+    mend = "set NUMBA_CACHE_DIR to a folder that can be written to"
+    try:
+        kernels = import_module("feasigrasp.models.geometry.se3_kernels")
+    except RuntimeError as error:  # numba finds no place
+        yield Finding(Health.PROBLEM, f"compiled code: {error}; {mend}")
+        return
+    folder = Path(kernels.inverse_kernel.stats.cache_path)
+    package = Path(__file__).parents[1]
+    place = package if package in folder.parents else folder.parent
+    size = sum(file.stat().st_size for file in place.rglob("*.nb[ic]")) / 1e6
+    text = f"compiled code: {size:.0f} MB in {place}"
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    if not os.access(there, os.W_OK):
+        text += f", which cannot be written to, so that every run compiles anew: {mend}"
+        yield Finding(Health.PROBLEM, text)
+    else:
+        yield Finding(Health.OK, text + ("" if size else ": the first run compiles, for minutes"))
+
+
+def solids() -> Iterator[Finding]:
+    """Whether manifold3d unites two boxes that overlap, as the bodies of a mesh are."""
+    import trimesh
+
+    boxes = [
+        trimesh.creation.box(transform=trimesh.transformations.translation_matrix([x, 0, 0]))
+        for x in (0.0, 0.5)
+    ]
+    volume = trimesh.boolean.union(boxes, engine="manifold").volume
+    if abs(volume - 1.5) < 1e-6:
+        yield Finding(Health.OK, "meshes: manifold3d unites bodies that overlap")
+    else:
+        text = f"meshes: two boxes of volume 1.5 together have {volume:g}; reinstall manifold3d"
+        yield Finding(Health.PROBLEM, text)
+
+
+def files() -> Iterator[Finding]:
+    """Whether weights, reachable spaces, models and scenarios are there and whole."""
+    from feasigrasp.inputs import read_arrays
+    from feasigrasp.models.weights_file import WEIGHTS
+
+    mend = "reinstall feasigrasp, or 'git checkout' the file"
+    try:
+        paths = [WEIGHTS / f"{name}.npz" for name in _WEIGHTS]
+        paths += [model_path("iiwa", f"{name}.npz") for name in _SPACES]
+        for path in paths:
+            arrays = read_arrays(path)
+            yield Finding(Health.OK, f"{path.name}: {len(arrays)} arrays")
+        yield Finding(Health.OK, f"scenarios: {diagram_path('dynamic.scenarios.yaml')}")
+    except FeasigraspError as error:
+        yield Finding(Health.PROBLEM, f"{error}: {mend}")
+
+
+def browser() -> Iterator[Finding]:
+    """Whether there is a browser that takes pictures of replays."""
+    from feasigrasp.evaluation.runs.replay import BROWSERS
+
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found:
+        yield Finding(Health.OK, f"browser for pictures of replays: {found}")
+    else:
+        yield Finding(Health.WITHOUT, "chromium: no pictures of replays; install chromium")
+
+
+#: What is looked at, in this order.
+LOOKS: tuple[Callable[[], Iterator[Finding]], ...] = (
+    libraries,
+    rendering,
+    threads,
+    solids,
+    compiled_code,
+    files,
+    browser,
+)

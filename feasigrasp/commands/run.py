@@ -1,0 +1,137 @@
+"""``feasigrasp run``: simulate one grasp of a moving object, and say how it went.
+
+It prints whether the object was held, what went on, and the figures of
+``docs/results_schema.md``; on a terminal one line says meanwhile how far it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pydot
+import yaml
+
+from feasigrasp.errors import FeasigraspError, OutputError
+from feasigrasp.evaluation.runs.console import StatusLine, summary
+from feasigrasp.evaluation.runs.run import INTERRUPTED, run
+from feasigrasp.models.control.mode import ControlMode, ControlSpace
+from feasigrasp.outputs import check_outputs, replacing, write_text
+from feasigrasp.resources import diagram_path
+from feasigrasp.results.arguments import print_notes
+from feasigrasp.results.interrupts import STATUS
+from feasigrasp.results.rows import write_json
+from feasigrasp.scenario.files import load_scenario, only_scenario
+from feasigrasp.scenario.sampling import load_scenario_object
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+
+#: What runs if nothing else is asked for.
+DEFAULT_SCENARIO = "ReachCircular"
+_OF_SCENARIO = "(default: the scenario's)"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument(
+        "scenario_name",
+        nargs="?",
+        metavar="SCENARIO",
+        help=f"its name, see 'feasigrasp scenarios' (default: {DEFAULT_SCENARIO}, or the only one "
+        "of --scenario_file)",
+    )
+    add_options(parser)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds all arguments but the name of the scenario."""
+    parser.add_argument(
+        "--scenario_file", type=Path, help="a file of scenarios (default: the packaged ones)"
+    )
+    parser.add_argument("--scenario_text", metavar="YAML", help="applied on top of the scenario")
+    spaces, modes = [*map(str, ControlSpace)], [*map(str, ControlMode)]
+    parser.add_argument("--controller", choices=spaces, help=f"its space {_OF_SCENARIO}")
+    parser.add_argument("--mode", choices=modes, help=f"what it enforces {_OF_SCENARIO}")
+    parser.add_argument("--object", help=f"a built-in object, or a mesh file {_OF_SCENARIO}")
+    parser.add_argument("--seed", type=int, help=f"of all that is random {_OF_SCENARIO}")
+    parser.add_argument("--duration", type=float, help=f"simulated seconds at most {_OF_SCENARIO}")
+    parser.add_argument("--replay", type=Path, metavar="FILE.html", help="write a replay here")
+    parser.add_argument("--results", type=Path, metavar="FILE.json", help="write the record here")
+    parser.add_argument("--graphviz", type=Path, metavar="FILE", help="draw the diagram and stop")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    outputs = {name: getattr(args, name) for name in ("replay", "results", "graphviz")}
+    check_outputs({f"--{name}": filename for name, filename in outputs.items()})
+    name, scenario = load(args)
+    print_notes(load_scenario_object(scenario))
+    if args.graphviz is not None:
+        draw_diagram(scenario, args.graphviz)
+        return 0
+    line = StatusLine()
+    try:
+        kept = partial(keep, results=args.results, line=line)
+        result = run(scenario, name, replay=args.replay, keep=kept, line=line)
+    finally:
+        line.clear()
+    for filename in filter(None, (args.results, args.replay)):
+        print(f"wrote {filename}")
+    return {None: 0, INTERRUPTED: STATUS}.get(result.record["error"], 1)
+
+
+def load(args: argparse.Namespace) -> tuple[str, Scenario]:
+    """Name and content of the scenario that the command line asks for."""
+    filename, name = args.scenario_file, args.scenario_name
+    if filename is None:
+        filename, name = diagram_path("dynamic.scenarios.yaml"), name or DEFAULT_SCENARIO
+    name = name or only_scenario(filename)
+    chosen = {
+        "control": _given(controller=args.controller, mode=args.mode),
+        "object": _given(model=args.object),
+        **_given(random_seed=args.seed, simulation_duration=args.duration),
+    }
+    return name, load_scenario(filename, name, args.scenario_text, yaml.safe_dump(chosen))
+
+
+def _given(**options: object) -> dict[str, object]:
+    return {key: value for key, value in options.items() if value is not None}
+
+
+def draw_diagram(scenario: Scenario, filename: Path) -> None:
+    """Draws a scenario's diagram; a ``.dot`` file needs nothing, pictures need Graphviz."""
+    text = make_dynamic_grasp(scenario).GetGraphvizString(max_depth=1)
+    picture = filename.suffix.lstrip(".")
+    if picture in ("", "dot"):
+        write_text(filename, text)
+        return
+    graphs: Any = pydot.graph_from_dot_data(text) or []
+    try:
+        drawn: bytes = graphs[0].create(format=picture)
+    except AssertionError as error:
+        raise FeasigraspError(
+            f"--graphviz {filename}: Graphviz knows no format {picture!r}; end it in .svg, .png or "
+            ".dot"
+        ) from error
+    except FileNotFoundError as error:
+        raise FeasigraspError(
+            f"--graphviz {filename} needs the program 'dot': install the package graphviz, or "
+            "give a file that ends in .dot"
+        ) from error
+    with replacing(filename) as file:
+        file.write(drawn)
+
+
+def keep(record: dict[str, Any], results: Path | None, line: StatusLine) -> None:
+    """Prints what a run brought, and writes it; a full disk leaves it on the console."""
+    line.clear()
+    print(*summary(record), sep="\n", flush=True)
+    if results is not None:
+        try:
+            write_json(record, results)
+        except OutputError:
+            print(json.dumps(record))
+            raise

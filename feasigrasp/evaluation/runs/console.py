@@ -1,0 +1,187 @@
+"""What the console says of a run: one line while it goes on, and in the end what came out."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TextIO
+
+from feasigrasp.evaluation.metrics.cause import Cause
+from feasigrasp.evaluation.metrics.run_metrics import METRICS
+from feasigrasp.models.control.status import Status
+
+#: Least wall time between two changes of the line [s].
+_PERIOD = 0.1
+#: The figures of a run by what they are about; every one of `METRICS` and of the timings is here.
+FIGURES: Mapping[str, tuple[str, ...]] = {
+    "the grasp": (
+        *("grasp_held", "cause", "slip_mm", "turn_deg", "lift_cm"),
+        *("object_end_x_m", "object_end_y_m", "object_end_z_m"),
+    ),
+    "the way to it": (
+        *("gripper_object_distance_cm_mean", "gripper_object_distance_cm_median"),
+        *("grasp_position_error_mm_median", "grasp_angle_error_deg_median"),
+        *("tracked_percent", "settling_time_s", "grasp_switches", "no_grasp_percent"),
+        *("grasp_age_s_mean", "grasp_age_s_max", "view_faults"),
+    ),
+    "the object, before the fingers closed": (
+        *("pushed_mm", "pushed_deg", "contact_force_peak_n", "contact_time_percent", "friction"),
+    ),
+    "the arm": (
+        *("self_collision_percent", "joint_limit_violation_percent"),
+        *("velocity_limit_violation_percent", "acceleration_limit_violation_percent"),
+        *("torque_limit_violation_percent", "manipulability_mean", "self_distance_min_mm"),
+        *("limit_margin_min_deg", "obstacle_distance_min_mm", "velocity_peak_percent"),
+        *("acceleration_peak_percent", "true_acceleration_peak_percent", "torque_peak_percent"),
+    ),
+    "time": (
+        *("simulated_s", "build_s", "wall_s", "real_time_factor"),
+        *("control_ms_p99", "control_ms_worst"),
+        *("planning_ms_median", "planning_ms_p99", "planning_ms_worst"),
+    ),
+}
+_UNITS = {name: metric.unit for name, metric in METRICS.items()}
+_UNITS |= {"simulated_s": "s", "build_s": "s", "wall_s": "s"}
+#: Units that go without saying.
+_PLAIN = ("1", "bool", "text")
+#: What tells more of a cause.
+_DETAILS = {
+    Cause.SLIPPED: "slip {slip_mm:.0f} mm, turned {turn_deg:.0f} deg",
+    Cause.DROPPED: "slip {slip_mm:.0f} mm",
+    Cause.PUSHED_AWAY: "by {pushed_mm:.0f} mm",
+}
+
+
+class StatusLine:
+    """A line of a terminal that is written over; nothing is written to anything else.
+
+    A text that stays for seconds counts them, until something else is shown or the line cleared.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        """A line of a stream, the standard output if None."""
+        self._stream = sys.stdout if stream is None else stream
+        self._visible = self._stream.isatty()
+        self._text, self._since, self._shown_at = "", 0.0, -_PERIOD
+        self._lock, self._over = threading.Lock(), threading.Event()
+        self._counting: threading.Thread | None = None
+
+    def show(self, text: str, *, patient: bool = False) -> None:
+        """Shows a text, as much of it as there is room for.
+
+        Args:
+            text: The text.
+            patient: Whether it may be dropped because the line has just changed.
+        """
+        now = time.monotonic()
+        if not self._visible or (patient and now < self._shown_at + _PERIOD):
+            return
+        with self._lock:
+            self._text, self._since, self._shown_at = text, now, now
+            self._write(text)
+        if self._counting is None:
+            self._over.clear()
+            self._counting = threading.Thread(target=self._count, daemon=True)
+            self._counting.start()
+
+    def clear(self) -> None:
+        """Takes the text away, so that something else can be printed."""
+        if self._counting is not None:
+            self._over.set()
+            self._counting.join()
+            self._counting = None
+            self._write("")
+
+    def _count(self) -> None:
+        while not self._over.wait(0.5):
+            with self._lock:
+                seconds = time.monotonic() - self._since
+                if seconds >= 1.0:
+                    self._write(self._text, f"  ({seconds:.0f} s)")
+
+    def _write(self, text: str, more: str = "") -> None:
+        room = shutil.get_terminal_size().columns - 1 - len(more)
+        print(f"\r{text[:room]}{more}\x1b[K", end="", file=self._stream, flush=True)
+
+
+def progress(simulated: float, wall: float, history: Sequence[Status]) -> str:
+    """How far a simulation is, on one line.
+
+    Args:
+        simulated: Simulated time [s].
+        wall: Wall time that it took [s].
+        history: What went on until now; the last is what goes on.
+    """
+    factor = simulated / wall if wall > 0.0 else 0.0
+    said = "".join(_status(status.code, status.detail) for status in history[-1:])
+    return f"simulating {simulated:5.1f} s  {factor:4.2f} x real time  {said}"
+
+
+def verdict(record: Mapping[str, Any]) -> str:
+    """Whether the object was held, and if not, why not."""
+    metrics = record["metrics"]
+    held = metrics["grasp_held"]
+    if held:
+        return "held"
+    tracked = metrics["tracked_percent"]
+    if held is None and record["error"]:
+        return f"broke off ({record['error']})"
+    if held is None:
+        share = "" if tracked is None else f" (at a grasp {tracked:.0f} % of the time)"
+        return f"followed, with an open gripper{share}"
+    cause = Cause(metrics["cause"])
+    return f"not held: {_words(cause)}{_because(cause, record)}"
+
+
+def _because(cause: Cause, record: Mapping[str, Any]) -> str:
+    """What tells more of a cause, in brackets; nothing if there is nothing to tell."""
+    metrics = record["metrics"]
+    if record["error"]:
+        return f" ({record['error']})"
+    if cause in _DETAILS:
+        known = {name: value for name, value in metrics.items() if value is not None}
+        try:
+            return f" ({_DETAILS[cause].format(**known)})"
+        except KeyError:
+            return ""
+    # The others are of one kind: nothing happened, and the last status says what was waited for.
+    last = record["status"][-1:] if cause != Cause.OUT_OF_TIME else []
+    return "".join(f" (last: {_status(code, detail)})" for _, code, detail in last)
+
+
+def summary(record: Mapping[str, Any]) -> Iterator[str]:
+    """What a run brought, line by line: the verdict, what went on, the figures."""
+    yield verdict(record)
+    parts = (f"{record['controller']} space", record["mode"], record["object"])
+    yield f"  {', '.join((record['scenario'], *parts))}, seed {record['seed']}"
+    if record["status"]:
+        yield "what went on"
+    for since, code, detail in record["status"]:
+        yield f"  {since:7.2f} s  {_status(code, detail)}"
+    values = record["metrics"] | record["timings"]
+    for about, figures in FIGURES.items():
+        yield about
+        for name in figures:
+            yield f"  {name:38s} {_figure(values[name], _UNITS.get(name, '1'))}"
+
+
+def _figure(value: Any, unit: str) -> str:
+    """A figure with its unit; a dash for what does not apply."""
+    if value is None:
+        return f"{'-':>9s}"
+    if isinstance(value, bool):
+        return f"{'yes' if value else 'no':>9s}"
+    if isinstance(value, str):
+        return f"{_words(value):>9s}"
+    return f"{value:9.4g} {'' if unit in _PLAIN else unit}".rstrip()
+
+
+def _status(code: str, detail: str) -> str:
+    return _words(code) + (f": {detail}" if detail else "")
+
+
+def _words(name: str) -> str:
+    return str(name).replace("_", " ")

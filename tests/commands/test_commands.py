@@ -1,0 +1,156 @@
+"""``feasigrasp run``, ``scenarios``, ``objects`` and ``perceive``, as somebody types them."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from feasigrasp import cli
+from feasigrasp.commands import run
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario.files import dump_scenario, load_scenario, scenario_names
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+
+
+@pytest.fixture
+def own_file(tmp_path):
+    """A file with one scenario: the shared parts of the packaged ones, and what uses them."""
+    file = tmp_path / "own.scenarios.yaml"
+    shared = FILE.read_text().split("\nReachCircular:")[0]
+    file.write_text(f"{shared}\nMine:\n  <<: *reach\n  random_seed: 7\n")
+    return file
+
+
+def asked(*argv):
+    parser = cli.command_parser("feasigrasp run", "test")
+    run.add_arguments(parser)
+    return run.load(parser.parse_args(argv))
+
+
+def typed(folder, *argv, **options):
+    command = [sys.executable, "-m", "feasigrasp.cli", *map(str, argv)]
+    root = str(FILE.parents[1])
+    return subprocess.run(
+        command, cwd=folder, env=os.environ | {"PYTHONPATH": root}, timeout=280, **options
+    )
+
+
+# ------------------------------------------------------------------------------------------ run
+
+
+def test_options_change_the_scenario():
+    name, scenario = asked(
+        *("--seed", "5", "ReachLinear", "--object", "mug", "--controller", "joint"),
+        *("--mode", "corrected", "--duration", "0.5", "--scenario_text", "{random_seed: 4}"),
+    )
+    assert name == "ReachLinear" and scenario.random_seed == 5
+    assert (scenario.object.model, scenario.simulation_duration) == ("mug", 0.5)
+    assert (scenario.control.controller, scenario.control.mode) == ("joint", "corrected")
+    assert scenario.motion.amplitude == [0.0, 0.18, 0.0]
+
+
+def test_without_options_a_scenario_is_as_it_is_written():
+    name, scenario = asked("PaperLinear")
+    assert name == "PaperLinear"
+    assert dump_scenario(scenario) == dump_scenario(load_scenario(FILE, name))
+    assert asked()[0] == run.DEFAULT_SCENARIO
+
+
+def test_a_file_with_one_scenario_needs_no_name(own_file):
+    name, scenario = asked("--scenario_file", str(own_file))
+    assert name == "Mine" and scenario.random_seed == 7
+
+
+def test_a_file_with_several_asks_for_one(own_file):
+    with pytest.raises(ScenarioError, match="10 scenarios: ReachCircular, .*; name one"):
+        asked("--scenario_file", str(FILE))
+    own_file.write_text("{}")
+    with pytest.raises(ScenarioError, match="has no scenario"):
+        asked("--scenario_file", str(own_file))
+
+
+def test_it_runs_in_an_empty_folder(tmp_path):
+    """No terminal: the verdict comes first, and there is no line to write over."""
+    options = ("--duration", 0.1, "--object", "soup_can", "--results", "out/r.json")
+    done = typed(tmp_path, "run", "ReachLinear", *options, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("not held: no") and lines[-1] == "wrote out/r.json"
+    assert "\r" not in done.stdout and "\x1b" not in done.stdout
+    record = json.loads((tmp_path / "out" / "r.json").read_text())
+    assert record["scenario"] == "ReachLinear" and record["object"] == "soup_can"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_on_a_terminal_it_says_how_far_it_is(tmp_path, own_file):
+    ours, theirs = pty.openpty()
+    options = ("--scenario_file", own_file, "--duration", 0.1)
+    done = typed(tmp_path, "run", *options, stdout=theirs, stderr=subprocess.PIPE)
+    os.close(theirs)
+    said = os.read(ours, 1 << 16).decode()
+    os.close(ours)
+    assert done.returncode == 0, done.stderr
+    before, _, after = said.partition("not held")
+    assert "\rsimulating" in before and "x real time" in before
+    assert before.endswith("\r\x1b[K") and "Mine, task space" in after
+
+
+# -------------------------------------------------------------------------------- what there is
+
+
+def test_scenarios_are_listed_with_what_they_are(capsys):
+    assert cli.main(["scenarios"]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == scenario_names(FILE)
+    assert last == f"from {FILE}"
+    said = dict(line.split(maxsplit=1) for line in lines)
+    # amplitude times rate of the straight motion: 0.18 m * 0.628 rad/s
+    assert said["ReachLinear"] == "mustard_bottle at up to 11 cm/s, grasped and lifted; 30 s"
+    assert "duck" in said["PaperLinear"] and "open gripper" in said["PaperLinear"]
+
+
+def test_scenarios_of_a_file_are_listed(own_file, capsys):
+    assert cli.main(["scenarios", "--scenario_file", str(own_file)]) == 0
+    assert capsys.readouterr().out.startswith("Mine  mustard_bottle at ")
+    assert cli.main(["scenarios", "--scenario_file", "nowhere.yaml"]) == 2
+    assert "no scenario file nowhere.yaml" in capsys.readouterr().err
+
+
+def test_objects_are_listed_with_size_and_mass(capsys):
+    assert cli.main(["objects"]) == 0
+    _, *lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == builtin_objects()
+    for line in lines:
+        name, *rest = line.replace(" x ", " ").split()
+        mesh = load_object(name).mesh
+        sides = 100.0 * np.ptp(mesh.vertices, axis=0)
+        np.testing.assert_allclose([float(side) for side in rest[:3]], sides, atol=0.051)
+        assert float(rest[3]) == pytest.approx(1000.0 * load_object(name).mass, abs=0.5)
+
+
+# ----------------------------------------------------------------------------------- perceive
+
+
+@pytest.mark.parametrize(
+    ("argv", "status", "says"),
+    [
+        (["--cloud", "nowhere.ply"], 2, "error: "),
+        (["--cloud", "nowhere.ply", "--picture", "/proc/a/b.png"], 2, "--picture: nothing can be"),
+    ],
+)
+def test_perceive_refuses_what_is_not_there(argv, status, says, capsys):
+    assert cli.main(["perceive", *argv]) == status
+    assert says in capsys.readouterr().err
+
+
+def test_perceive_wants_a_voxel(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["perceive", "--cloud", "a.ply", "--voxel", "0"])
+    assert "--voxel: 0: give a length in metres" in capsys.readouterr().err
