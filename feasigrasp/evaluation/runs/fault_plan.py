@@ -16,6 +16,7 @@ import numpy as np
 from feasigrasp.errors import ScenarioError
 from feasigrasp.evaluation.runs.fault_table import FAULTS, StudiedFault
 from feasigrasp.evaluation.runs.plan import PlannedRun
+from feasigrasp.evaluation.runs.studies import STUDIES
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import select_objects
 from feasigrasp.results.finished import Record
@@ -25,7 +26,7 @@ from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 
 #: The object moves as in these, instant by instant.
-MOTIONS = ("ReachCircular", "ReachLinear", "ReachSinusoidal")
+MOTIONS = STUDIES["reach"].scenarios
 #: A run ends at the latest so long after its fault began [s].
 _AFTERWARDS = 12.0
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
