@@ -49,9 +49,10 @@ def soak_scenario(args: argparse.Namespace, controller: str) -> Scenario:
         ScenarioError: Unknown scenario, key or value.
     """
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    scenario = load_scenario(filename, SCENARIO, args.scenario_text)
-    scenario.random_seed = args.seed
-    scenario.object.model, scenario.control.controller = args.objects, controller
+    choice = f"{{control: {{controller: {controller}}}}}"
+    scenario = load_scenario(filename, SCENARIO, args.scenario_text, choice)
+    scenario.random_seed = scenario.tracker.seed = args.seed
+    scenario.object.model = args.objects
     scenario.simulation_duration = 60.0 * (1.0 if args.quick else args.minutes)
     scenario.faults = [
         PoseNan(start=8.0, duration=2.0, every=19.0),

@@ -42,7 +42,7 @@ def options(*arguments):
     return parser.parse_args(["--objects", "ball,mug", *arguments])
 
 
-def record(scenario, *, simulated=10.5, **metrics):
+def record(scenario, *, simulated=12.0, **metrics):
     made = crash_record(scenario, "", "") | {"error": None}
     made["timings"] |= {"simulated_s": simulated, "wall_s": 1.0}
     made["metrics"] |= {"grasp_held": True, "obstacle_distance_min_mm": 50.0} | metrics
@@ -59,6 +59,20 @@ def test_every_fault_meets_every_object_controller_and_instant():
     assert len({run.id for run in runs}) == len(runs) == len(FAULTS) * len(nominal) >= 300
     assert {run.name for run in runs} == set(MOTIONS)
     assert {run.fault for run in runs} == set(FAULTS)
+
+
+def test_runs_have_the_values_of_their_controller():
+    """The gain of the joint-space law is another one than that of the task-space law."""
+    arguments = argparse.Namespace(
+        scenario_file=None, scenario_text=None, objects="ball", seed=3, quick=True, minutes=1.0
+    )
+    for controller, gain in (("task", 5.0), ("joint", 8.0)):
+        for run in nominal_runs(options("--controllers", controller, "--instants", "2")):
+            assert run.scenario.control.controller == controller
+            assert run.scenario.control.gain == gain
+        scenario = soak.soak_scenario(arguments, controller)
+        assert (scenario.control.controller, scenario.control.gain) == (controller, gain)
+        assert scenario.random_seed == scenario.tracker.seed == 3
 
 
 def test_the_study_has_the_faults_that_it_must_have():
@@ -82,7 +96,7 @@ def test_what_names_a_fault_is_a_status_or_a_cause():
 
 
 def test_faults_begin_in_the_approach_of_the_run_without_them_or_in_its_lift():
-    """With a run of 10.5 s: approach until 6 s, fingers until 7 s, lift until 8.5 s."""
+    """With a run of 12 s: approach until 6 s, fingers until 7 s, lift until 8.5 s, shake, hold."""
     nominal = nominal_runs(options("--instants", "40", "--controllers", "task"))
     records = [record(run.scenario) for run in nominal]
     for name, first, last in (("pose_nan", 0.0, 6.0), ("object_pulled", 7.0, 8.5)):
