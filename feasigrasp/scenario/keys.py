@@ -128,7 +128,7 @@ def _is_scalar(node: yaml.Node, kind: type) -> bool:
     if not isinstance(node, yaml.ScalarNode):
         return False
     tag = node.tag.removeprefix(_TAG)
-    if kind is float and tag == "str" or kind is int and tag == "str":
+    if kind in (float, int) and tag == "str":
         try:
             kind(node.value)
         except ValueError:

@@ -234,7 +234,7 @@ class Scenario:
         scene: Surroundings that grasps keep clear of.
         reachability: Reachability filter.
         control: Controller.
-        grasp: Closing, letting go, lifting.
+        grasp: Closing, letting go, lifting, shaking, holding.
         faults: What goes wrong, and when, e.g. ``!PoseNan {start: 2, duration: 0.5}``.
     """
 

@@ -87,11 +87,11 @@ def make_dynamic_grasp(
     ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
     ``tracker``, ``metrics``, ``obstacle_distance``, ``contact``, ``seen_at(latency)``,
     ``seen_at(reachable)`` and ``status``. The vector logs ``log(metrics)`` and
-    ``log(obstacle_distance)`` hold their samples, ``log(drive)``, ``log(arm)`` and ``log(torque)``
-    the commanded and the true state of the arm and its motors' torques at the control rate.
-    With a Meshcat there are ``scene`` and ``visualizer`` as well; with a scene field
-    ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with faults systems that
-    `FaultInjection` adds.
+    ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded and
+    the true state of the arm at the control rate, ``log(torque)`` the torques of its motors at
+    every step of the plant. With a Meshcat there are ``scene`` and ``visualizer`` as well; with a
+    scene field ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with faults systems
+    that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log when it has run::
 
@@ -273,13 +273,7 @@ def _add_measurement(cell: _Cell) -> None:
 
 
 def _late(value: AbstractValue | int, period: float, latency: float) -> LeafSystem:
-    """Hands on what comes every ``period`` seconds, after ``latency``.
-
-    Args:
-        value: A value of its kind, or the size of a vector.
-        period: [s].
-        latency: [s].
-    """
+    """Hands on a value of that kind, or a vector of that size, every period, after a latency."""
     # A hold that samples with the camera would see what there was before the view.
     return ZeroOrderHold(period, value, latency) if latency > 0.0 else PassThrough(value)
 

@@ -8,6 +8,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.objects.prediction import MotionEstimate
@@ -50,8 +51,8 @@ class GripperSequencer(LeafSystem):
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
     connected. While the object is lost (``tracking``, a `Tracking`), or a view contradicts its pose
     (``perceived``, a `Perceived`), grasps lapse: none is passed on, nor a pose or twist (NaN), so
-    that a controller brakes at once and waits; nor are the fingers closed on a pose that is merely
-    extrapolated. Both ports are optional.
+    that a controller brakes at once and waits; ``rejected`` of the empty set has the `StatusCode`.
+    Nor are the fingers closed on a pose that is merely extrapolated. Both ports are optional.
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     extrapolated from then, and the fingers close; from then on there is no field, since the object
@@ -107,12 +108,12 @@ class GripperSequencer(LeafSystem):
         state: GraspState = self._state.Eval(context)
         return state
 
-    def _doubt(self, context: Context) -> str | None:
+    def _doubt(self, context: Context) -> StatusCode | None:
         """Why the object's pose is not to be relied on; None if it is."""
         if self._tracking.HasValue(context) and self._tracking.Eval(context).lost:
-            return "object lost"
+            return StatusCode.POSE_LOST
         if self._perceived.HasValue(context) and self._perceived.Eval(context).contradicted:
-            return "pose contradicted"
+            return StatusCode.POSE_CONTRADICTED
         return None
 
     def _coasting(self, context: Context) -> bool:

@@ -63,12 +63,12 @@ class Metrics(LeafSystem):
     ``state`` is the arm's V14 state, ``object_pose`` the true one, ``grasps`` what the controller
     is given, in the object frame, ``sampled_grasps`` what reachability was judged of, ``seen_at``
     the time of the last view behind ``grasps`` (NaN without one; the port may stay unconnected).
-    ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint
-    limit (negative beyond it); largest joint speed over its limit; manipulability at the flange;
-    error to the nearest grasp (NaN without grasps); the object's position in the hand, the hand's
-    orientation on the object as a rotation vector, the object's position and orientation in the
-    world likewise; the `Phase`; how many grasps were sampled, and how many of them the controller
-    is given; time since the last view.
+    ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint limit (negative beyond it);
+    largest joint speed over its limit; manipulability at the flange; error to the nearest grasp
+    (NaN without grasps); the object's position in the hand, the hand's orientation on the object as
+    a rotation vector, the object's position and orientation in the world likewise; the `Phase`; how
+    many grasps were sampled, and how many of them the controller is given; time since the last
+    view.
     """
 
     def __init__(self, gripper: ParallelGripper) -> None:

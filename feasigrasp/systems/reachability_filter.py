@@ -32,8 +32,7 @@ class ReachabilityFilter(LeafSystem):
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
     direction are one grasp but two hand poses: both are tried, unless told otherwise, and both may
-    remain. A pose is
-    judged by one of three methods:
+    remain. A pose is judged by one of three methods:
 
     - ``ik``: exact inverse kinematics finds a configuration inside the joint limits, free of
       self-collision and clear of the table;
@@ -43,9 +42,8 @@ class ReachabilityFilter(LeafSystem):
 
     A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
     the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated
-    with its velocity. What is dropped is counted by reason in ``rejected``;
-    ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in,
-    then of every flip.
+    with its velocity. What is dropped is counted by reason in ``rejected``; ``verdicts`` is a tuple
+    of strings, see `JudgedGrasps`: what became of every grasp that came in, then of every flip.
     """
 
     def __init__(

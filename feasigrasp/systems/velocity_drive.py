@@ -83,5 +83,5 @@ class VelocityDrive(LeafSystem):
             lead = self.MAX_LEAD
             fault = drive_step_kernel(q, v, command, measured, self._period, lead, q_next, v_next)
         else:
-            fault = free_step_kernel(q, v, command, self._period, q_next, v_next)
+            fault = free_step_kernel(q, command, self._period, q_next, v_next)
         return desired, fault

@@ -6,19 +6,17 @@ import argparse
 import resource
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.primitives import VectorLogSink
 from threadpoolctl import threadpool_limits
 
+from feasigrasp.evaluation.metrics.tick_times import times_of
 from feasigrasp.evaluation.runs.plan import add_scenario_arguments
-from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.images import CameraGone
 from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.models.faults.pose import PoseNan
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import add_common_arguments, minutes, names
 from feasigrasp.results.finished import Record, finish_all
@@ -26,16 +24,12 @@ from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp.systems.from_scenario import make_controller
-from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
 
 #: The gripper stays open, and the object within reach for most of the time.
 SCENARIO = "PaperLinear"
 #: Parts of a run: each is measured by itself. Of the first, in which everything is new, nothing is
 #: compared; the next `_COMPARED` are the start, the last as many the end.
 _PARTS, _COMPARED = 20, 3
-#: Logs that a diagram keeps for its record; a soak test has none, and drops them part by part.
-_LOGS = ("metrics", "obstacle_distance", "drive", "arm")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,9 +51,10 @@ def soak_scenario(args: argparse.Namespace, controller: str) -> Scenario:
         ScenarioError: Unknown scenario, key or value.
     """
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    scenario = load_scenario(filename, SCENARIO, args.scenario_text)
-    scenario.random_seed = args.seed
-    scenario.object.model, scenario.control.controller = args.objects, controller
+    choice = f"{{control: {{controller: {controller}}}}}"
+    scenario = load_scenario(filename, SCENARIO, args.scenario_text, choice)
+    scenario.random_seed = scenario.tracker.seed = args.seed
+    scenario.object.model = args.objects
     scenario.simulation_duration = 60.0 * (1.0 if args.quick else args.minutes)
     scenario.faults = [
         PoseNan(start=8.0, duration=2.0, every=19.0),
@@ -103,10 +98,9 @@ def soak(_: str, text: str) -> list[Record]:
         ``tick_p50_us``, ``tick_p99_us`` of the CPU time of the controller's commands.
     """
     scenario = parse_scenario(text)
-    controller = make_controller(scenario, Reachability(ParallelGripper()))
-    ticks = _timed(controller)
     with threadpool_limits(1):
-        diagram = make_dynamic_grasp(scenario, controller=controller)
+        diagram = make_dynamic_grasp(scenario)
+        ticks = times_of(diagram.GetSubsystemByName("controller"), "velocity", time.thread_time)
         simulator = Simulator(diagram)
         ApplySimulatorConfig(scenario.simulator_config, simulator)
         parts = []
@@ -123,24 +117,11 @@ def soak(_: str, text: str) -> list[Record]:
                 }
             )
             ticks.clear()
-            for name in _LOGS:
-                log = diagram.GetSubsystemByName(f"log({name})")
-                log.FindMutableLog(simulator.get_mutable_context()).Clear()
+            # Logs are for the record of a run, and there is none.
+            for system in diagram.GetSystems():
+                if isinstance(system, VectorLogSink):
+                    system.FindMutableLog(simulator.get_mutable_context()).Clear()
     return parts
-
-
-def _timed(controller: GraspController) -> list[float]:
-    """A list that gets the CPU time [s] of every command of a controller from now on."""
-    velocity, ticks = controller.velocity, list[float]()
-
-    def timed(memory: Any, inputs: ControllerInputs) -> Array:
-        started = time.thread_time()
-        result = velocity(memory, inputs)
-        ticks.append(time.thread_time() - started)
-        return result
-
-    controller.velocity = timed  # type: ignore[method-assign]
-    return ticks
 
 
 def _resident_memory() -> float:

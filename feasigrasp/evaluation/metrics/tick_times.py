@@ -19,10 +19,8 @@ class TickTimes:
 
     def __init__(self, controller: GraspController) -> None:
         """Starts to stop the times of ``controller``."""
-        self._control: list[float] = []
-        self._planning: list[float] = []
-        _stop(controller, "velocity", self._control)
-        _stop(controller, "update", self._planning)
+        self._control = times_of(controller, "velocity", time.perf_counter)
+        self._planning = times_of(controller, "update", time.perf_counter)
 
     def metrics(self) -> dict[str, float | None]:
         """``control_ms_p99``, ``control_ms_worst``, ``planning_ms_median``, ``_p99``, ``_worst``.
@@ -39,18 +37,26 @@ class TickTimes:
         }
 
 
-def _stop(controller: GraspController, name: str, times: list[float]) -> None:
-    """Lets a method of one controller note how long it takes."""
+def times_of(controller: GraspController, name: str, clock: Callable[[], float]) -> list[float]:
+    """A list that gets how long every call of a controller's method takes from now on.
+
+    Args:
+        controller: The controller.
+        name: ``velocity`` or ``update``.
+        clock: What the time is [s].
+    """
+    times: list[float] = []
     method: Callable[..., Any] = getattr(controller, name)
 
     def timed(*args: Any) -> Any:
-        start = time.perf_counter()
+        start = clock()
         try:
             return method(*args)
         finally:
-            times.append(time.perf_counter() - start)
+            times.append(clock() - start)
 
     setattr(controller, name, timed)
+    return times
 
 
 def _quantile(values: np.ndarray, share: float) -> float | None:

@@ -67,6 +67,11 @@ def gripper_outline(gripper: ParallelGripper) -> Array:
     return np.array([(a, 0.0, b) for a, b in line])
 
 
+def outlines_at(X_OG: Array, outline: Array) -> Array:
+    """A line (k, 3) in frame G at poses (n, 4, 4), shape (n, k, 3) [m]."""
+    return np.asarray(np.einsum("nij,kj->nki", X_OG[:, :3, :3], outline) + X_OG[:, None, :3, 3])
+
+
 def draw_perception(perception: Perception, filename: Path, title: str = "") -> None:
     """Draws the cloud, the completed surface from both sides, and the grasps, as a PNG."""
     figure = Figure(figsize=(14.0, 4.6))
@@ -94,7 +99,7 @@ def draw_perception(perception: Perception, filename: Path, title: str = "") -> 
         axes[3], front, surface.points, (0.72, 0.74, 0.78), size=DOT, normals=surface.normals
     )
     X_OG, hand = shown_grasps(perception), gripper_outline(perception.gripper)
-    lines = np.einsum("nij,kj->nki", X_OG[:, :3, :3], hand) + X_OG[:, None, :3, 3]
+    lines = outlines_at(X_OG, hand)
     draw_lines(axes[3], front, lines, GRASP_COLOR, alpha=0.8)
     axes[3].set_title(f"{len(perception.grasps)} grasps, {len(X_OG)} shown")
     frame(axes[3], front, np.concatenate([everything, lines.reshape(-1, 3)]))

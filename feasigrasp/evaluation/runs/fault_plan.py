@@ -16,6 +16,7 @@ import numpy as np
 from feasigrasp.errors import ScenarioError
 from feasigrasp.evaluation.runs.fault_table import FAULTS, StudiedFault
 from feasigrasp.evaluation.runs.plan import PlannedRun
+from feasigrasp.evaluation.runs.studies import STUDIES
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import select_objects
 from feasigrasp.results.finished import Record
@@ -25,7 +26,7 @@ from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 
 #: The object moves as in these, instant by instant.
-MOTIONS = ("ReachCircular", "ReachLinear", "ReachSinusoidal")
+MOTIONS = STUDIES["reach"].scenarios
 #: A run ends at the latest so long after its fault began [s].
 _AFTERWARDS = 12.0
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
@@ -73,13 +74,19 @@ def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
     if args.quick:
         objects, controllers, instants = objects[:1], controllers[:1], instants[1:2]
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
-    motions = {name: load_scenario(filename, name, args.scenario_text) for name in MOTIONS}
+    # The mode's values depend on the controller: both are settled when the file is read.
+    cells = {
+        (motion, controller): load_scenario(
+            filename, motion, args.scenario_text, f"{{control: {{controller: {controller}}}}}"
+        )
+        for motion, controller in itertools.product(MOTIONS, controllers)
+    }
     runs = []
     for (name, model), controller, k in itertools.product(objects, controllers, instants):
         motion = MOTIONS[k % len(MOTIONS)]
-        scenario = copy.deepcopy(motions[motion])
+        scenario = copy.deepcopy(cells[motion, controller])
         scenario.random_seed = scenario.tracker.seed = args.seed + k
-        scenario.object.model, scenario.control.controller = model, controller
+        scenario.object.model = model
         check_scenario(scenario)
         runs.append(FaultRun(motion, name, scenario, instant=k))
     for each in {run.object_name: run for run in runs}.values():
@@ -129,7 +136,7 @@ def _with_fault(run: FaultRun, record: Record, name: str, seed: int) -> FaultRun
 def _window(fault: StudiedFault, scenario: Scenario, record: Record) -> tuple[float, float]:
     """From when to when a fault may begin: the nominal approach, or lift."""
     grasp = scenario.grasp
-    after = grasp.squeeze_time + grasp.lift_time + grasp.hold_time
+    after = grasp.squeeze_time + grasp.lift_time + grasp.shake_time + grasp.hold_time
     simulated = record["timings"]["simulated_s"] or scenario.simulation_duration
     closing = max(simulated - after, 0.1)
     if fault.while_lifting:

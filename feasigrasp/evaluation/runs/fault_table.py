@@ -116,7 +116,10 @@ FAULTS: dict[str, StudiedFault] = {
     ),
     "mask_empty": StudiedFault("no pixel is taken for the object", _KEEP, MaskEmpty(), _UNSEEN),
     "pose_frozen": StudiedFault(
-        "the measured pose stays the same, bit for bit", _HOLD, PoseFrozen(), _DOUBTED
+        "the measured pose stays the same, bit for bit",
+        "it is believed until a view contradicts it: then grasps lapse, the arm brakes and waits",
+        PoseFrozen(),
+        _DOUBTED,
     ),
     "pose_jump": StudiedFault(
         "the measured pose is 10 cm and 30 degrees off for 1 s",

@@ -17,7 +17,7 @@ import numpy as np
 from feasigrasp.evaluation.runs.fault_plan import FaultRun, faulty_runs, nominal_runs, outcome
 from feasigrasp.evaluation.runs.fault_probe import blind_pairs, leaks, rest_time
 from feasigrasp.evaluation.runs.fault_table import FAULTS
-from feasigrasp.evaluation.runs.isolated import run_all
+from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import add_scenario_arguments
 from feasigrasp.results.arguments import add_common_arguments, names, positive
 from feasigrasp.results.finished import Record, finish_all
@@ -50,7 +50,7 @@ def main(args: argparse.Namespace) -> int:
     write_csv(args.out / "runs.csv", outcomes)
     rows = [*outcome_rows(outcomes), *_probe_rows(args, nominal, runs)]
     report_rows(args, "evaluate faults", rows, format_rows(rows))
-    return int(any(each["crashed"] for each in outcomes))
+    return report_crashes(records)
 
 
 def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:

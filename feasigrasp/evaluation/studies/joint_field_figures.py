@@ -27,6 +27,7 @@ from feasigrasp.models.control.joint.field import (
     length_scale_kernel,
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.rows import Row, report_rows, write_csv
 
@@ -135,7 +136,6 @@ def main(args: argparse.Namespace) -> int:
     rng = np.random.default_rng(args.seed)
     starts = rng.uniform(-_RANGE, _RANGE, (40 if args.quick else 400, 2))
     ends = [field.descend(starts) for field in fields]
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(fields, ends, targets, args.out / "joint_field.png")
     lines = [
         (f"{field.length_scale:.3f}", *(f"{x:.4f}" for x in (*start, *end)))
@@ -164,7 +164,7 @@ def draw(fields: list[Field], ends: list[Array], targets: Array, filename: Path)
     for ax, field, last in zip(others, fields, ends, strict=True):
         _draw_field(ax, field, last)
     others[0].set_ylabel("joint 2 [rad]")
-    figure.savefig(filename, dpi=100)
+    save_figure(figure, filename, dpi=100)
 
 
 def _draw_arm(ax: Axes, targets: Array, solutions: Array) -> None:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from feasigrasp.errors import GraspError
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
-from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline
+from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline, outlines_at
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
@@ -29,6 +29,7 @@ from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.surface_points import SurfacePoints
+from feasigrasp.outputs import save_figure
 from feasigrasp.results.arguments import add_common_arguments, select_objects
 from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.training.data.grasp_examples import fuse_and_complete
@@ -88,7 +89,6 @@ def main(args: argparse.Namespace) -> int:
         what: climb(RiemannianMixture(mixture.weights, targets, mixture.covariances), truth)
         for what, targets in (("means", mixture.means), ("medoids", medoids))
     }
-    args.out.mkdir(parents=True, exist_ok=True)
     draw(climbs, grasps.X_OG, dense_surface(field), args.out / "mixture.png")
     lines = [
         (what, step, *(f"{x:.5f}" for x in X[:3, 3]), f"{density:.4f}")
@@ -151,23 +151,19 @@ def draw(climbs: dict[str, Climb], X_OG: Array, surface: SurfacePoints, filename
         verdict = f"{found.valid.sum()} of {len(found.valid)} {what} are truly grasps; "
         verdict += f"the hand ends {'in one' if found.end_valid else 'in none'}"
         ax.text(0.5, -0.01, verdict, transform=ax.transAxes, ha="center", va="top", fontsize=9)
-    figure.savefig(filename, dpi=100)
+    save_figure(figure, filename, dpi=100)
 
 
 def _draw_panel(
     ax: Axes, viewer: Viewer, found: Climb, X_OG: Array, surface: SurfacePoints, hand: Array
 ) -> None:
     draw_points(ax, viewer, surface.points, _SURFACE, size=DOT, normals=surface.normals)
-    draw_lines(ax, viewer, _hands(X_OG, hand), _GREY, width=0.6, alpha=0.55)
-    draw_lines(ax, viewer, _hands(found.targets, hand), _RED, width=2.4)
+    draw_lines(ax, viewer, outlines_at(X_OG, hand), _GREY, width=0.6, alpha=0.55)
+    draw_lines(ax, viewer, outlines_at(found.targets, hand), _RED, width=2.4)
     ends = found.poses[[0, -1]]
-    draw_lines(ax, viewer, _hands(ends, hand), _GREEN, width=3.0)
+    draw_lines(ax, viewer, outlines_at(ends, hand), _GREEN, width=3.0)
     draw_lines(ax, viewer, found.poses[None, :, :3, 3], _GREEN, width=2.2)
-    hands = (_hands(X, hand).reshape(-1, 3) for X in (X_OG, ends))
+    hands = (outlines_at(X, hand).reshape(-1, 3) for X in (X_OG, ends))
     shown = np.concatenate([surface.points, found.poses[:, :3, 3], *hands])
     frame(ax, viewer, shown, margin=0.03)
     scale_bar(ax)
-
-
-def _hands(poses: Array, hand: Array) -> Array:
-    return np.asarray(np.einsum("nij,kj->nki", poses[:, :3, :3], hand) + poses[:, None, :3, 3])

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 
 from feasigrasp.evaluation.pictures.dense_surface import dense_surface
-from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline
+from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline, outlines_at
 from feasigrasp.evaluation.pictures.sheets import add_scale, two_rows
 from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame
 from feasigrasp.models.arrays import Array, Mask
@@ -112,7 +112,7 @@ def draw_grasps(panels: list[Panel], gripper: ParallelGripper, filename: Path) -
     hand = gripper_outline(gripper)
     for column, panel in enumerate(panels):
         proposed, filtered = (poses for poses, _, _ in panel.stages.values())
-        reach = _lines(filtered if len(filtered) else proposed, hand)
+        reach = outlines_at(filtered if len(filtered) else proposed, hand)
         everything = np.concatenate([panel.surface.points, reach.reshape(-1, 3)])
         for ax, (poses, scores, valid) in zip(axes[:, column], panel.stages.values(), strict=True):
             _draw_panel(ax, viewer, panel.surface, poses, scores, hand)
@@ -131,14 +131,10 @@ def _draw_panel(
         return
     order = spread_order(poses, scores)[:_SHOWN]
     order = order[np.argsort(scores[order])]  # the best on top
-    lines = _lines(poses[order], hand)
+    lines = outlines_at(poses[order], hand)
     height = viewer.project(lines)[..., 2].mean(axis=1)
     order, lines = order[np.argsort(height)], lines[np.argsort(height)]
     draw_lines(ax, viewer, lines, COLORS(scores[order]), width=1.3, alpha=0.85)
-
-
-def _lines(poses: Array, hand: Array) -> Array:
-    return np.asarray(np.einsum("nij,kj->nki", poses[:, :3, :3], hand) + poses[:, None, :3, 3])
 
 
 def lines_of(panel: Panel) -> Iterator[tuple[object, ...]]:

@@ -26,8 +26,8 @@ PERIOD = 0.1
 #: So long it takes until it is said [s]: an arm that starts or turns round stands still, too. All
 #: else takes one look, since stages that follow each other are one look late.
 LASTS = {StatusCode.COMMAND_FAULTY: 0.0, StatusCode.BRAKING_FOR_OBSTACLE: 0.5}
-#: What counts as reachable among the verdicts.
-_FINE = (Verdict.KEPT, Verdict.REACHABLE)
+#: Verdicts that are no reason why nothing can be reached: of what is, or has not been judged.
+_FINE = (Verdict.KEPT, Verdict.REACHABLE, Verdict.BETTER)
 
 
 @dataclass(frozen=True, eq=False)

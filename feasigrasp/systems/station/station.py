@@ -140,7 +140,7 @@ class Station(Diagram):
         plant.Finalize()
         self._let_robot_pass(config)
 
-        self._export_arm(builder, config)
+        self._export_arm(builder)
         self._export_gripper(builder)
         self._export_object(builder, motion, config.pulls)
         if config.cameras:
@@ -185,7 +185,7 @@ class Station(Diagram):
         indices = [index for instance in instances for index in plant.GetBodyIndices(instance)]
         return plant.CollectRegisteredGeometries([plant.get_body(index) for index in indices])
 
-    def _export_arm(self, builder: DiagramBuilder, config: StationConfig) -> None:
+    def _export_arm(self, builder: DiagramBuilder) -> None:
         plant, iiwa = self.plant, self.plant.GetModelInstanceByName("iiwa")
         builder.ExportInput(plant.get_desired_state_input_port(iiwa), "iiwa.desired_state")
         state = plant.get_state_output_port(iiwa)

@@ -11,6 +11,8 @@ import pytest
 from feasigrasp.evaluation.metrics.cause import Cause
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, summarize
 from feasigrasp.evaluation.runs.run import crash_record, run
+from feasigrasp.models.control.mode import ControlMode, ControlSpace
+from feasigrasp.models.control.status import StatusCode
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
@@ -184,10 +186,18 @@ def test_the_schema_knows_exactly_the_causes(validator):
     assert causes == [None, *Cause]
 
 
+def test_the_schema_knows_exactly_the_words(validator):
+    known = validator.schema["properties"]
+    assert known["mode"]["enum"] == [*ControlMode]
+    assert known["controller"]["enum"] == [*ControlSpace]
+    assert known["status"]["items"]["prefixItems"][1]["enum"] == [*StatusCode]
+
+
 def test_the_schema_can_fail(validator):
     record = crash_record(short("ReachLinear"), "ReachLinear", "crashed")
     for broken in (
         record | {"controller": "magic"},
+        record | {"status": [[0.0, "bored", ""]]},
         record | {"metrics": record["metrics"] | {"no_grasp_percent": 101.0}},
         record | {"metrics": record["metrics"] | {"extra": 1.0}},
         record | {"metrics": record["metrics"] | {"cause": "bad luck"}},

@@ -6,10 +6,12 @@ import json
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from feasigrasp import cli
 from feasigrasp.errors import ScenarioError
 from feasigrasp.evaluation.bench import soak
+from feasigrasp.evaluation.metrics.cause import Cause
 from feasigrasp.evaluation.report.faults import faults_report
 from feasigrasp.evaluation.runs import fault_probe, isolated
 from feasigrasp.evaluation.runs.fault_plan import (
@@ -23,12 +25,15 @@ from feasigrasp.evaluation.runs.fault_probe import ArmLog, blind_pairs, leaks
 from feasigrasp.evaluation.runs.fault_table import FAULTS
 from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.evaluation.studies import faults
+from feasigrasp.models.control.status import StatusCode
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import Row
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 
 FILE = diagram_path("dynamic.scenarios.yaml")
+#: All logs of the diagram.
+LOGS = ("log(metrics)", "log(obstacle_distance)", "log(drive)", "log(arm)", "log(torque)")
 
 
 def options(*arguments):
@@ -37,7 +42,7 @@ def options(*arguments):
     return parser.parse_args(["--objects", "ball,mug", *arguments])
 
 
-def record(scenario, *, simulated=10.5, **metrics):
+def record(scenario, *, simulated=12.0, **metrics):
     made = crash_record(scenario, "", "") | {"error": None}
     made["timings"] |= {"simulated_s": simulated, "wall_s": 1.0}
     made["metrics"] |= {"grasp_held": True, "obstacle_distance_min_mm": 50.0} | metrics
@@ -56,6 +61,20 @@ def test_every_fault_meets_every_object_controller_and_instant():
     assert {run.fault for run in runs} == set(FAULTS)
 
 
+def test_runs_have_the_values_of_their_controller():
+    """The gain of the joint-space law is another one than that of the task-space law."""
+    arguments = argparse.Namespace(
+        scenario_file=None, scenario_text=None, objects="ball", seed=3, quick=True, minutes=1.0
+    )
+    for controller, gain in (("task", 5.0), ("joint", 8.0)):
+        for run in nominal_runs(options("--controllers", controller, "--instants", "2")):
+            assert run.scenario.control.controller == controller
+            assert run.scenario.control.gain == gain
+        scenario = soak.soak_scenario(arguments, controller)
+        assert (scenario.control.controller, scenario.control.gain) == (controller, gain)
+        assert scenario.random_seed == scenario.tracker.seed == 3
+
+
 def test_the_study_has_the_faults_that_it_must_have():
     """Camera 6 (outliers of three shares), mask 5, pose 7, late, object 7, controller 3."""
     assert len(FAULTS) == 6 + 5 + 7 + 1 + 7 + 3
@@ -71,8 +90,13 @@ def test_the_study_has_the_faults_that_it_must_have():
     }
 
 
+def test_what_names_a_fault_is_a_status_or_a_cause():
+    words = {str(word) for word in (*StatusCode, *Cause)}
+    assert {name for fault in FAULTS.values() for name in fault.named} <= words
+
+
 def test_faults_begin_in_the_approach_of_the_run_without_them_or_in_its_lift():
-    """With a run of 10.5 s: approach until 6 s, fingers until 7 s, lift until 8.5 s."""
+    """With a run of 12 s: approach until 6 s, fingers until 7 s, lift until 8.5 s, shake, hold."""
     nominal = nominal_runs(options("--instants", "40", "--controllers", "task"))
     records = [record(run.scenario) for run in nominal]
     for name, first, last in (("pose_nan", 0.0, 6.0), ("object_pulled", 7.0, 8.5)):
@@ -272,12 +296,22 @@ def test_growth_compares_the_end_with_what_comes_after_the_first_part():
     assert memory.value == pytest.approx(3.0) and tick.value == pytest.approx(15.0)
 
 
-def test_a_soak_measures_every_part_and_drops_its_logs():
+def test_a_soak_measures_every_part_and_drops_its_logs(monkeypatch):
+    class Watched(Simulator):
+        def __init__(self, diagram):
+            super().__init__(diagram)
+            made.append((diagram, self))
+
+    made = []
+    monkeypatch.setattr(soak, "Simulator", Watched)
     few = "{n_candidates: 50, n_grasps: 8, sampler: antipodal, max_points: 120}"
     text = f"{{object: {{model: ball}}, perception: {few}, simulation_duration: 0.4}}"
     scenario = load_scenario(FILE, soak.SCENARIO, text)
     parts = soak.soak("task", dump_scenario(scenario))
     assert [part["until_s"] for part in parts] == pytest.approx(0.02 * np.arange(1, 21))
+    ((diagram, simulator),) = made
+    logs = [diagram.GetSubsystemByName(name) for name in LOGS]
+    assert [log.FindLog(simulator.get_context()).num_samples() for log in logs] == [0] * len(LOGS)
     for part in parts:
         assert 50.0 < part["memory_mib"] < 5000.0
         assert 0.0 < part["tick_p50_us"] <= part["tick_p99_us"] < 1e6

@@ -1,6 +1,7 @@
 """What is said of a situation, and that every code can be said."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import pytest
 
@@ -50,5 +51,18 @@ def test_the_first_thing_that_is_wrong_is_said(change, code, words):
     assert words in detail
 
 
-def test_every_code_can_be_said():
+def test_every_code_can_be_said_and_has_its_place_in_the_docs(repository):
     assert {code for _, code, _ in CASES} == set(StatusCode)
+    text = (repository / "docs" / "results_schema.md").read_text()
+    section = text.split("### `status`")[-1].split("### ")[0]
+    places = [section.index(f"`{code}`") for code in StatusCode]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize(("one", "other"), list(combinations(CASES, 2)))
+def test_of_two_things_the_first_in_order_is_said(one, other):
+    if one[0].keys() & other[0].keys():
+        return  # they cannot both be so
+    found, _ = judge(replace(FINE, **one[0], **other[0]))
+    order = list(StatusCode)
+    assert found is min(one[1], other[1], key=order.index)

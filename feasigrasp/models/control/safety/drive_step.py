@@ -75,7 +75,7 @@ def _bound(room, ahead, i, a, period, lead):
 
 
 @njit(cache=True)
-def free_step_kernel(q, v, command, period, q_next, v_next):
+def free_step_kernel(q, command, period, q_next, v_next):
     """As `drive_step_kernel`, with nothing bounded; a command that is not finite counts as zero."""
     finite = np.isfinite(command.sum())
     for i in range(IIWA_7.joints):

@@ -128,11 +128,11 @@ def test_from_outside_the_limits_the_way_back_is_open():
 
 
 def test_without_limits_a_command_is_integrated_as_it_comes():
-    q, v = np.full(7, 30.0), np.zeros(7)
+    q = np.full(7, 30.0)
     q_next, v_next = np.empty(7), np.empty(7)
     command = np.array([1e3, -50.0, 0.1, 0.0, 2.0, -3.0, 400.0])
-    assert free_step_kernel(q, v, command, 0.005, q_next, v_next)
+    assert free_step_kernel(q, command, 0.005, q_next, v_next)
     np.testing.assert_array_equal(v_next, command)
     np.testing.assert_array_equal(q_next, q + 0.005 * command)
-    assert free_step_kernel(q, command, np.r_[command[:6], np.nan], 0.005, q_next, v_next)
+    assert free_step_kernel(q, np.r_[command[:6], np.nan], 0.005, q_next, v_next)
     np.testing.assert_array_equal(q_next, q)
