@@ -11,13 +11,8 @@ from tools.figures import SUMMARIES, FigureError, pages, read_rows, store, unmar
 #: Sections whose figures are not from a stored summary yet: how many, and the command that brings
 #: them. What is not in this list has none, and the list only gets shorter.
 NOT_YET = {
-    ("README.md", "Results"): (160, "evaluate dynamic --study reach, paper; bench all"),
+    ("README.md", "Results"): (45, "bench all"),
     ("README.md", "Limitations"): (1, "evaluate sampler"),
-    ("dynamic.md", "Results"): (5, "evaluate dynamic --study reach"),
-    ("dynamic.md", "Grasping moving objects"): (224, "evaluate dynamic --study reach, obstacle"),
-    ("dynamic.md", "The paper's Table II, beside ours"): (217, "evaluate dynamic --study paper"),
-    ("dynamic.md", "What the paper does not tell"): (336, "evaluate dynamic --study paper"),
-    ("dynamic.md", "Object by object"): (468, "evaluate dynamic --study paper"),
     ("dynamic.md", "The paper's Table III"): (31, "bench control"),
     ("grasp_network.md", "How good it is"): (11, "train sampler: curve.csv, no summary yet"),
     ("method.md", "4 Reachability"): (5, "fit reachability"),
