@@ -109,6 +109,8 @@ def draw_table_2(found: Rows, filename: Path) -> None:
     for row, name in zip(axes, COLUMNS, strict=True):
         for axis, speed in zip(row, speeds, strict=True):
             _draw_column(axis, found, name, speed)
+        row[0].autoscale(axis="y")  # for the bars of all speeds
+        row[0].set_ylim(bottom=0.0)
     handles = [Patch(color=color, label=label) for label, color in _COLORS.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     save_figure(figure, filename, dpi=100)
@@ -135,7 +137,6 @@ def _draw_column(axis: Axes, found: Rows, name: str, speed: str) -> None:
     axis.set_title(f"{head} at {SPEEDS[speed]} ({better} is better)", fontsize=10)
     axis.set_xticks(range(len(TABLE_2)), list(TABLE_2))
     axis.set_xlim(-0.5, len(TABLE_2) - 0.5)
-    axis.set_ylim(bottom=0.0)
     axis.grid(axis="y", alpha=0.3)
     axis.spines[["top", "right"]].set_visible(False)
 
