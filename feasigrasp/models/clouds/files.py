@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,7 +53,8 @@ def read_cloud(filename: str | Path) -> Array:
         elif path.suffix.lower() == ".ply":
             import trimesh  # slow imports, these two, that arrays do not need
 
-            points = np.asarray(trimesh.load(path, file_type="ply").vertices)
+            loaded: Any = trimesh.load(path, file_type="ply")
+            points = np.asarray(loaded.vertices)
         else:
             import open3d as o3d
 
