@@ -192,7 +192,7 @@ Held 90 %.
 
 def test_only_what_can_be_relied_on_is_stored(tmp_path):
     file = tmp_path / "summary.json"
-    summary = {"command": "feasigrasp x --out /home/me --jobs 2 --seed 0", "git": "abc1234"}
+    summary = {"command": "feasigrasp x --out out/x --jobs 2 --seed 0", "git": "abc1234"}
 
     def written(**changes):
         file.write_text(json.dumps({**summary, "rows": ROWS, **changes}))
