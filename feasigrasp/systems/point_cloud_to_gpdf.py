@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,9 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_POINTS, MIN_SPREAD, spread_across
+from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.outliers import outliers
+from feasigrasp.models.clouds.usable import ViewFault, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import Preset, complete_shape
@@ -27,19 +26,6 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 MAX_CONTRADICTION = 0.3
 #: A contradiction is forgotten when the object has been out of sight for so long [s].
 DOUBTED_FOR = 2.0
-#: A view of which less remains without its outliers shows no object.
-_LEAST_KEPT = 0.5
-
-
-class ViewFault(StrEnum):
-    """Why a view could not be used; the words in `Perceived.faults`."""
-
-    UNKNOWN_POSE = "the pose of object or camera is unknown"
-    NOT_FINITE = "no finite point"
-    TOO_WIDE = "too wide for an object"
-    MOSTLY_OUTLIERS = "mostly outliers"
-    NO_SURFACE = "points on a spot or line"
-    NO_FIELD = "no field fits"
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,19 +173,15 @@ class PointCloudToGPDF(LeafSystem):
             # Nobody can tell any more whether the pose is wrong; the hand had better go and see.
             doubted = seen.contradicted and time < seen.looked + DOUBTED_FOR - 1e-9
             return replace(seen, contradicted=doubted)
-        bad = outliers(points_O, p_OC)
-        kept = points_O[~bad]
-        if len(kept) < max(self._min_points, _LEAST_KEPT * len(bad)):
-            return seen.without(ViewFault.MOSTLY_OUTLIERS, f"{bad.sum()} of {len(bad)} points")
-        extent = float(np.ptp(kept, axis=0).max())
-        if extent > MAX_EXTENT:
-            return seen.without(ViewFault.TOO_WIDE, f"{extent:.3g} m, more than {MAX_EXTENT:g} m")
+        kept, fault, detail = usable_points(points_O, p_OC, self._min_points)
+        if fault is not None:
+            return seen.without(fault, detail)
         contradicted = seen.cloud.contradicted(kept, p_OC) > MAX_CONTRADICTION
         looked = replace(seen, looked=time, contradicted=contradicted, last_fault="")
         if contradicted or not tells_more:
             return looked
         merged = self._merged(looked, kept, p_OC)
-        return replace(merged, outliers=seen.outliers + int(bad.sum()))
+        return replace(merged, outliers=seen.outliers + len(points_O) - len(kept))
 
     def _merged(self, seen: Perceived, points_O: Array, p_OC: Array) -> Perceived:
         """What is known after one more view; without it if no field comes of it."""

@@ -11,6 +11,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from feasigrasp.errors import ScenarioError
 from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics
 from feasigrasp.evaluation.metrics.robot_twin import robot_twin
+from feasigrasp.models.clouds.usable import ViewFault
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
@@ -32,7 +33,6 @@ from feasigrasp.systems.from_scenario import make_controller
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
-from feasigrasp.systems.point_cloud_to_gpdf import ViewFault
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.station import object_servo
 

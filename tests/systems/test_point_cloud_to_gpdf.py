@@ -8,8 +8,9 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.usable import ViewFault
 from feasigrasp.systems import point_cloud_to_gpdf
-from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF, ViewFault
+from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 
 RADIUS = 0.04
 CAMERA = np.array([0.0, 0.0, 0.5])
