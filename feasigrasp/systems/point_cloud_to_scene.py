@@ -21,7 +21,7 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 
 #: Points of neighbouring pixels that are farther apart lie on different surfaces [m]; those of a
 #: table seen at a slant from a metre away do not.
-EDGE_JUMP = 0.05
+SCENE_EDGE_JUMP = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class PointCloudToScene(LeafSystem):
         labels = self._labels.Eval(context).data[:, :, 0]
         finite = np.isfinite(xyz).all(axis=0).reshape(labels.shape)
         surroundings = ~np.isin(labels, self._ignored)
-        edges = edge_pixels(xyz.reshape(3, *labels.shape), finite, surroundings, EDGE_JUMP)
+        edges = edge_pixels(xyz.reshape(3, *labels.shape), finite, surroundings, SCENE_EDGE_JUMP)
         seen = finite & surroundings & ~edges
         if np.count_nonzero(seen) < MIN_POINTS:
             return before

@@ -7,7 +7,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
-from feasigrasp.models.clouds.edges import edge_pixels
+from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.systems.ports import declare_input, declare_output
 
 
@@ -32,7 +32,7 @@ class SegmentPointCloud(LeafSystem):
     jump, nothing is lost.
     """
 
-    def __init__(self, label: int, *, edge_jump: float | None = 0.02) -> None:
+    def __init__(self, label: int, *, edge_jump: float | None = EDGE_JUMP) -> None:
         """Keeps the pixels whose label is ``label`` (Drake's cameras label by body index).
 
         Args:

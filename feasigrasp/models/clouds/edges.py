@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Mask
 
+#: Points of neighbouring pixels on an object that are farther apart lie on different surfaces [m].
+EDGE_JUMP = 0.02
+
 
 def edge_pixels(
     points: NDArray[np.floating],

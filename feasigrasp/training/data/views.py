@@ -9,7 +9,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.clouds.edges import edge_pixels
+from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3 import perpendiculars
@@ -29,8 +29,6 @@ CAMERA = (
 DISTANCE = (0.45, 0.55)
 #: Voxels in which views are merged, as in the scenarios [m].
 VOXEL_SIZE = 0.003
-#: Points of neighbouring pixels that are farther apart lie on different surfaces [m].
-EDGE_JUMP = 0.02
 #: A point closer to the first hit of its line of sight than this is seen [m].
 _VISIBLE = 1e-3
 
