@@ -1,12 +1,15 @@
-# `make demo` and `make test` set up whatever is missing first; see tools/setup.sh.
+# Every target sets up what it needs and is missing first; see tools/setup.sh.
 PYTHON := .venv/bin/python
 
-.PHONY: setup demo test lint format wheel clean
+.PHONY: setup setup-demo demo test lint format docs wheel release clean
 
 setup:
+	@tools/setup.sh dev
+
+setup-demo:
 	@tools/setup.sh
 
-demo: setup
+demo: setup-demo
 	$(PYTHON) diagrams/dynamic_grasp.py --scenario_name ReachCircular --controller task \
 	  --object mustard_bottle --seed 1 --replay out/demo/replay.html --results out/demo/results.json
 
@@ -24,8 +27,17 @@ format: setup
 	$(PYTHON) -m ruff check --fix
 	$(PYTHON) -m ruff format
 
+# The documentation as a site, in out/site; a warning is an error.
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: setup
+	PYTHONPATH=. $(PYTHON) -m mkdocs build --strict --quiet
+
 wheel: setup
 	$(PYTHON) -m build
+
+# Wheel and sdist, each tried in an empty environment.
+release: wheel
+	tools/check_release.sh
 
 clean:
 	rm -rf out dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis

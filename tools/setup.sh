@@ -2,16 +2,22 @@
 # Sets up everything that the project needs on Debian or Ubuntu: the system libraries that wheels
 # miss, a virtual environment .venv, PyTorch and the project itself in editable mode.
 # Safe to run again; does nothing when nothing has changed since the last time.
+#
+#   tools/setup.sh        what the demo needs
+#   tools/setup.sh dev    and what tests and documentation need
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 TORCH="torch==2.13.0"
 venv_python=.venv/bin/python
-stamp=.venv/.feasigrasp-setup
+extra="${1:+[$1]}"
+stamp=".venv/.feasigrasp-setup$extra"
 
 # What the stamp remembers: the recipe, the requirements, and where the checkout lies.
 key="$(cat pyproject.toml tools/setup.sh | sha256sum | cut -d ' ' -f 1) $PWD"
-if [[ -f $stamp && "$(cat $stamp)" == "$key" && -x $venv_python ]]; then
+is_done() { [[ -f $1 && "$(cat "$1")" == "$key" && -x $venv_python ]]; }
+# An environment for tests has all that the demo needs.
+if is_done "$stamp" || is_done ".venv/.feasigrasp-setup[dev]"; then
     exit 0
 fi
 
@@ -74,7 +80,7 @@ if ! $venv_python -c '' 2> /dev/null; then
 fi
 say "installing $TORCH and the project into .venv (a few minutes the first time)"
 $venv_python -m pip install --quiet --disable-pip-version-check "$TORCH"
-$venv_python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' "$TORCH"
+$venv_python -m pip install --quiet --disable-pip-version-check --editable ".$extra" "$TORCH"
 
-echo "$key" > $stamp
+echo "$key" > "$stamp"
 say "done"

@@ -1,0 +1,49 @@
+"""The documentation site is built without a warning, and its notebook runs."""
+
+import os
+import re
+import subprocess
+import sys
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+
+def test_site_is_built_without_warnings(repository, tmp_path):
+    site = tmp_path / "site"
+    environment = os.environ | {"PYTHONPATH": str(repository), "NO_MKDOCS_2_WARNING": "1"}
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", str(site)]
+    done = subprocess.run(command, cwd=repository, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    start = (site / "index.html").read_text()
+    for page in ("reference", "release_notes", "contributing", "gallery", "perceive_a_cloud"):
+        assert (site / page / "index.html").is_file()
+        assert f'href="{page}/"' in start
+    reference = (site / "reference" / "index.html").read_text()
+    assert "complete_shape" in reference and "Fits" in re.sub("<[^>]+>", "", reference)
+
+
+@pytest.fixture(scope="module")
+def notebook(repository):
+    return nbformat.read(repository / "docs" / "perceive_a_cloud.ipynb", as_version=4)
+
+
+def test_notebook_says_of_every_candidate_what_becomes_of_it(notebook, tmp_path, repository):
+    resources = {"metadata": {"path": str(tmp_path)}}
+    run = NotebookClient(notebook, timeout=250, kernel_name="python3", resources=resources)
+    os.environ["PYTHONPATH"] = str(repository)
+    text = "".join(
+        output.get("text", "") for cell in run.execute().cells for output in cell.get("outputs", [])
+    )
+    found = re.findall(r"^ *(\d+) ([a-z ]+)$", text, re.MULTILINE)
+    verdicts = {what: int(n) for n, what in found if what not in ("grasps", "candidates")}
+    (candidates,) = map(int, re.findall(r"(\d+) candidates", text))
+    assert verdicts["kept"] > 0 and verdicts["not antipodal"] > 0
+    assert sum(verdicts.values()) == candidates
+
+
+def test_stored_notebook_has_its_pictures(notebook):
+    outputs = [o for cell in notebook.cells for o in cell.get("outputs", [])]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+    assert not [output for output in outputs if output["output_type"] == "error"]

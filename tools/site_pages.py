@@ -1,0 +1,78 @@
+"""Pages of the documentation site that are made when it is built; a hook of MkDocs.
+
+Public names with their docstrings, release notes and how to contribute come from the code and from
+files at the root; the gallery of replays from ``out/gallery``, where `feasigrasp evaluate gallery`
+left it.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+from tools.make_docs import ROOT, faces
+
+GALLERY = ROOT / "out" / "gallery"
+_NO_GALLERY = """# Gallery
+
+Replays of every scenario, controller and mode, to turn and to step through in the browser. This
+site was built without them; `feasigrasp evaluate gallery` makes them, and the next `make docs`
+takes them in.
+"""
+_WITH_GALLERY = """# Gallery
+
+[Replays of every scenario, controller and mode](replays/index.html), to turn and to step through in
+the browser.
+"""
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Adds the pages."""
+    pages = {
+        "reference.md": _reference(),
+        "release_notes.md": _from_the_root("CHANGELOG.md"),
+        "contributing.md": _from_the_root("CONTRIBUTING.md"),
+        "gallery.md": _WITH_GALLERY if GALLERY.is_dir() else _NO_GALLERY,
+    }
+    for name, text in pages.items():
+        files.append(File.generated(config, name, content=text))
+    return files
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Puts the replays beside the pages."""
+    if GALLERY.is_dir():
+        shutil.copytree(GALLERY, Path(config.site_dir) / "replays", dirs_exist_ok=True)
+
+
+def _reference() -> str:
+    parts = ["# Reference\n\nPublic names; [in short](api.md).\n"]
+    for face in faces():
+        names = _public_names(face)
+        options = "".join(f"\n        - {name}" for name in names)
+        parts.append(f"## `{face}`\n\n::: {face}\n    options:\n      members:{options}\n")
+    return "\n".join(parts)
+
+
+def _public_names(face: str) -> list[str]:
+    """What ``__all__`` of a package lists."""
+    from importlib import import_module
+
+    return list(import_module(face).__all__)
+
+
+def _from_the_root(name: str) -> str:
+    """A file of the root, with its links to where the site has it; what it has not is no link."""
+    text = (ROOT / name).read_text()
+    text = re.sub(r"\]\(docs/", "](", text)
+    return re.sub(r"\[([^\]]+)\]\((?!https?:|#)([A-Z][\w.]*)\)", _root_link, text)
+
+
+def _root_link(match: re.Match[str]) -> str:
+    text, target = match.groups()
+    pages = {"CHANGELOG.md": "release_notes.md", "CONTRIBUTING.md": "contributing.md"}
+    return f"[{text}]({pages[target]})" if target in pages else f"`{target}`"
