@@ -1,9 +1,7 @@
 """Tries grasps out: a gripper without an arm closes on the object, lifts it and shakes it.
 
 Cheap (well under a second of processor time each) and a screening only: an arm that gives way, the
-approach and the object's own motion are not in it. The contact model is that of the dynamic runs,
-except that palm and finger backs are hydroelastic as well: their point contact would be with the
-convex hull of the object, and no finger could reach into a cup.
+approach and the object's own motion are not in it. The contact model is that of the dynamic runs.
 """
 
 from __future__ import annotations
@@ -14,17 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import (
-    AddCompliantHydroelasticProperties,
-    AddContactMaterial,
-    ProximityProperties,
-    RoleAssign,
-    SceneGraph,
-)
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
@@ -48,8 +39,6 @@ HELD_WITHIN = 0.03
 #: Pads closer than this hold nothing [m].
 _EMPTY = 5e-4
 _CHECK_EVERY = 0.1
-#: Surfaces of the hand as in its model file; how finely they are meshed [m].
-_MODULUS, _DISSIPATION, _RESOLUTION = 1e7, 20.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -101,7 +90,6 @@ class FloatingGripper:
         plant.WeldFrames(plant.world_frame(), base, X_BG.inverse())
         finger = plant.GetJointActuatorByName("left_finger_joint", hand)
         finger.set_controller_gains(PdControllerGains(p=FINGER_KP, d=FINGER_KD))
-        _make_hydroelastic(plant, scene_graph, hand)
         set_friction(plant, scene_graph, hand, friction)
         plant.Finalize()
         self._joints = [plant.GetJointByName(f"{side}_finger_joint") for side in ("left", "right")]
@@ -171,15 +159,3 @@ def hold_trials(
     """
     hand = FloatingGripper(obj, gripper or ParallelGripper(), friction)
     return [hand.try_grasp(X) for X in np.asarray(X_OG, dtype=float).reshape(-1, 4, 4)]
-
-
-def _make_hydroelastic(
-    plant: MultibodyPlant, scene_graph: SceneGraph, hand: ModelInstanceIndex
-) -> None:
-    """Gives every part of the hand a compliant surface; friction is another's business."""
-    for index in plant.GetBodyIndices(hand):
-        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
-            properties = ProximityProperties()
-            AddCompliantHydroelasticProperties(_RESOLUTION, _MODULUS, properties)
-            AddContactMaterial(dissipation=_DISSIPATION, properties=properties)
-            scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)

@@ -35,6 +35,7 @@ ROTOR_INERTIAS = (
 )
 GEAR_RATIO = 160.0
 FRICTION = 0.6
+RESOLUTION = 0.03
 
 
 def _link(robot: ET.Element, index: int, height: float) -> None:
@@ -52,7 +53,7 @@ def _link(robot: ET.Element, index: int, height: float) -> None:
         collision = xml.shape(
             link, "collision", size, name=f"capsule_{k}", tag="capsule", xyz=(a + b) / 2, rpy=rpy
         )
-        xml.proximity(collision, friction=FRICTION)
+        xml.proximity(collision, friction=FRICTION, resolution=RESOLUTION)
 
 
 def _joint(robot: ET.Element, i: int, step: float) -> None:

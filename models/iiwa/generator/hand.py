@@ -10,9 +10,6 @@ from generator import xml
 
 #: Static and dynamic friction of pads, fingers and palm.
 FRICTION = 0.8
-# Rubber pads. They make contact patches instead of points, so a held object does not creep.
-PAD_MODULUS = 1e7
-PAD_DISSIPATION = 20.0
 PAD_THICKNESS = 0.006
 
 # 0.34 kg is the mass of the SAKE EZGripper Dual, 0.05 kg that of its mount.
@@ -61,7 +58,7 @@ def _finger(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper)
     xml.visual_mesh(link, f"{side}_finger")
     uri = {"filename": "package://feasigrasp/iiwa/meshes/pad.vtk"}
     pad = xml.shape(link, "collision", uri, name="pad", tag="mesh", xyz=pad_center)
-    xml.proximity(pad, friction=FRICTION, dissipation=PAD_DISSIPATION, modulus=PAD_MODULUS)
+    xml.proximity(pad, friction=FRICTION)
     bone_size = size - (PAD_THICKNESS, 0.002, 0.0)
     bone_center = center + (sign * PAD_THICKNESS / 2, 0.0, 0.0)
     bone = xml.shape(link, "collision", xml.box(bone_size), name="bone", xyz=bone_center)

@@ -13,8 +13,6 @@ SIZE = np.array([1.6, 1.6, 0.04])
 LEG = np.array([0.06, 0.06, 0.70])
 MASS = 40.0
 FRICTION = 0.8
-MODULUS = 1e7
-DISSIPATION = 20.0
 # Dark, for the bright lights of a replay.
 WOOD = Material((0.26, 0.18, 0.10), 0.0, 0.9)
 STEEL = Material((0.012, 0.013, 0.015), 0.0, 0.9)
@@ -41,5 +39,5 @@ def table_urdf() -> str:
     xml.inertial(top, MASS, center, xml.box_inertia(MASS, SIZE))
     xml.visual_mesh(top, "table")
     collision = xml.shape(top, "collision", xml.box(SIZE), name="top", xyz=center)
-    xml.proximity(collision, friction=FRICTION, dissipation=DISSIPATION, modulus=MODULUS)
+    xml.proximity(collision, friction=FRICTION)
     return xml.document(robot)

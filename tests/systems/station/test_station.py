@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object, make_motion
@@ -361,3 +362,42 @@ def test_a_cell_that_cannot_be_loaded_is_a_clear_error():
     broken = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
     with pytest.raises(ScenarioError, match=r"(?s)cannot be loaded.*cell\.dmd\.yaml"):
         make_station(broken)
+
+
+def test_every_shape_of_the_robot_meets_surfaces_and_not_hulls(blind):
+    station = blind.station
+    inspector = station.scene_graph.model_inspector()
+    bodies = [b for i in station.robot_instances() for b in station.plant.GetBodyIndices(i)]
+    shapes = [
+        shape
+        for body in bodies
+        for shape in station.plant.GetCollisionGeometriesForBody(station.plant.get_body(body))
+    ]
+    assert len(shapes) > 20
+    for shape in shapes:
+        assert inspector.maybe_get_hydroelastic_mesh(shape) is not None, inspector.GetName(shape)
+
+
+def least_distance(points, mesh):
+    """Of points to a closed surface, negative inside."""
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(np.asarray(mesh.vertices, dtype=np.float32)),
+        o3d.core.Tensor(np.asarray(mesh.faces, dtype=np.uint32)),
+    )
+    return scene.compute_signed_distance(o3d.core.Tensor(points.astype(np.float32))).numpy().min()
+
+
+def test_a_finger_in_a_bowl_touches_nothing():
+    """One finger inside a bowl and one outside of it, a few mm from the wall: no contact."""
+    cell = Cell(scenario(model="bowl")).start()
+    obj, gripper = load_scenario_object(cell.scenario), ParallelGripper()
+    top = obj.vertices[:, 2].max()
+    rim = np.linalg.norm(obj.vertices[obj.vertices[:, 2] > top - 0.005][:, :2], axis=1).mean()
+    X_OG = RigidTransform([[1.0, 0, 0, rim], [0, -1.0, 0, 0], [0, 0, -1.0, top - 0.01]])
+    hand = X_OG.multiply(gripper.surface_points(OPEN).T).T
+    assert least_distance(hand, obj.mesh) > 0.005 and least_distance(hand, obj.mesh.convex_hull) < 0
+    X_WG = RigidTransform(forward_kinematics(HOME, gripper.X_FG))
+    cell.put_object(X_WG.multiply(X_OG.inverse()))
+    results = cell.read("contact_results")
+    assert results.num_hydroelastic_contacts() + results.num_point_pair_contacts() == 0
