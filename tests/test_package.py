@@ -42,7 +42,7 @@ ORDER = (
     ("results",),
     ("training.data", "training.reachability"),
     ("training",),
-    ("evaluation.metrics",),
+    ("evaluation.metrics", "evaluation.protocols"),
     ("evaluation.measures", "evaluation.peers", "evaluation.runs"),
     ("evaluation.pictures", "evaluation.report"),
     ("evaluation.bench", "evaluation.studies"),

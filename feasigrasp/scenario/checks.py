@@ -46,7 +46,7 @@ def check_scenario(scenario: Scenario) -> None:
     _check_vectors(scenario)
     _check_cameras(scenario)
     _check_law(scenario)
-    phase = scenario.motion.start_phase
+    phase = getattr(scenario.motion, "start_phase", 0.0)
     if not isinstance(phase, float | int) and phase.min > phase.max:
         raise ScenarioError(
             f"motion.start_phase has min {phase.min} above max {phase.max}; swap them"
@@ -180,8 +180,9 @@ def _check_camera_noise(scenario: Scenario) -> None:
 def _check_vectors(scenario: Scenario) -> None:
     motion = scenario.motion
     vectors = {
-        f"motion.{key}": (getattr(motion, key), 3)
-        for key in ("center", "amplitude", "harmonic", "offset_deg", "spin_axis")
+        f"motion.{key}": (value, 3)
+        for key, value in vars(motion).items()
+        if isinstance(value, list)
     }
     vectors |= {
         "grasp.lift": (scenario.grasp.lift, 3),

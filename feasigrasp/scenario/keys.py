@@ -70,9 +70,12 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
     Raises:
         ScenarioError: An unknown key (with the nearest known one), or a value of another kind.
     """
-    kind, given = _chosen(kind, node)
+    of, (kind, given) = typing.get_args(kind), _chosen(kind, node)
     shown = ".".join(path) or "the scenario"
     where = f"(line {node.start_mark.line + 1})"
+    if kind is None and any(map(dc.is_dataclass, of)) and not node.tag.startswith(_TAG):
+        tags = ", ".join(f"!{each.__name__}" for each in of[1:])
+        raise ScenarioError(f"{shown} has the tag {node.tag}; give {tags}, or none {where}")
     if kind in _SCALARS:
         if not _is_scalar(node, kind):
             raise ScenarioError(f"{shown} is {_text(node)}; give {_SCALARS[kind]} {where}")

@@ -1,13 +1,21 @@
 """What a scenario stands for, with everything random drawn from its seed."""
 
+import dataclasses
+import math
+
+import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.common.schema import Sample, Transform
 
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.faults.object import ObjectMotion, altered
+from feasigrasp.models.objects.bezier_motion import BezierMotion, bezier_legs
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import BezierPath, Scenario
+
+#: Of the numbers that are drawn from the seed of a scenario: those that say where the object is.
+_PLACE = 1
 
 
 def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
@@ -18,7 +26,9 @@ def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
 def load_scenario_object(scenario: Scenario) -> RigidObject:
     """The object that a scenario names, built-in or from a mesh file."""
     config = scenario.object
-    return load_object(config.model, scale=config.scale, mass=config.mass)
+    obj = load_object(config.model, scale=config.scale, mass=config.mass)
+    factor = config.mass_factor
+    return dataclasses.replace(obj, mass=factor * obj.mass, inertia=factor * obj.inertia)
 
 
 def make_motion(scenario: Scenario) -> ObjectMotion:
@@ -26,10 +36,26 @@ def make_motion(scenario: Scenario) -> ObjectMotion:
 
     Faults of the object alter it.
     """
-    generator = RandomGenerator(scenario.random_seed)
-    start_phase = Sample(scenario.motion.start_phase, generator)
+    config, seed = scenario.motion, scenario.random_seed
+    generator = RandomGenerator(seed)
+    phase = 0.0 if isinstance(config, BezierPath) else Sample(config.start_phase, generator)
     orientation = Transform()
     orientation.rotation = scenario.object.rotation
     R_WO = orientation.Sample(generator).rotation().matrix()
-    drawn = {"start_phase": start_phase, "R_WO": R_WO}
-    return altered(HarmonicMotion(**vars(scenario.motion) | drawn), scenario.faults)
+    values = dict(vars(config))
+    center, rng = np.array(values.pop("center")), np.random.default_rng([seed, _PLACE])
+    motion: HarmonicMotion | BezierMotion
+    if isinstance(config, BezierPath):
+        legs = bezier_legs(rng, center, np.array(values.pop("size")))
+        motion = BezierMotion(legs, **values, R_WO=R_WO)
+    else:
+        center = center + rng.uniform(-1.0, 1.0, 3) * values.pop("spread")
+        values |= {"center": center, "start_phase": phase, "R_WO": R_WO}
+        motion = HarmonicMotion(**values)
+    return altered(motion, scenario.faults)
+
+
+def lap(scenario: Scenario) -> float:
+    """How long the object takes until it is where it was [s]; inf if that is no end of anything."""
+    rate = 0.0 if isinstance(scenario.motion, BezierPath) else scenario.motion.rate
+    return 2.0 * math.pi / abs(rate) if rate else math.inf

@@ -37,6 +37,7 @@ class ObjectConfig:
         model: Name of a built-in object, or a path to a mesh.
         scale: Factor from the mesh's unit to metres.
         mass: Mass [kg]; from the object's data or its volume if not given.
+        mass_factor: The object is this many times as heavy.
         friction: Coulomb friction between it and the gripper.
         rotation: Orientation at the start; ``!Uniform {}`` draws it from the seed.
     """
@@ -44,6 +45,7 @@ class ObjectConfig:
     model: str = "mustard_bottle"
     scale: float = 1.0
     mass: float | None = None
+    mass_factor: float = 1.0
     friction: float = 0.6
     rotation: typing.Union[  # noqa: UP007 - the form of Drake's own schema
         Rotation.Identity, Rotation.Rpy, Rotation.AngleAxis, Rotation.Uniform
@@ -56,6 +58,7 @@ class MotionConfig:
 
     Attributes:
         center: [m].
+        spread: The centre is drawn from the seed, up to this far off along x, y, z [m].
         amplitude: [m], along x, y, z.
         harmonic: Multiple of the phase along x, y, z.
         offset_deg: Phase offset along x, y, z [deg]; 90 makes a cosine.
@@ -66,11 +69,33 @@ class MotionConfig:
     """
 
     center: list[float] = dc.field(default_factory=lambda: [0.5, 0.0, 0.55])
+    spread: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
     amplitude: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
     harmonic: list[float] = dc.field(default_factory=lambda: [1.0, 1.0, 1.0])
     offset_deg: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])
     rate: float = 0.2 * np.pi
     start_phase: typing.Union[float, Uniform] = 0.0  # noqa: UP007 - Drake's YAML needs Union
+    spin_axis: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 1.0])
+    spin: float = 0.2
+
+
+@dc.dataclass
+class BezierPath:
+    """A path of Bezier curves with stops and turns, drawn from the seed; see `BezierMotion`.
+
+    Attributes:
+        center: Middle of the box that the path stays in [m].
+        size: Its edges [m].
+        speed: Along the curves [m/s].
+        stop: Rest between two curves [s].
+        spin_axis: Axis of the constant rotation, in the world.
+        spin: Its speed [rad/s].
+    """
+
+    center: list[float] = dc.field(default_factory=lambda: [0.5, 0.0, 0.55])
+    size: list[float] = dc.field(default_factory=lambda: [0.2, 0.36, 0.16])
+    speed: float = 0.15
+    stop: float = 0.5
     spin_axis: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 1.0])
     spin: float = 0.2
 
@@ -228,7 +253,7 @@ class Scenario:
             and ``{}`` takes away those of a scenario that it is applied to.
         q_start: Joint positions at the start [deg].
         object: The object.
-        motion: How it moves.
+        motion: How it moves; ``!BezierPath {speed: 0.15}`` for one that stops and turns.
         tracker: How its pose is measured.
         perception: Views, distance field, grasps.
         scene: Surroundings that grasps keep clear of.
@@ -247,7 +272,9 @@ class Scenario:
     camera_noise: dict[str, dict[str, float]] = dc.field(default_factory=dict)
     q_start: list[float] = dc.field(default_factory=lambda: [0.0] * IIWA_7.joints)
     object: ObjectConfig = dc.field(default_factory=ObjectConfig)
-    motion: MotionConfig = dc.field(default_factory=MotionConfig)
+    motion: typing.Union[MotionConfig, BezierPath] = dc.field(  # noqa: UP007 - see above
+        default_factory=MotionConfig
+    )
     tracker: TrackerConfig = dc.field(default_factory=TrackerConfig)
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     scene: SceneConfig = dc.field(default_factory=SceneConfig)

@@ -8,7 +8,7 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
-from feasigrasp.scenario.sampling import make_camera_noise, make_motion
+from feasigrasp.scenario.sampling import load_scenario_object, make_camera_noise, make_motion
 from feasigrasp.scenario.schema import Scenario
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -16,7 +16,9 @@ NAMES = (
     "ReachCircular",
     "ReachLinear",
     "ReachSinusoidal",
+    "ReachBezier",
     "ReachObstacle",
+    "Static",
     "PaperCircular",
     "PaperLinear",
     "PaperSinusoidal",
@@ -256,3 +258,28 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
 def test_wrong_values_are_refused(text, message):
     with pytest.raises(ScenarioError, match=message):
         load_scenario(FILE, "ReachLinear", text)
+
+
+# ------------------------------------------------------------------------------- drawn and scaled
+
+
+def test_a_resting_object_lies_in_its_cube_with_any_orientation():
+    motions = [
+        make_motion(load_scenario(FILE, "Static", f"{{random_seed: {k}}}")) for k in range(40)
+    ]
+    X = np.array([motion.pose(7.0) for motion in motions])
+    np.testing.assert_array_equal(X, [motion.pose(0.0) for motion in motions])
+    assert not any(motion.velocity(7.0).any() for motion in motions)
+    p = X[:, :3, 3] - [0.4, 0.0, 0.6]
+    assert (np.abs(p) <= 0.05).all() and (np.ptp(p, axis=0) > 0.08).all()
+    # Of uniform rotations the mean is zero.
+    assert np.abs(X[:, :3, :3].mean(axis=0)).max() < 0.4
+
+
+def test_a_heavier_object_is_heavier_in_all_directions():
+    one, two = (
+        load_scenario_object(load_scenario(FILE, "Static", f"{{object: {{mass_factor: {f}}}}}"))
+        for f in (1.0, 2.0)
+    )
+    assert two.mass == pytest.approx(2.0 * one.mass)
+    np.testing.assert_allclose(two.inertia, 2.0 * one.inertia)

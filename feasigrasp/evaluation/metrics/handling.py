@@ -61,6 +61,24 @@ def pushed_metrics(
     }
 
 
+def closing_speed(X_WP: Array, phase: Array, period: float) -> float | None:
+    """Speed of the object on its path when the fingers last began to close [m/s].
+
+    Args:
+        X_WP: Where its motion would have it, shape (n, 4, 4) [m].
+        phase: The `Phase`, shape (n,).
+        period: Time between samples [s].
+
+    Returns:
+        None if they never did.
+    """
+    began = np.flatnonzero((phase[1:] == Phase.CLOSE) & (phase[:-1] != Phase.CLOSE)) + 1
+    if not len(began):
+        return None
+    velocity = np.gradient(X_WP[:, :3, 3], period, axis=0)
+    return float(np.linalg.norm(velocity[began[-1]]))
+
+
 def contact_metrics(contact: Array) -> dict[str, float | None]:
     """How arm and hand touched the object before the fingers closed.
 
@@ -92,17 +110,22 @@ def hold_metrics(
         ``slip_mm``, ``turn_deg``: the largest displacement of the object's origin in the hand, and
         the largest rotation, since the object was let go, and ``lift_cm``: how much higher it ended
         than where it was let go; None if it never was. ``grasp_held``: whether the sequence went to
-        its end and the object was at its place for the last `HELD_FOR` seconds.
+        its end and the object was at its place for the last `HELD_FOR` seconds; ``held_after_s``:
+        if so, when it was let go.
     """
     released = phase > Phase.CLOSE
     if not released.any():
-        return {"grasp_held": False, "slip_mm": None, "turn_deg": None, "lift_cm": None}
+        return dict.fromkeys(("slip_mm", "turn_deg", "lift_cm", "held_after_s")) | {
+            "grasp_held": False
+        }
     start = int(np.argmax(released))
     distance, angle = _displacement(X_HO[start:], X_HO[start])
     last = slice(-1 - round(HELD_FOR / period), None)
     kept = np.all((distance[last] < HELD_DISTANCE) & (angle[last] < HELD_ANGLE))
+    held = bool(phase[-1] == Phase.DONE and kept)
     return {
-        "grasp_held": bool(phase[-1] == Phase.DONE and kept),
+        "grasp_held": held,
+        "held_after_s": start * period if held else None,
         "slip_mm": 1e3 * float(distance.max()),
         "turn_deg": float(np.rad2deg(angle.max())),
         "lift_cm": 100.0 * float(p_WO[-1, 2] - p_WO[start, 2]),

@@ -11,6 +11,7 @@ from feasigrasp.evaluation.metrics.cause import Cause, Course, cause_of
 from feasigrasp.evaluation.metrics.grasp_tracking import tracking_metrics
 from feasigrasp.evaluation.metrics.handling import (
     ObjectTruth,
+    closing_speed,
     contact_metrics,
     hold_metrics,
     pushed_metrics,
@@ -65,7 +66,9 @@ METRICS: dict[str, Metric] = {
     "pushed_deg": Metric("deg", 0.0, 180.0),
     "contact_force_peak_n": Metric("N", 0.0),
     "contact_time_percent": Metric("%", 0.0, 100.0),
+    "closing_speed_m_s": Metric("m/s", 0.0),
     "grasp_held": Metric("bool"),
+    "held_after_s": Metric("s", 0.0),
     "cause": Metric("text"),
     "slip_mm": Metric("mm", 0.0),
     "turn_deg": Metric("deg", 0.0, 180.0),
@@ -146,6 +149,7 @@ def summarize(
         X_WO = se3.make_pose(se3.so3_exp(_vector(x, "r_WO")), p_WO)
         pushed = pushed_metrics(X_WO, truth.path, approach, SAMPLE_PERIOD)
         result |= pushed | contact_metrics(truth.contact)
+        result["closing_speed_m_s"] = closing_speed(truth.path, x["phase"], SAMPLE_PERIOD)
     if closes:
         result |= hold_metrics(se3.inverse(X_OH), p_WO, x["phase"], SAMPLE_PERIOD)
         if not result["grasp_held"] or (truth is not None and truth.broke_off):
@@ -157,7 +161,7 @@ def summarize(
 
 def not_held(cause: Cause) -> dict[str, Value]:
     """What the metrics say of an object that was not held."""
-    return {"grasp_held": False, "cause": str(cause)}
+    return {"grasp_held": False, "held_after_s": None, "cause": str(cause)}
 
 
 def _age_metrics(ages: Array) -> dict[str, Value]:

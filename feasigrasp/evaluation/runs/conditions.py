@@ -10,7 +10,7 @@ import numpy as np
 
 from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
 from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.scenario.sampling import make_motion
+from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
 
 #: What the pipeline is given by the simulation whatever a scenario says.
@@ -61,8 +61,9 @@ def _common(runs: Sequence[PlannedRun], read: Callable[[Scenario], Any]) -> Any:
 
 def _speeds(scenario: Scenario) -> dict[str, float]:
     """Largest speed on the path, and speed of the rotation."""
-    motion, rate = make_motion(scenario), scenario.motion.rate
-    times = np.linspace(0.0, 2.0 * math.pi / abs(rate), _MOMENTS) if rate else np.zeros(1)
+    motion = make_motion(scenario)
+    end = lap(scenario)
+    times = np.linspace(0.0, end if math.isfinite(end) else scenario.simulation_duration, _MOMENTS)
     path = max(float(np.linalg.norm(motion.velocity(t)[3:])) for t in times)
     return {"path_m_s": round(path, 4), "spin_rad_s": abs(scenario.motion.spin)}
 

@@ -18,7 +18,15 @@ _PERIOD = 0.1
 #: The figures of a run by what they are about; every one of `METRICS` and of the timings is here.
 FIGURES: Mapping[str, tuple[str, ...]] = {
     "the grasp": (
-        *("grasp_held", "cause", "slip_mm", "turn_deg", "lift_cm"),
+        *(
+            "grasp_held",
+            "held_after_s",
+            "closing_speed_m_s",
+            "cause",
+            "slip_mm",
+            "turn_deg",
+            "lift_cm",
+        ),
         *("object_end_x_m", "object_end_y_m", "object_end_z_m"),
     ),
     "the way to it": (

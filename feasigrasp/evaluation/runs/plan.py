@@ -135,8 +135,8 @@ def plan(args: argparse.Namespace) -> Plan:
         modes: Sequence[str] = args.mode or study.modes
         for what, repeats in _repeats(args, study, objects).items():
             made = [
-                _quick(args, plan_run(args, name, (what, objects[what]), *how, study=study))
-                for how in itertools.product(args.controllers, modes, repeats)
+                _quick(args, plan_run(args, name, study, (what, objects[what]), *how))
+                for how in itertools.product(study.variants, args.controllers, modes, repeats)
             ]
             try:
                 # A wrong mesh is told now, not run by run.
@@ -223,31 +223,32 @@ def _quick(args: argparse.Namespace, planned: PlannedRun) -> PlannedRun:
 def plan_run(
     args: argparse.Namespace,
     name: str,
+    study: Study,
     chosen: tuple[str, str],
+    variant: str,
     controller: str,
     mode: str,
     seed: int,
-    *,
-    study: Study,
 ) -> PlannedRun:
     """One run, as the arguments of `add_scenario_arguments` and the study change it.
 
     Args:
         args: Arguments of the command.
         name: Name of the scenario.
+        study: What it is part of.
         chosen: Name of the object, and what it is loaded from.
+        variant: Which of the study's.
         controller: The controller.
         mode: Its mode.
         seed: Of everything.
-        study: What it is part of.
     """
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
     scenario = deepcopy(_read_once(filename, name, args.scenario_text, controller, mode))
     scenario.random_seed = scenario.tracker.seed = seed
     scenario.object.model = chosen[1]
-    study.change(scenario)
+    study.variants[variant](scenario)
     check_scenario(scenario)
-    return PlannedRun(f"{name}{study.suffix}", chosen[0], scenario)
+    return PlannedRun(f"{name}{variant}", chosen[0], scenario)
 
 
 @cache

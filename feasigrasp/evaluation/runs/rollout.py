@@ -41,7 +41,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.scenario.sampling import make_motion
+from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_controller, make_reachability_filter
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
@@ -178,7 +178,8 @@ def roll_out(
     Args:
         scenario: What to run; its cell, cameras, perception and sequencer play no part.
         grasps: Grasps in the object frame; those of the scenario's object if not given.
-        duration: Length [s]; three laps of the motion if not given.
+        duration: Length [s]; if not given, three laps of the motion, or what the scenario has for
+            one that has none.
         controller: Makes the controller; the scenario's own if not given.
 
     Raises:
@@ -187,7 +188,8 @@ def roll_out(
     if grasps is None:
         grasps = object_grasps(scenario.object.model, scenario.object.scale, scenario.random_seed)
     if duration is None:
-        duration = 3.0 * 2.0 * np.pi / scenario.motion.rate
+        laps = 3.0 * lap(scenario)
+        duration = laps if np.isfinite(laps) else scenario.simulation_duration
     with threadpool_limits(1):
         diagram = make_rollout(scenario, grasps, controller)
         simulator = Simulator(diagram)

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
+from feasigrasp.evaluation.protocols.degradations import (
+    DEGRADATIONS,
+    SPEED,
+    motion_capture,
+    perfect_sensors,
+)
+from feasigrasp.evaluation.protocols.speed import AT_SPEEDS, AT_SPINS, MOTIONS, at_speed
 from feasigrasp.scenario.schema import Scenario
+
+#: Changes a scenario, whose seed is set by then.
+Change = Callable[[Scenario], None]
 
 #: Object of the size of the paper's, 5.8 x 5.4 x 4.1 cm.
 PAPER_OBJECT = "duck"
@@ -16,17 +25,17 @@ def _as_it_is(scenario: Scenario) -> None:
     """The conditions of the scenario file."""
 
 
-def _perfect_sensors(scenario: Scenario) -> None:
-    """Depth images without error, and grasps the moment their view is taken."""
-    scenario.camera_noise = {}
-    scenario.perception.latency = 0.0
+def _at_one_speed(changes: Mapping[str, Change]) -> dict[str, Change]:
+    """Each degradation of an object that moves at `SPEED`, by the end of its runs' names."""
 
+    def at_that(change: Change) -> Change:
+        def changed(scenario: Scenario) -> None:
+            at_speed(SPEED)(scenario)
+            change(scenario)
 
-def _motion_capture(scenario: Scenario) -> None:
-    """A tracker that errs by 2 mm and 1 degree and is 50 ms late."""
-    scenario.tracker.position_noise = 0.002
-    scenario.tracker.rotation_noise = math.radians(1.0)
-    scenario.tracker.latency = 0.05
+        return changed
+
+    return {f"-with-{name}": at_that(change) for name, change in changes.items()}
 
 
 @dataclass(frozen=True)
@@ -38,9 +47,8 @@ class Study:
         objects: What ``--objects`` is by default.
         seeds: Repeats.
         modes: Modes of the controllers.
-        suffix: What the names of its runs have behind the scenario's, so that they are not taken
-            for those of another study.
-        change: Changes a scenario.
+        variants: What it changes in every scenario, by what the names of the runs have behind the
+            scenario's, so that they are not taken for those of another study.
         generated: Whether it can run on generated objects, with ``--split test``.
     """
 
@@ -48,8 +56,7 @@ class Study:
     objects: str = "builtin"
     seeds: int = 1
     modes: tuple[str, ...] = ("safe",)
-    suffix: str = ""
-    change: Callable[[Scenario], None] = _as_it_is
+    variants: Mapping[str, Change] = field(default_factory=lambda: {"": _as_it_is})
     generated: bool = True
 
 
@@ -58,11 +65,13 @@ _PAPER = ("PaperCircular", "PaperLinear", "PaperSinusoidal")
 
 #: ``reach`` grasps and lifts moving objects of all kinds, as the scenarios have them; ``ideal`` is
 #: the same with perfect sensors, ``tracking`` with the errors of motion capture; ``obstacle``
-#: grasps beside a wall; ``paper`` is the paper's dynamic test, slowly and four times as fast.
+#: grasps beside a wall; ``paper`` is the paper's dynamic test, slowly and four times as fast;
+#: ``speed`` and ``spin`` are the curves of success over how fast the object moves and turns;
+#: ``degradations`` is what errors of sensors and other objects cost, each alone and all together.
 STUDIES = {
     "reach": Study(_REACH, seeds=3),
-    "ideal": Study(_REACH, suffix="-ideal", change=_perfect_sensors),
-    "tracking": Study(_REACH, suffix="-tracking", change=_motion_capture),
+    "ideal": Study(_REACH, variants={"-ideal": perfect_sensors}),
+    "tracking": Study(_REACH, variants={"-tracking": motion_capture}),
     "obstacle": Study(("ReachObstacle",), f"{PAPER_OBJECT},soup_can,small_box", 3),
     "paper": Study(
         _PAPER + tuple(f"{name}Fast" for name in _PAPER),
@@ -71,6 +80,9 @@ STUDIES = {
         ("paper", "corrected", "safe"),
         generated=False,
     ),
+    "speed": Study(tuple(MOTIONS.values()), variants=AT_SPEEDS),
+    "spin": Study((MOTIONS["circle"],), variants=AT_SPINS),
+    "degradations": Study((MOTIONS["circle"],), variants=_at_one_speed(DEGRADATIONS)),
 }
 
 
@@ -83,5 +95,5 @@ def study_of(scenario_name: str) -> Study:
 
 def suffix_of(run_name: str) -> str:
     """What the study of a run put behind the scenario's name."""
-    suffixes = (study.suffix for study in STUDIES.values() if study.suffix)
+    suffixes = (suffix for study in STUDIES.values() for suffix in study.variants if suffix)
     return next((suffix for suffix in suffixes if run_name.endswith(suffix)), "")

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, Metric
+from feasigrasp.evaluation.protocols.speed import curve_point
 from feasigrasp.evaluation.runs.studies import suffix_of
 from feasigrasp.results.rows import Row
-from feasigrasp.results.statistics import mean_of_objects, share_of_objects
+from feasigrasp.results.statistics import grouped, mean_of_objects, share_of_objects
 
 Record = dict[str, Any]
 
@@ -74,9 +75,10 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     """Figures per scenario and controller, per controller, and over all runs.
 
     Presets are ``<scenario>/<controller>/<mode>``, with ``all`` (and the suffix of a study) where
-    runs are put together, and ``<scenario>/<controller>/<mode>/<object>`` for single objects if
-    there are several. In means and shares every object counts once, and their intervals come from
-    drawing the objects anew; a figure that no run of a group has is left out.
+    runs are put together, ``<motion>/<m/s>`` for the points of the speed curve, and
+    ``<scenario>/<controller>/<mode>/<object>`` for single objects if there are several. In means
+    and shares every object counts once, and their intervals come from drawing the objects anew; a
+    figure that no run of a group has is left out.
 
     Args:
         records: Records of runs.
@@ -84,7 +86,7 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     causes = sorted({run["metrics"].get("cause") for run in records} - {None})
     presets = ("{scenario}/{controller}/{mode}", "{all}/{controller}/{mode}", "{all}/all/{mode}")
     rows = []
-    for preset, group in _groups(records, *presets).items():
+    for preset, group in (_groups(records, *presets) | _curves(records)).items():
         rows += _group_rows(preset, group, causes)
     if len({run["object"] for run in records}) > 1:
         for preset, group in _groups(records, "{scenario}/{controller}/{mode}/{stem}").items():
@@ -103,6 +105,12 @@ def _groups(records: Sequence[Record], *presets: str) -> dict[str, list[Record]]
             names["all"] = f"all{suffix_of(record['scenario'])}"
             groups.setdefault(preset.format_map(record | names), []).append(record)
     return groups
+
+
+def _curves(records: Sequence[Record]) -> dict[str, list[Record]]:
+    """The records of the points of curves, ``<motion>/<m/s>``, whatever the controller."""
+    points = grouped(records, lambda record: curve_point(record["scenario"]))
+    return {point: group for point, group in points.items() if point is not None}
 
 
 def _group_rows(preset: str, records: Sequence[Record], causes: Sequence[str]) -> list[Row]:

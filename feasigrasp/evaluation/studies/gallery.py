@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from importlib import resources
 from string import Template
 
-import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
@@ -23,6 +22,7 @@ from feasigrasp.outputs import write_text
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.finished import Record
 from feasigrasp.results.provenance import git_revision
+from feasigrasp.scenario.sampling import lap
 
 #: Columns of the page: metric, heading, digits.
 _COLUMNS = (
@@ -60,9 +60,8 @@ def shown(runs: Sequence[PlannedRun]) -> list[PlannedRun]:
     first: dict[tuple[str, str, str], PlannedRun] = {}
     for planned in runs:
         scenario = planned.scenario
-        lap = 2.0 * np.pi / abs(scenario.motion.rate) if scenario.motion.rate else np.inf
         if not scenario.grasp.close:
-            scenario.simulation_duration = float(min(scenario.simulation_duration, lap))
+            scenario.simulation_duration = min(scenario.simulation_duration, lap(scenario))
         control = scenario.control
         first.setdefault((planned.name, control.controller, control.mode), planned)
     return list(first.values())

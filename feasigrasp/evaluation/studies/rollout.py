@@ -60,7 +60,7 @@ def plan(args: argparse.Namespace) -> list[PlannedRun]:
     seeds = range(args.seed, args.seed + (1 if args.quick else args.seeds))
     objects = select_objects(args.objects).items()
     return [
-        plan_run(args, name, chosen, controller, args.mode, seed, study=study_of(name))
+        plan_run(args, name, study_of(name), chosen, "", controller, args.mode, seed)
         for name, controller, chosen, seed in itertools.product(
             args.scenarios, args.controllers, objects, seeds
         )

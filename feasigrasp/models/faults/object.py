@@ -7,6 +7,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.fault import Fault, number, vector
+from feasigrasp.models.objects.bezier_motion import BezierMotion
 from feasigrasp.models.objects.motion import HarmonicMotion
 
 
@@ -106,7 +107,7 @@ class AlteredMotion:
         faults: The faults.
     """
 
-    motion: HarmonicMotion
+    motion: HarmonicMotion | BezierMotion
     faults: Sequence[ObjectFault]
 
     def state(self, t: float) -> tuple[Array, Array, Array]:
@@ -142,10 +143,10 @@ class AlteredMotion:
 
 
 #: How an object moves.
-ObjectMotion = HarmonicMotion | AlteredMotion
+ObjectMotion = HarmonicMotion | BezierMotion | AlteredMotion
 
 
-def altered(motion: HarmonicMotion, faults: Sequence[object]) -> ObjectMotion:
+def altered(motion: HarmonicMotion | BezierMotion, faults: Sequence[object]) -> ObjectMotion:
     """The motion with those of some faults that alter it; itself if none does."""
     own = [fault for fault in faults if isinstance(fault, ObjectFault)]
     return AlteredMotion(motion, own) if own else motion

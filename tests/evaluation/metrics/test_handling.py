@@ -8,6 +8,7 @@ from feasigrasp.evaluation.metrics.handling import (
     HELD_DISTANCE,
     HELD_FOR,
     ON_PATH_AFTER,
+    closing_speed,
     contact_metrics,
     hold_metrics,
     pushed_metrics,
@@ -85,6 +86,18 @@ def in_hand(*changes):
     return X
 
 
+def test_the_closing_speed_is_that_of_the_path_at_the_last_closing():
+    """Along a line of amplitude 0.2 m at 3 rad/s, closed twice; the first time it missed."""
+    t = np.arange(100) * PERIOD
+    path = np.tile(np.eye(4), (100, 1, 1))
+    path[:, 1, 3] = 0.2 * np.sin(3.0 * t)
+    phase = np.full(100, Phase.APPROACH)
+    assert closing_speed(path, phase, PERIOD) is None
+    phase[20:30], phase[40:60], phase[60:] = Phase.CLOSE, Phase.CLOSE, Phase.LIFT
+    speed = closing_speed(path, phase, PERIOD)
+    assert speed == pytest.approx(0.6 * abs(np.cos(3.0 * t[40])), abs=2e-3)
+
+
 def held(X, phase=PHASE):
     return hold_metrics(X, np.zeros((len(X), 3)), phase, PERIOD)
 
@@ -98,6 +111,7 @@ ALONG, ABOUT = np.array([0.6, 0.0, 0.8]), np.array([0.0, 0.6, -0.8])
 def test_an_object_that_stays_is_held():
     told = held(in_hand())
     assert told["grasp_held"] is True
+    assert told["held_after_s"] == pytest.approx(RELEASED * PERIOD)
     assert told["slip_mm"] == pytest.approx(0.0, abs=1e-9)
     assert told["turn_deg"] == pytest.approx(0.0, abs=1e-5)
 

@@ -1,0 +1,106 @@
+"""What makes the task harder than perfect sensors and an ordinary object do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from feasigrasp.models.faults.images import MaskDilated, MaskEroded, MaskShifted
+from feasigrasp.scenario.schema import Scenario
+
+Change = Callable[[Scenario], None]
+
+#: Speed of the object [m/s].
+SPEED = 0.1
+#: Pixels by which masks are wrong: a rim missed, a rim too much, or all of it beside the object.
+_PIXELS = 3
+#: Ranges that are drawn from where everything comes together: time from a view to its grasps [s],
+#: friction, and mass as a multiple of the object's.
+_LATENCY, _FRICTION, _MASS = (0.0, 1.0), (0.3, 0.8), (0.5, 2.0)
+
+
+def perfect_sensors(scenario: Scenario) -> None:
+    """Depth images without error, and grasps the moment their view is taken."""
+    scenario.camera_noise = {}
+    scenario.perception.latency = 0.0
+
+
+def motion_capture(scenario: Scenario) -> None:
+    """A tracker that errs by 2 mm and 1 degree and is 50 ms late."""
+    scenario.tracker.position_noise = 0.002
+    scenario.tracker.rotation_noise = math.radians(1.0)
+    scenario.tracker.latency = 0.05
+
+
+def _camera_noise(scenario: Scenario) -> None:
+    scenario.camera_noise = {scenario.perception.camera: {}}
+
+
+def _latency(seconds: float) -> Change:
+    def change(scenario: Scenario) -> None:
+        scenario.perception.latency = seconds
+
+    return change
+
+
+def _friction(friction: float) -> Change:
+    def change(scenario: Scenario) -> None:
+        scenario.object.friction = friction
+
+    return change
+
+
+def _mass(factor: float) -> Change:
+    def change(scenario: Scenario) -> None:
+        scenario.object.mass_factor = factor
+
+    return change
+
+
+def _masks(scenario: Scenario) -> None:
+    """Masks that miss the rim, have too much of it, or lie beside the object, in turn."""
+    scenario.faults += [
+        MaskEroded(duration=1.0, every=3.0, pixels=_PIXELS),
+        MaskDilated(start=1.0, duration=1.0, every=3.0, pixels=_PIXELS),
+        MaskShifted(start=2.0, duration=1.0, every=3.0, columns=_PIXELS, rows=_PIXELS),
+    ]
+
+
+def _all(scenario: Scenario) -> None:
+    """Everything at once; what has a range is drawn from it by the seed of the run."""
+    rng = np.random.default_rng([scenario.random_seed, 2])
+    _camera_noise(scenario)
+    motion_capture(scenario)
+    _masks(scenario)
+    scenario.perception.latency = rng.uniform(*_LATENCY)
+    scenario.object.friction = rng.uniform(*_FRICTION)
+    scenario.object.mass_factor = float(np.exp(rng.uniform(*np.log(_MASS))))
+
+
+def _after_perfect(change: Change) -> Change:
+    def changed(scenario: Scenario) -> None:
+        perfect_sensors(scenario)
+        change(scenario)
+
+    return changed
+
+
+#: By name, every degradation, on top of perfect sensors; the first is none.
+DEGRADATIONS: dict[str, Change] = {
+    name: _after_perfect(change)
+    for name, change in {
+        "none": lambda scenario: None,
+        "camera-noise": _camera_noise,
+        "pose-noise": motion_capture,
+        "latency-0.3": _latency(0.3),
+        "latency-1": _latency(1.0),
+        "masks": _masks,
+        "friction-0.3": _friction(0.3),
+        "friction-0.8": _friction(0.8),
+        "mass-0.5": _mass(0.5),
+        "mass-2": _mass(2.0),
+        "all": _all,
+    }.items()
+}

@@ -1,0 +1,38 @@
+"""Degradations: each changes its own thing, all together change everything."""
+
+import pytest
+
+from feasigrasp.evaluation.protocols.degradations import DEGRADATIONS
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario.checks import check_scenario
+from feasigrasp.scenario.files import dump_scenario, load_scenario
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+
+
+def degraded(name, seed=0):
+    scenario = load_scenario(FILE, "ReachCircular", f"{{random_seed: {seed}}}")
+    DEGRADATIONS[name](scenario)
+    check_scenario(scenario)
+    return scenario
+
+
+@pytest.mark.parametrize("name", [name for name in DEGRADATIONS if name != "none"])
+def test_each_is_another_scenario_than_perfect_sensors(name):
+    perfect = degraded("none")
+    assert perfect.camera_noise == {} and perfect.perception.latency == 0.0
+    changed = set(dump_scenario(degraded(name)).splitlines())
+    assert changed != set(dump_scenario(perfect).splitlines())
+
+
+def test_all_together_are_drawn_from_their_ranges_by_the_seed():
+    drawn = [degraded("all", seed) for seed in range(40)]
+    for scenario in drawn:
+        assert 0.0 <= scenario.perception.latency <= 1.0
+        assert 0.3 <= scenario.object.friction <= 0.8
+        assert 0.5 <= scenario.object.mass_factor <= 2.0
+        assert scenario.camera_noise and scenario.tracker.latency > 0.0
+        assert len(scenario.faults) == 3
+    factors = [scenario.object.mass_factor for scenario in drawn]
+    assert min(factors) < 0.8 and max(factors) > 1.4
+    assert dump_scenario(degraded("all", 7)) == dump_scenario(drawn[7])
