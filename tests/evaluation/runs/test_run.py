@@ -52,7 +52,7 @@ def test_every_scenario_runs_with_either_controller(name, controller, validator,
     assert record["error"] is None
     assert (record["scenario"], record["controller"], record["seed"]) == (name, controller, 3)
     assert record["timings"]["simulated_s"] == pytest.approx(0.12)
-    assert record["metrics"]["grasp_held"] is (False if name.startswith("Reach") else None)
+    assert record["metrics"]["grasp_held"] is (None if name.startswith("Paper") else False)
     assert parse_scenario(record["scenario_yaml"]).control.controller == controller
     np.testing.assert_allclose(result.times, np.arange(0.0, 0.121, 0.02), atol=1e-9)
     assert result.samples.shape == (len(SAMPLE_NAMES), len(result.times))
