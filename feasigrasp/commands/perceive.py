@@ -33,6 +33,7 @@ REASONS: dict[str, str] = {
     Rejection.COLLIDES: "fingers, palm or camera would hit the object",
     Rejection.NEAR_COPY: "almost the same as a better grasp",
     Rejection.UNCERTAIN: "less likely to be a true grasp than the others",
+    Rejection.TOO_HEAVY: "the object would turn between the pads",
 }
 
 
@@ -66,6 +67,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=SamplerName.NETWORK,
         help="where grasps come from",
     )
+    parser.add_argument("--mass", type=_mass, help="mass of the object [kg], if it is known")
+    parser.add_argument(
+        "--down",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="direction of gravity in the cloud's frame (default: the worst for each grasp)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the sampler antipodal")
 
 
@@ -75,6 +84,14 @@ def _length(text: str) -> float:
     if not length > 0.0:
         raise argparse.ArgumentTypeError(f"{text}: give a length in metres")
     return length
+
+
+def _mass(text: str) -> float:
+    """Reads a mass [kg] from the command line."""
+    mass = float(text)
+    if not 0.0 < mass < np.inf:
+        raise argparse.ArgumentTypeError(f"{text}: give a mass in kilograms")
+    return mass
 
 
 def print_table(name: str, perception: Perception) -> None:
@@ -88,6 +105,11 @@ def print_table(name: str, perception: Perception) -> None:
     if len(grasps) > 0:
         narrow, wide = 1e3 * grasps.width.min(), 1e3 * grasps.width.max()
         print(f"  {'their widths [mm]':34s} {narrow:.0f} to {wide:.0f}")
+    if grasps.load is not None:
+        body, carries = grasps.load.body, 100.0 * grasps.load.probability(perception.down)
+        low, high = body.mass * np.exp(np.array([-2.0, 2.0]) * body.spread)
+        print(f"  {'mass [kg]':34s} {low:.2f} to {high:.2f}")
+        print(f"  {'how surely they carry it [%]':34s} {carries.min():.0f} to {carries.max():.0f}")
     for reason, count in grasps.rejected.items():
         print(f"  {'dropped: ' + reason:34s} {count:6d}   {REASONS.get(reason, '')}")
     if len(grasps) == 0 and grasps.rejected:
@@ -106,7 +128,13 @@ def main(args: argparse.Namespace) -> int:
         read_cloud(args.cloud), scale=args.scale, crop=args.crop, viewpoint=viewpoint
     )
     perception = perceive(
-        points, viewpoint, sampler=args.sampler, voxel_size=args.voxel, seed=args.seed
+        points,
+        viewpoint,
+        sampler=args.sampler,
+        voxel_size=args.voxel,
+        seed=args.seed,
+        mass=args.mass,
+        down=args.down,
     )
     print_table(args.cloud.name, perception)
     draw_perception(perception, picture, args.cloud.stem)

@@ -14,6 +14,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.carry_filter import CarryFilter
 from feasigrasp.systems.faults.injection import FaultInjection
 from feasigrasp.systems.from_scenario import (
     make_controller,
@@ -171,7 +172,8 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
     )
     cell.add("perception", field, segmentation, cell["tracker"], camera_pose=camera_pose)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
-    grasps = cell.add("sampler", GraspSampler(sampler, cell.gripper), gpdf=gpdf)
+    sampling = GraspSampler(sampler, cell.gripper, mass=cell.scenario.object.mass)
+    grasps = cell.add("sampler", sampling, gpdf=gpdf)
     latency = _late(AbstractValue.Make(GraspSet.empty()), config.period, config.latency)
     cell.add("latency", latency, u=grasps.get_output_port())
     if scene_config.enabled:
@@ -200,10 +202,11 @@ def _add_control(
     """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper."""
     station, tracker, scenario = cell.station, cell["tracker"], cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
+    grasps = cell["latency"].get_output_port()
+    if safe:
+        grasps = cell.add("carrying", CarryFilter(), tracker, grasps=grasps).get_output_port()
     # What hits the scene either way round takes no place among those that are judged.
-    grasps = _clear_of_scene(
-        cell, "clear_grasps", cell["latency"].get_output_port(), either_way_round=True
-    )
+    grasps = _clear_of_scene(cell, "clear_grasps", grasps, either_way_round=True)
     in_reach = make_reachability_filter(scenario, reachability)
     cell.add("reachability", in_reach, tracker, grasps=grasps)
     hand_poses = _clear_of_scene(cell, "clear_hand_poses", in_reach.GetOutputPort("grasps"))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.grasps.carry import Carrier
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.matching import GraspHistory, recheck_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -27,6 +29,8 @@ class GraspSampler(LeafSystem):
     the reason and count of every rejection; empty if nothing was seen. Any callable from a field to
     a grasp set can be the sampler.
 
+    With a hand, grasps know what its pads would have to bear (`GraspSet.load`).
+
     Grasps keep their ``id`` from field to field, and their pose as long as they pass the filter on
     the new one. The output is a function of the field and of the state, which is the history up to
     the field before; it is brought up to date every ``period`` seconds, so fields may not change
@@ -38,6 +42,7 @@ class GraspSampler(LeafSystem):
         sampler: GraspSamplerFn,
         gripper: ParallelGripper | None = None,
         *,
+        mass: float | None = None,
         period: float = 0.05,
     ) -> None:
         """A system around one sampler, e.g. `AntipodalSampler`.
@@ -46,11 +51,13 @@ class GraspSampler(LeafSystem):
             sampler: From a field to its grasps.
             gripper: The hand that grasps of earlier fields are checked with; without it they are
                 not kept, and new grasps beside them have their ids.
+            mass: Mass of the object, if it is known [kg].
             period: Time between updates of the history [s].
         """
         super().__init__()
         self._sampler = sampler
         self._recheck = None if gripper is None else partial(recheck_grasps, gripper=gripper)
+        self._carrier = None if gripper is None else Carrier(gripper, mass)
         self._gpdf = declare_input(self, "gpdf")
         self._before = PeriodicState(
             self, GraspHistory(), period, lambda context: self._now.Eval(context)
@@ -64,7 +71,10 @@ class GraspSampler(LeafSystem):
         gpdf = self._gpdf.Eval(context)
         if gpdf is None or gpdf is before.gpdf:
             return before
-        return before.followed_by(gpdf, self._sampler(gpdf), self._recheck)
+        history = before.followed_by(gpdf, self._sampler(gpdf), self._recheck)
+        if self._carrier is None:
+            return history
+        return replace(history, grasps=self._carrier.loaded(gpdf, history.grasps))
 
     def _calc(self, context: Context) -> GraspSet:
         history: GraspHistory = self._now.Eval(context)

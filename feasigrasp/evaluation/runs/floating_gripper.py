@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,10 +49,13 @@ class Trial:
         held: Whether the object is still between the pads after lift and shake.
         why: ``held``, ``missed`` (the pads met), ``pushed away`` while closing, ``dropped``, or
             ``solver failed``.
+        turn_deg: How far the object turned in the hand since the fingers had closed [deg]; NaN if
+            it was not let go.
     """
 
     held: bool
     why: str
+    turn_deg: float = np.nan
 
 
 class FloatingGripper:
@@ -121,11 +124,17 @@ class FloatingGripper:
         let_go, end = self._load.let_go, self._load.end
         try:
             self._simulator.Initialize()
-            for time in (let_go, *np.arange(let_go, end, _CHECK_EVERY)[1:], end):
-                self._simulator.AdvanceTo(time)
-                trial = self._verdict(plant_context, X_GO, time <= let_go)
+            self._simulator.AdvanceTo(let_go)
+            trial = self._verdict(plant_context, X_GO, closing=True)
+            R_GO = self._plant.EvalBodyPoseInWorld(plant_context, self._body).rotation()
+            for time in (*np.arange(let_go, end, _CHECK_EVERY)[1:], end):
                 if not trial.held:
                     break
+                self._simulator.AdvanceTo(time)
+                trial = self._verdict(plant_context, X_GO, closing=False)
+                R_GO_now = self._plant.EvalBodyPoseInWorld(plant_context, self._body).rotation()
+                turn = R_GO.InvertAndCompose(R_GO_now).ToAngleAxis().angle()
+                trial = replace(trial, turn_deg=float(np.rad2deg(turn)))
         except RuntimeError:
             return Trial(False, "solver failed")
         return trial

@@ -37,8 +37,6 @@ COSINE_STEPS = (-0.8, -0.7, -0.6)
 CONTACT_TOLERANCE = 0.005
 #: So deep behind a contact is the inside of a wall [m].
 _INTO_WALL = 0.002
-#: Lever arm from the object's centre to the contact line at which the score has dropped to 1/e [m].
-LEVER_LENGTH = 0.3
 
 
 def filter_grasps(
@@ -78,8 +76,8 @@ def filter_grasps(
 
     Returns:
         The survivors, best first, with the number of candidates dropped for each `Rejection`. The
-        score is the estimated probability that the grasp is truly valid, slightly less for long
-        lever arms; the ``id`` is the number of the candidate.
+        score is the estimated probability that the grasp is truly valid; the ``id`` is the number
+        of the candidate.
 
     Raises:
         GraspError: If poses, widths and priors do not match, or the table is no plane.
@@ -131,7 +129,7 @@ def filter_grasps(
         in_thin_wall = probability(THIN_CONTACT, of_network, deviations)
         joint = probability(JOINT_CONTACT, of_network, odds(contact))
         contact = np.where(candidates.width < THIN_WALL, in_thin_wall, joint)
-    score = contact * certain * _leverage(gpdf, pairs)[pair_of]
+    score = contact * certain
     ranked = replace(candidates, score=score)
     return ranked.select(np.argsort(-score, kind="stable"))
 
@@ -231,10 +229,3 @@ def _holding(gpdf: Gpdf, pairs: GraspSet) -> Mask:
         left = np.flatnonzero(~holding)
         holding[left] = gpdf.distance(middle[left] + along[left, None] * b[left]) < 0.0
     return holding
-
-
-def _leverage(gpdf: Gpdf, pairs: GraspSet) -> Array:
-    """Falls with the lever arm of the object's weight: a firm grip far from its centre slips."""
-    to_centre = gpdf.completion.points.mean(axis=0) - pairs.X_OG[:, :3, 3]
-    lever = np.linalg.norm(np.cross(to_centre, pairs.X_OG[:, :3, 0]), axis=1)
-    return np.exp(-lever / LEVER_LENGTH)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Frozen, Indices
+from feasigrasp.models.grasps.load import Load
 
 if TYPE_CHECKING:
     from feasigrasp.models.shape.gpdf_fit import Gpdf
@@ -38,6 +39,7 @@ class Rejection(StrEnum):
     UNKNOWN_POSE = "the object's pose is unknown"
     NEAR_COPY = "near copy"
     UNCERTAIN = "uncertain"
+    TOO_HEAVY = "too heavy there"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,8 @@ class GraspSet(Frozen):
         id: Who is who in successive sets of one object, shape (n,): a grasp keeps its number as
             long as it is found again (see ``grasp_matching``). `UNKNOWN` for grasps that no earlier
             set was compared with; a grasp and its flip have the same number.
+        load: What the pads would have to bear (see `feasigrasp.models.grasps.carry`); None if
+            nobody has told.
     """
 
     X_OG: Array
@@ -64,6 +68,7 @@ class GraspSet(Frozen):
     score: Array
     rejected: Mapping[str, int] = field(default_factory=dict)
     id: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    load: Load | None = None
 
     def __post_init__(self) -> None:
         """Freezes the arrays and checks that they agree."""
@@ -101,9 +106,10 @@ class GraspSet(Frozen):
 
     def select(self, keep: NDArray[Any], reason: str | None = None) -> GraspSet:
         """The grasps that ``keep`` (mask or indices) names; the others counted under ``reason``."""
-        chosen = GraspSet(
-            self.X_OG[keep], self.width[keep], self.score[keep], self.rejected, self.id[keep]
-        )
+        names = ("X_OG", "width", "score", "id")
+        parts = {name: getattr(self, name)[keep] for name in names}
+        load = None if self.load is None else self.load.select(keep)
+        chosen = replace(self, **parts, load=load)
         dropped = len(self) - len(chosen)
         return chosen if reason is None else chosen.counted({reason: max(dropped, 0)})
 
@@ -123,7 +129,8 @@ class GraspSet(Frozen):
         """This set and another one behind it; what was rejected is that of this one."""
         pairs = ((getattr(self, n), getattr(other, n)) for n in ("X_OG", "width", "score", "id"))
         X_OG, width, score, id_ = (np.concatenate(pair) for pair in pairs)
-        return GraspSet(X_OG, width, score, self.rejected, id_)
+        load = self.load.joined(other.load) if self.load and other.load else None
+        return GraspSet(X_OG, width, score, self.rejected, id_, load)
 
 
 def grasp_frames(middle: Array, b: Array, z: Array) -> Array:

@@ -12,6 +12,7 @@ from feasigrasp.models.clouds.checks import checked_cloud
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.outliers import outliers
 from feasigrasp.models.clouds.table import check_no_table
+from feasigrasp.models.grasps.carry import Carrier, carried
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -30,6 +31,7 @@ class Perception:
         gripper: The hand they are for.
         viewpoint: Where the camera was, shape (3,) [m]; None for a cloud of several views.
         outliers: How many points were dropped as outliers before anything else.
+        down: Direction of gravity, shape (3,); None if it is not known.
     """
 
     cloud: FusedCloud
@@ -38,6 +40,7 @@ class Perception:
     gripper: ParallelGripper
     viewpoint: Array | None
     outliers: int
+    down: Array | None = None
 
 
 def perceive(
@@ -48,6 +51,8 @@ def perceive(
     voxel_size: float = 0.003,
     gripper: ParallelGripper | None = None,
     seed: int = 0,
+    mass: float | None = None,
+    down: ArrayLike | None = None,
 ) -> Perception:
     """Fits the distance field to one cloud of an object and samples grasps, as the pipeline does.
 
@@ -63,6 +68,8 @@ def perceive(
         voxel_size: Resolution at which points are averaged [m].
         gripper: The hand; the default one unless given. A sampler of your own has its own.
         seed: Of a sampler that draws, see `make_sampler`.
+        mass: Mass of the object, if it is known [kg]; else it is estimated from its volume.
+        down: Direction of gravity, shape (3,); None for the worst one for each grasp.
 
     Returns:
         The field and the grasps in the frame of the points; `GraspSet.rejected` counts by
@@ -87,4 +94,6 @@ def perceive(
     else:
         cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
         gpdf = complete_shape(cloud)
-    return Perception(cloud, gpdf, sampler(gpdf), gripper, view, int(bad.sum()))
+    g = None if down is None else np.asarray(down, dtype=float)
+    grasps = carried(Carrier(gripper, mass).loaded(gpdf, sampler(gpdf)), g)
+    return Perception(cloud, gpdf, grasps, gripper, view, int(bad.sum()), g)

@@ -35,6 +35,9 @@ class ParallelGripper(Frozen):
             not hide the pad centre from the camera.
         camera_tilt: Angle by which the camera's optical axis leans from the approach direction
             towards the tool axis, which it crosses in front of the finger tips [rad].
+        grip_force: With which either pad presses when the hand is closed on something [N]. A pad is
+            as wide as the finger and reaches from ``-tip`` to ``tip``.
+        pad_stiffness: Pressure per depth that a pad is pressed in [Pa/m].
     """
 
     max_opening: float = 0.085
@@ -47,6 +50,8 @@ class ParallelGripper(Frozen):
     camera_box: tuple[float, float, float] = (0.090, 0.031, 0.031)
     camera_center: tuple[float, float, float] = (0.0, 0.085, -0.105)
     camera_tilt: float = np.deg2rad(15.0)
+    grip_force: float = 40.0
+    pad_stiffness: float = 3.3e9
     X_FG: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -74,6 +79,10 @@ class ParallelGripper(Frozen):
                     f"ParallelGripper.{name} = {getattr(self, name)}: give "
                     f"{'three lengths' if size == 3 else 'a length'} between 0 and 1 m (metres?)"
                 )
+        for name in ("grip_force", "pad_stiffness"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise GraspError(f"ParallelGripper.{name} = {value}: give a positive number in SI")
         if not -1 < self.heel < 0:
             raise GraspError(
                 f"ParallelGripper.heel = {self.heel}: it lies behind the pad centre; give a "

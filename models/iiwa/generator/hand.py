@@ -15,8 +15,6 @@ PAD_THICKNESS = 0.006
 # 0.34 kg is the mass of the SAKE EZGripper Dual, 0.05 kg that of its mount.
 FINGER_MASS = 0.035
 BODY_MASS = 0.34 + 0.05 - 2 * FINGER_MASS
-#: Force of the one actuator, which both fingers share [N].
-GRIP_EFFORT = 80.0
 FINGER_VELOCITY = 0.2
 
 SIDES = (("left", 1.0), ("right", -1.0))
@@ -76,7 +74,7 @@ def _finger_joint(robot: ET.Element, side: str, sign: float, gripper: ParallelGr
         "lower": 0.0,
         "upper": gripper.max_opening / 2,
         "velocity": FINGER_VELOCITY,
-        "effort": GRIP_EFFORT if side == "left" else 0.0,
+        "effort": 2.0 * gripper.grip_force if side == "left" else 0.0,  # one drives both
     }
     ET.SubElement(joint, "limit", {k: xml.number(v) for k, v in limit.items()})
     if side == "right":

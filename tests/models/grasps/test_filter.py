@@ -103,19 +103,6 @@ def test_limits_are_relaxed_only_while_too_few_pass(ball):
         assert kept.rejected.get("not antipodal", 0) == 3 - left
 
 
-def test_a_shorter_lever_arm_scores_higher():
-    rng = np.random.default_rng(0)
-    faces = rng.uniform(-0.5, 0.5, (1500, 3))
-    faces[np.arange(1500), np.arange(1500) % 3] = rng.choice([-0.5, 0.5], 1500)
-    bar = fit_gpdf(faces * [0.03, 0.04, 0.24])
-    heights = [0.0, 0.05, 0.09]
-    X_OG = np.array([grasp(z=(0, 1, 0), at=(0, 0, h)) for h in heights])
-    kept = filter_grasps(bar, X_OG, np.full(3, 0.03), GRIPPER, enough=3)
-    np.testing.assert_allclose(kept.X_OG[:, 2, 3], heights)
-    assert (np.diff(kept.score) < -0.02).all()
-    assert (kept.score >= 0).all() and (kept.score <= 1).all()
-
-
 def test_ids_are_the_numbers_of_the_candidates(ball):
     X_OG, _ = REASONS["off the surface"]
     kept = filter_grasps(ball, [X_OG, grasp(), grasp(z=(0, 1, 0))], [0.045, 0.06, 0.06], GRIPPER)

@@ -52,13 +52,15 @@ def test_a_cloud_of_all_sides_needs_no_camera(sampler):
 
 def test_the_network_is_the_default_and_a_sampler_of_ones_own_will_do():
     found = perceive(seen_sphere())
-    np.testing.assert_array_equal(found.grasps.X_OG, make_sampler("network")(found.gpdf).X_OG)
+    sampled = make_sampler("network")(found.gpdf)
+    assert sorted(found.grasps.X_OG.tolist()) == sorted(sampled.X_OG.tolist())
 
     def mine(gpdf):
         return GraspSet(np.eye(4)[None], [0.04], [gpdf.distance(np.zeros((1, 3)))[0]])
 
     own = perceive(seen_sphere(), sampler=mine).grasps
-    np.testing.assert_array_equal(own.score, found.gpdf.distance(np.zeros((1, 3))))
+    distance = found.gpdf.distance(np.zeros((1, 3)))
+    np.testing.assert_array_equal(own.score, distance * own.load.probability())
     with pytest.raises(GraspError, match="sampler is 'magic'; choose one of network, paper, anti"):
         perceive(seen_sphere(), sampler="magic")
 
@@ -67,6 +69,14 @@ def test_the_seed_is_that_of_the_antipodal_sampler():
     a, b, c = (perceive(seen_sphere(), sampler="antipodal", seed=n).grasps for n in (0, 0, 1))
     np.testing.assert_array_equal(a.X_OG, b.X_OG)
     assert a.X_OG.shape != c.X_OG.shape or np.abs(a.X_OG - c.X_OG).max() > 1e-3
+
+
+def test_what_the_pads_cannot_carry_comes_last_or_not_at_all():
+    """A ball of 5 cm hangs from any grasp; with lead inside only from those through its middle."""
+    light, heavy = (perceive(seen_sphere(), mass=mass, down=(0, 1, 0)) for mass in (0.05, 3.0))
+    assert len(heavy.grasps) < len(light.grasps)
+    assert heavy.grasps.rejected["too heavy there"] > 0
+    assert (np.diff(heavy.grasps.score) <= 0.0).all()
 
 
 def test_torch_is_loaded_only_when_it_is_needed():

@@ -1,0 +1,74 @@
+"""Grasps that carry: those whose pads bear the object's weight are kept, the others counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
+from feasigrasp.models.grasps.load import Load
+from feasigrasp.models.grasps.pads import grip_of
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.mass import estimate_mass
+
+#: Friction of rubber on household surfaces; and the share of the moment of its patches that pads
+#: bear before the object turns by degrees: the rest is used up by other moments.
+FRICTION, TORSION_SHARE = 0.6, 0.75
+#: Grasps less likely than this to carry are offered only while there is no other.
+LEAST_CARRY = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """What is known before anything is seen: hand, friction, perhaps the mass.
+
+    Attributes:
+        gripper: The hand.
+        mass: Mass of the object, if it is known [kg].
+        friction: Coefficient of friction between pads and object.
+    """
+
+    gripper: ParallelGripper
+    mass: float | None = None
+    friction: float = FRICTION
+
+    def loaded(self, gpdf: Gpdf, grasps: GraspSet) -> GraspSet:
+        """The same grasps with what their pads would bear (`GraspSet.load`)."""
+        if len(grasps) == 0:
+            return grasps
+        grip = grip_of(gpdf, grasps, self.gripper)
+        body = estimate_mass(gpdf, self.mass)
+        load = Load(
+            closing=grasps.X_OG[:, :3, 0],
+            lever=body.p_OC - grip.p_OP,
+            body=body,
+            force=np.full(len(grasps), self.friction * grip.force),
+            moment=TORSION_SHARE * self.friction * grip.moment,
+        )
+        return replace(grasps, load=load)
+
+
+def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
+    """The grasps that carry, as far as one can tell.
+
+    Args:
+        grasps: Grasps in O with their loads; without them all are taken to carry.
+        down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
+
+    Returns:
+        Best first, their scores multiplied by the probability that the pads bear the load. Those
+        less likely than `LEAST_CARRY` count as "too heavy there" and are dropped, unless no other
+        is there.
+    """
+    if grasps.load is None or len(grasps) == 0:
+        return grasps
+    carries = grasps.load.probability(down)
+    ranked = replace(grasps, score=grasps.score * carries)
+    kept = np.flatnonzero(carries >= LEAST_CARRY)
+    if len(kept) == 0:
+        kept = np.arange(len(grasps))
+    best_first = kept[np.argsort(-ranked.score[kept], kind="stable")]
+    return ranked.select(best_first, Rejection.TOO_HEAVY)

@@ -1,0 +1,85 @@
+"""Grasps that carry: the weight decides which are offered, and simulation agrees."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from feasigrasp.evaluation.runs.floating_gripper import FloatingGripper
+from feasigrasp.models.grasps.carry import Carrier, carried
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+
+GRIPPER = ParallelGripper()
+#: A bar along y, gripped across x from above.
+SIZE = np.array([0.03, 0.24, 0.04])
+DOWN = (0.0, 0.0, -1.0)
+
+
+@pytest.fixture(scope="module")
+def bar():
+    mesh = trimesh.creation.box(SIZE)
+    return fit_gpdf(trimesh.sample.sample_surface_even(mesh, 1500, seed=0)[0])
+
+
+def from_above(*y):
+    X_OG = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (len(y), 1, 1))
+    X_OG[:, 1, 3] = y
+    return GraspSet(X_OG, np.full(len(y), SIZE[0]), np.full(len(y), 0.9))
+
+
+def test_grasps_beside_the_centre_score_less_the_heavier_the_object(bar):
+    grasps = from_above(0.0, 0.04, 0.09)
+    light, heavy = (carried(Carrier(GRIPPER, m).loaded(bar, grasps), DOWN) for m in (0.05, 0.7))
+    assert len(light) == 3 and (light.score > 0.85).all()
+    assert len(heavy) < 3 and heavy.rejected["too heavy there"] == 3 - len(heavy)
+    np.testing.assert_array_equal(heavy.X_OG[0], grasps.X_OG[0])
+    assert (np.diff(heavy.score) <= 0.0).all()
+
+
+def test_where_nothing_carries_the_best_is_offered_still(bar):
+    grasps = from_above(0.09, 0.05)
+    left = carried(Carrier(GRIPPER, 15.0).loaded(bar, grasps), DOWN)
+    assert len(left) == 2 and left.rejected == {}
+    np.testing.assert_array_equal(left.X_OG[0], grasps.X_OG[1])
+
+
+def test_an_unknown_mass_is_a_guess_from_the_volume(bar):
+    known, guessed = (Carrier(GRIPPER, m).loaded(bar, from_above(0.09)).load for m in (0.23, None))
+    assert guessed.body.mass == pytest.approx(0.23, rel=0.15)  # 800 kg/m^3
+    assert guessed.body.spread > 5.0 * known.body.spread
+    heavy = replace(known, body=replace(known.body, mass=1.0))
+    doubtful = replace(guessed, body=replace(guessed.body, mass=1.0))
+    assert heavy.probability(DOWN)[0] < doubtful.probability(DOWN)[0]
+
+
+def test_sets_without_loads_stay_as_they_are(bar):
+    grasps = from_above(0.0, 0.09)
+    assert carried(grasps, DOWN) is grasps
+    empty = GraspSet.empty({"off the surface": 3})
+    assert carried(Carrier(GRIPPER).loaded(bar, empty), DOWN) is empty
+
+
+def test_loads_stay_with_their_grasps(bar):
+    grasps = Carrier(GRIPPER, 0.3).loaded(bar, from_above(0.0, 0.05, 0.09))
+    chosen = grasps.select(np.array([2, 0])).with_twins()
+    np.testing.assert_allclose(
+        chosen.load.probability(DOWN), grasps.load.probability(DOWN)[[2, 0, 2, 0]]
+    )
+
+
+def test_simulated_objects_turn_beyond_the_limit_and_not_below(bar):
+    """With twice the mass that the pads bear the bar turns between them, with half of it not."""
+    grasps = from_above(0.05)
+    load = Carrier(GRIPPER, 1.0).loaded(bar, grasps).load
+    exact = replace(load, body=replace(load.body, centre_error=0.0))
+    limit = 1.0 / exact.per_kilogram(DOWN)[0]
+    mesh = trimesh.creation.box(SIZE)
+    turns = []
+    for share in (0.5, 2.0):
+        obj = RigidObject.of_mesh("bar", mesh, share * limit)
+        turns.append(FloatingGripper(obj, GRIPPER).try_grasp(grasps.X_OG[0]).turn_deg)
+    assert turns[0] < 5.0 and turns[1] > 15.0

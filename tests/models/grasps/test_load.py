@@ -1,0 +1,85 @@
+"""Loads on pads: the limit surface by hand, the probability by drawing masses and centres."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.errors import GraspError
+from feasigrasp.models.grasps.load import GRAVITY, GRIP_SPREAD, HAND_ACCELERATION, Load
+from feasigrasp.models.shape.mass import MassEstimate
+
+
+def load_of(lever, closing=(1.0, 0.0, 0.0), *, mass=0.5, spread=0.3, error=0.0, moment=0.4):
+    lever = np.atleast_2d(np.array(lever, dtype=float))
+    n = len(lever)
+    return Load(
+        closing=np.broadcast_to(np.array(closing, dtype=float), (n, 3)),
+        lever=lever,
+        body=MassEstimate(mass, spread, np.zeros(3), error),
+        force=np.full(n, 48.0),
+        moment=np.full(n, moment),
+    )
+
+
+def test_weight_beside_the_pads_is_on_the_limit_surface():
+    a, d = GRAVITY + HAND_ACCELERATION, 0.07
+    share = load_of([0.0, d, 0.0]).per_kilogram([0.0, 0.0, -1.0])[0]
+    assert share == pytest.approx(np.hypot(a / 48.0, a * d / 0.4))
+
+
+def test_weight_below_the_pads_does_not_turn():
+    hanging = load_of([0.0, 0.0, -0.07]).per_kilogram([0.0, 0.0, -1.0])[0]
+    a = GRAVITY + HAND_ACCELERATION
+    assert hanging == pytest.approx(np.hypot(a / 48.0, HAND_ACCELERATION * 0.07 / 0.4))
+
+
+def test_weight_along_the_closing_line_turns_nothing():
+    shares = load_of([[0.08, 0.0, 0.0], [0.0, 0.0, 0.0]]).per_kilogram([0.0, 0.0, -1.0])
+    assert shares[0] == pytest.approx(shares[1])
+
+
+def test_no_direction_is_worse_than_the_worst():
+    rng = np.random.default_rng(0)
+    closing = rng.normal(size=3)
+    closing /= np.linalg.norm(closing)
+    load = load_of(rng.normal(0.0, 0.05, (20, 3)), closing, error=0.01)
+    down = rng.normal(size=(2000, 3))
+    shares = np.array([load.per_kilogram(d) for d in down])
+    worst = load.per_kilogram()
+    assert (shares <= worst + 1e-9).all()
+    np.testing.assert_allclose(shares.max(axis=0), worst, rtol=0.05)
+
+
+def test_turning_object_and_gravity_together_changes_nothing():
+    rng = np.random.default_rng(2)
+    R, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    R *= np.sign(np.linalg.det(R))
+    lever, x, down = rng.normal(0, 0.05, (4, 3)), np.array([0.6, 0.8, 0.0]), rng.normal(size=3)
+    one = load_of(lever, x).probability(down)
+    np.testing.assert_allclose(load_of(lever @ R.T, R @ x).probability(5.0 * R @ down), one)
+
+
+def test_probability_is_how_often_drawn_objects_are_carried():
+    rng = np.random.default_rng(1)
+    levers = np.array([[0.0, d, 0.0] for d in (0.0, 0.03, 0.06, 0.09, 0.12)])
+    load = load_of(levers, mass=0.5, spread=0.5, error=0.01)
+    told = load.probability([0.0, 0.0, -1.0])
+    n = 20_000
+    mass = 0.5 * np.exp(0.5 * rng.normal(size=n))
+    borne = np.exp(GRIP_SPREAD * rng.normal(size=n))
+    for lever, p in zip(levers, told, strict=True):
+        drawn = load_of(lever + rng.normal(0.0, 0.01, (n, 3)))
+        share = mass * drawn.per_kilogram([0.0, 0.0, -1.0]) / borne
+        assert p == pytest.approx((share <= 1.0).mean(), abs=0.03)
+    assert (np.diff(told) < 0.0).all() and told[0] > 0.95 and told[-1] < 0.4
+
+
+def test_selecting_and_joining():
+    load = load_of([[0.0, 0.01, 0.0], [0.0, 0.02, 0.0], [0.0, 0.03, 0.0]])
+    both = load.select(np.array([2])).joined(load.select(np.array([True, False, False])))
+    np.testing.assert_array_equal(both.lever[:, 1], [0.03, 0.01])
+    assert both.body is load.body
+
+
+def test_no_direction_of_gravity_is_refused():
+    with pytest.raises(GraspError, match="direction of gravity"):
+        load_of([0.0, 0.0, 0.1]).probability([0.0, 0.0, 0.0])
