@@ -59,9 +59,13 @@ class Load(Frozen):
 
     def joined(self, other: Load) -> Load:
         """These and others of the same object behind them."""
-        names = ("closing", "lever", "force", "moment")
-        pairs = {n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names}
-        return replace(self, **pairs)
+        return replace(
+            self,
+            closing=np.concatenate([self.closing, other.closing]),
+            lever=np.concatenate([self.lever, other.lever]),
+            force=np.concatenate([self.force, other.force]),
+            moment=np.concatenate([self.moment, other.moment]),
+        )
 
     def per_kilogram(self, down: ArrayLike | None = None) -> Array:
         """Share of what the pads bear that one kilogram of the object takes, shape (n,).

@@ -64,7 +64,7 @@ def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
     filled = points[inside] if inside.any() else surface
     centre = filled.mean(axis=0)
     gyration = float(np.sqrt(((filled - centre) ** 2).sum(axis=1).mean()))
-    volume = max(1, np.count_nonzero(inside)) * float(np.prod(step))
+    volume = max(1, int(np.count_nonzero(inside))) * float(np.prod(step))
     known = mass is not None
     return MassEstimate(
         mass=mass if mass is not None else DENSITY * volume,
