@@ -85,11 +85,11 @@ def make_dynamic_grasp(
     """Builds station, perception, grasp sampling, reachability, control and metrics.
 
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
-    ``latency``, ``reachability``, ``reachable``, ``sequencer``, ``controller``, ``drive``,
-    ``tracker``, ``metrics``, ``obstacle_distance``, ``contact``, ``seen_at(latency)``,
-    ``seen_at(reachable)`` and ``status``. The vector logs ``log(metrics)`` and
-    ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded and
-    the true state of the arm at the control rate, ``log(torque)`` the torques of its motors at
+    ``latency``, ``carrying`` (in mode ``safe``), ``reachability``, ``reachable``, ``sequencer``,
+    ``controller``, ``drive``, ``tracker``, ``metrics``, ``obstacle_distance``, ``contact``,
+    ``seen_at(latency)``, ``seen_at(reachable)`` and ``status``. The vector logs ``log(metrics)``
+    and ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded
+    and the true state of the arm at the control rate, ``log(torque)`` the torques of its motors at
     every step of the plant. With a Meshcat there are ``scene`` and ``visualizer`` as well; with a
     scene field ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with faults systems
     that `FaultInjection` adds.
