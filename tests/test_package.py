@@ -252,7 +252,7 @@ def test_every_import_is_a_declared_dependency(repository):
     # What makes training data may need more; it says what to install.
     entries = [*project["dependencies"], *project["optional-dependencies"]["train"]]
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in entries}
-    module_of = {"drake": "pydrake", "pyyaml": "yaml"}
+    module_of = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
     allowed = {module_of.get(name, name) for name in declared} | {"feasigrasp"}
     allowed |= set(sys.stdlib_module_names)
     sources = [*MODULES, *(repository / "diagrams").glob("*.py")]

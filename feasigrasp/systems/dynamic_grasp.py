@@ -25,6 +25,7 @@ from feasigrasp.systems.from_scenario import (
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.monitoring.camera_pictures import CameraPictures
 from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.object_tracker import ObjectTracker
@@ -58,6 +59,13 @@ class _Cell:
         """The system of that name."""
         return self.builder.GetSubsystemByName(name)
 
+    def source(self, name: str, port: str) -> OutputPort:
+        """What an input port of the system of that name is connected to."""
+        system = self[name]
+        index = system.GetInputPort(port).get_index()
+        source, number = self.builder.connection_map()[system, index]
+        return source.get_output_port(number)
+
     def add(self, name: str, system: System, *sources: System, **inputs: OutputPort) -> System:
         """Adds a system, its inputs connected as `connect` does."""
         self.builder.AddNamedSystem(name, system)
@@ -90,9 +98,9 @@ def make_dynamic_grasp(
     ``seen_at(latency)``, ``seen_at(reachable)`` and ``status``. The vector logs ``log(metrics)``
     and ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded
     and the true state of the arm at the control rate, ``log(torque)`` the torques of its motors at
-    every step of the plant. With a Meshcat there are ``scene`` and ``visualizer`` as well; with a
-    scene field ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with faults systems
-    that `FaultInjection` adds.
+    every step of the plant. With a Meshcat there are ``scene``, ``visualizer`` and
+    ``camera_pictures`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
+    ``clear_hand_poses``; with faults systems that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log when it has run::
 
@@ -299,4 +307,11 @@ def _add_visualization(cell: _Cell, meshcat: Meshcat) -> None:
         cell["sequencer"],
         grasps=cell["latency"].get_output_port(),
         reachable=cell["sequencer"].GetOutputPort("grasps"),
+    )
+    camera = cell.scenario.perception.camera
+    cell.add(
+        "camera_pictures",
+        CameraPictures(int(cell.station.object_body.index())),
+        color_image=cell.station.GetOutputPort(f"{camera}.color_image"),
+        label_image=cell.source("segmentation", "label_image"),
     )

@@ -2,42 +2,27 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import logging
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
+from string import Template
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from feasigrasp.models.control.status import Status
 from feasigrasp.outputs import write_text
+from feasigrasp.systems.monitoring.camera_pictures import Picture
 
 #: Pictures per simulated second.
 FRAMES_PER_SECOND = 32.0
 #: Size of the pictures [pixels].
 _WIDTH, _HEIGHT = 960, 600
-#: Meshcat knows the time that it plays, but has no text of its own.
-_STATUS_LINE = """<div id="grasp-status"></div>
-<style>
-  #grasp-status {
-    position: fixed; left: 16px; bottom: 16px; padding: 6px 12px; border-radius: 4px;
-    font: 15px sans-serif; color: white; background: rgba(0, 0, 0, 0.6);
-  }
-</style>
-<script>
-  const statuses = %s;
-  setInterval(() => {
-    const time = viewer.animator.time;
-    const past = statuses.filter((status) => status[0] <= time);
-    const [, code, detail] = past.length ? past[past.length - 1] : statuses[0];
-    document.getElementById("grasp-status").textContent =
-      time.toFixed(1) + " s: " + code + (detail ? " (" + detail + ")" : "");
-  }, 100);
-</script>
-"""
 #: Browsers that take pictures without a window.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -60,17 +45,24 @@ def start_recording() -> Meshcat:
     return meshcat
 
 
-def write_replay(meshcat: Meshcat, filename: Path, history: Sequence[Status] = ()) -> None:
-    """Writes what was recorded as a self-contained HTML file, with a line that says what goes on.
+def write_replay(
+    meshcat: Meshcat,
+    filename: Path,
+    history: Sequence[Status] = (),
+    pictures: Sequence[Picture] = (),
+) -> None:
+    """Writes what was recorded as a self-contained HTML file.
 
     Args:
         meshcat: It has recorded.
         filename: The file.
-        history: What the line says from when on; no line if empty.
+        history: What a line at the foot of the page says, and from when on. With it comes a legend;
+            without it there is nothing but the recording.
+        pictures: What an inset shows beside it.
     """
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    write_html(meshcat, filename, _status_line(history) if history else "")
+    write_html(meshcat, filename, _overlay(history, pictures) if history else "")
 
 
 def write_html(meshcat: Meshcat, filename: Path, extra: str = "") -> None:
@@ -80,12 +72,22 @@ def write_html(meshcat: Meshcat, filename: Path, extra: str = "") -> None:
     write_text(filename, page[:end] + extra + page[end:])
 
 
-def _status_line(history: Sequence[Status]) -> str:
-    """HTML that shows, at the foot of the page, the status at the time that is being played."""
-    entries = [
-        [status.time, str(status.code).replace("_", " "), status.detail] for status in history
-    ]
-    return _STATUS_LINE % json.dumps(entries).replace("</", "<\\/")
+def _overlay(history: Sequence[Status], pictures: Sequence[Picture]) -> str:
+    """HTML of legend, status and picture at the time that is being played.
+
+    Meshcat knows the time that it plays, but has no text of its own.
+    """
+    statuses = [[s.time, str(s.code).replace("_", " "), s.detail] for s in history]
+    shown = [[picture.time, base64.b64encode(picture.jpeg).decode()] for picture in pictures]
+    page = resources.files("feasigrasp.evaluation.runs").joinpath("replay_overlay.html")
+    return Template(page.read_text()).substitute(
+        statuses=_script(statuses), pictures=_script(shown)
+    )
+
+
+def _script(value: object) -> str:
+    """JSON that cannot end the script that it stands in."""
+    return json.dumps(value).replace("</", "<\\/")
 
 
 def take_picture(replay: Path) -> bool:

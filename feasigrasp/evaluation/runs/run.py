@@ -121,7 +121,8 @@ def run(
     keep(record)
     if meshcat is not None and replay is not None:
         say(f"writing {replay}")
-        write_replay(meshcat, replay, history)
+        camera = diagram.GetSubsystemByName("camera_pictures")
+        write_replay(meshcat, replay, history, camera.pictures)
     return RunResult(record, times, samples)
 
 

@@ -1,10 +1,18 @@
 """A replay says in words what goes on."""
 
+import base64
+import io
 import json
+import re
 from html.parser import HTMLParser
+
+import numpy as np
+from PIL import Image
 
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.models.control.status import Status, StatusCode
+from feasigrasp.systems.monitoring.camera_pictures import Picture, jpeg
+from feasigrasp.systems.monitoring.grasp_visualizer import INVENTED, REACHABLE, SEEN
 
 HISTORY = (
     Status(0.0, StatusCode.NOTHING_SEEN, "no view of the object yet"),
@@ -35,13 +43,45 @@ def test_the_page_knows_every_status_whatever_its_words(tmp_path):
     write_replay(start_recording(), tmp_path / "replay.html", HISTORY)
     scripts = Scripts((tmp_path / "replay.html").read_text()).scripts
     (script,) = (text for text in scripts if "const statuses" in text)
-    line = next(line for line in script.splitlines() if "const statuses" in line)
-    entries = json.loads(line.split("=", 1)[1].strip().rstrip(";"))
-    assert entries == [
+    assert entries(script, "statuses") == [
         [0.0, "nothing seen", "no view of the object yet"],
         [1.5, "no grasp", 'too "wide" </script><b>'],
     ]
     assert "setInterval" in script  # it was not cut off
+
+
+def entries(page: str, name: str) -> list:
+    """What a constant of the page's script holds."""
+    line = next(line for line in page.splitlines() if f"const {name} =" in line)
+    return json.loads(line.split("=", 1)[1].strip().rstrip(";"))
+
+
+def test_inset_shows_what_the_camera_saw_with_the_object_tinted(tmp_path):
+    color = np.full((58, 106, 3), 40, dtype=np.uint8)
+    mask = np.zeros((58, 106), dtype=bool)
+    mask[10:40, 20:60] = True
+    pictures = [Picture(0.25, jpeg(color, mask)), Picture(0.5, jpeg(color, ~mask))]
+    write_replay(start_recording(), tmp_path / "replay.html", HISTORY, pictures)
+    page = (tmp_path / "replay.html").read_text()
+    shown = entries(page, "pictures")
+    assert [time for time, _ in shown] == [0.25, 0.5]
+    for (_, text), inside in zip(shown, (mask, ~mask), strict=True):
+        image = np.asarray(Image.open(io.BytesIO(base64.b64decode(text)))).astype(float)
+        red_over_blue = image[..., 0] - image[..., 2]
+        assert np.median(red_over_blue[inside]) > 60 > 10 > np.median(red_over_blue[~inside])
+
+
+def test_legend_has_the_colours_of_what_is_drawn(tmp_path):
+    write_replay(start_recording(), tmp_path / "replay.html", HISTORY)
+    page = (tmp_path / "replay.html").read_text()
+    drawn = {
+        "seen": SEEN,
+        "guessed": INVENTED,
+        "reach": [REACHABLE.r(), REACHABLE.g(), REACHABLE.b()],
+    }
+    for word, color in drawn.items():
+        (value,) = re.findall(rf'background: #(\w{{6}})"></i>[\w ,]*{word}<', page)
+        assert np.allclose(list(bytes.fromhex(value)), 255.0 * np.asarray(color), atol=2.0)
 
 
 def test_without_statuses_there_is_no_line(tmp_path):

@@ -1,0 +1,87 @@
+"""Keeps what a camera saw, with the pixels that were taken for the object, as small pictures."""
+
+from __future__ import annotations
+
+import io
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
+
+from feasigrasp.models.arrays import Mask
+from feasigrasp.systems.ports import declare_input
+
+#: Colour that the object's pixels are mixed with, and the share of it.
+TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
+#: Width of a picture [pixels], and its quality as a JPEG.
+WIDTH, QUALITY = 240, 60
+
+
+class Picture(NamedTuple):
+    """One picture.
+
+    Attributes:
+        time: When it was taken [s].
+        jpeg: The file's bytes.
+    """
+
+    time: float
+    jpeg: bytes
+
+
+class CameraPictures(LeafSystem):
+    """Takes a picture every period.
+
+    .. pydrake_system::
+
+        name: CameraPictures
+        input_ports:
+        - color_image
+        - label_image
+
+    The pixels of one label are tinted: they are what perception takes for the object.
+    """
+
+    def __init__(self, label: int, *, period: float = 0.25) -> None:
+        """Starts without pictures.
+
+        Args:
+            label: Label of the object.
+            period: Time between pictures [s].
+        """
+        super().__init__()
+        self._label = label
+        self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
+        self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
+        self.pictures: list[Picture] = []
+        self.DeclareInitializationPublishEvent(self._clear)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._take)
+
+    def _clear(self, context: Context) -> EventStatus:
+        self.pictures.clear()
+        return EventStatus.Succeeded()
+
+    def _take(self, context: Context) -> EventStatus:
+        color = self._color.Eval(context).data[:, :, :3]
+        mask = self._labels.Eval(context).data[:, :, 0] == self._label
+        self.pictures.append(Picture(context.get_time(), jpeg(color, mask)))
+        return EventStatus.Succeeded()
+
+
+def jpeg(color: NDArray[np.uint8], mask: Mask) -> bytes:
+    """A small picture with tinted pixels, as the bytes of a JPEG.
+
+    Args:
+        color: Shape (h, w, 3).
+        mask: What to tint, shape (h, w).
+    """
+    tinted = color.astype(float)
+    tinted[mask] += TINT_SHARE * (TINT - tinted[mask])
+    image = Image.fromarray(tinted.astype(np.uint8))
+    image.thumbnail((WIDTH, WIDTH))
+    file = io.BytesIO()
+    image.save(file, "JPEG", quality=QUALITY)
+    return file.getvalue()
