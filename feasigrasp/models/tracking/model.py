@@ -1,0 +1,62 @@
+"""What a tracker knows of the object's shape: its distance field, and which of it was observed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.shape.gpdf import Gpdf
+
+#: Points of the model that are looked for in an image.
+_PROBES = 300
+#: Slopes of the raw distance below this are no slopes, as in the field's own Newton step.
+_LEAST_SLOPE = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedModel(Frozen):
+    """A field with the points that it was fitted to.
+
+    Attributes:
+        gpdf: The field, in O.
+    """
+
+    gpdf: Gpdf
+
+    @cached_property
+    def points(self) -> Array:
+        """Observed points in O, shape (n, 3) [m]."""
+        return self.gpdf.seen()[0]
+
+    @cached_property
+    def normals(self) -> Array:
+        """Their outward unit normals, shape (n, 3)."""
+        points, normals = self.gpdf.seen()
+        return normals if np.any(normals) else self.gpdf.normals(points)
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """For the observed point nearest to another."""
+        return cKDTree(self.points)
+
+    @cached_property
+    def probes(self) -> tuple[Array, Array]:
+        """Some observed points, spread evenly, and their normals, shape (k, 3) each."""
+        chosen = farthest_points(self.points, min(_PROBES, len(self.points)))
+        return self.points[chosen], self.normals[chosen]
+
+    def distance(self, x: Array) -> tuple[Array, Array]:
+        """Distance of points (n, 3) from the surface (n,) [m] and unit gradients (n, 3).
+
+        One Newton step of the raw distance: right near the surface, where it matters.
+        """
+        raw, gradient = self.gpdf.distance_and_gradient(x)
+        slope = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
+        step = raw / np.maximum(slope, _LEAST_SLOPE)
+        normals = gradient / np.maximum(slope, 1e-12)[:, None]
+        return np.clip(step, -2.5 * np.abs(raw), 2.5 * np.abs(raw)), normals

@@ -1,0 +1,196 @@
+"""Finds the pose of a known object in one image: points to the distance field, and silhouette.
+
+Maximum a posteriori: Gauss-Newton steps on
+
+    sum_i rho(d(R^T (x_i - p))^2 / s_i^2) / N + e^T P^-1 e
+
+where d is the distance field (`TrackedModel.distance`), e = [theta, p] the deviation from the
+expected pose, P its covariance, and rho that of Geman and McClure. Three kinds of residuals are
+summed:
+
+- the distance of every point from the field, with ``s^2`` of the sensor and of the surface:
+  completed surface counts the less, the farther it is from what was observed;
+- where there is one, its distance from the tangent plane of the nearest observed point, which
+  keeps thin walls and edges that the field rounds off;
+- for model points that project onto the background, the way back to the silhouette. Without
+  it a model that sticks out beyond the data would cost nothing.
+
+Of the information that the shape seems to give, that of noise is taken off (`without_noise`).
+
+References: Geman, McClure, "Statistical methods for tomographic image reconstruction", 1987; Chen,
+Medioni, "Object modelling by registration of multiple range images", 1992.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.tracking.information import jacobian, without_noise
+from feasigrasp.models.tracking.model import TrackedModel
+from feasigrasp.models.tracking.twist_filter import moved, pose_error
+from feasigrasp.models.tracking.view import ObjectView
+
+#: Points of an image that are used, at most; they are spread over it.
+_POINTS = 450
+#: Neighbouring pixels and model points err together: so many count as one.
+CORRELATED = 10.0
+#: Least standard deviation of a residual: bumps of the model [m].
+_MODEL_SIGMA = 5e-4
+#: A point this near to an observed one is on observed surface [m]; beyond, the surface is a guess
+#: that errs by this share of the distance.
+_OBSERVED, _GUESS = 4e-3, 0.5
+#: A tangent plane is one for points so near [m] whose field has the same normal (cosine).
+_PLANE, _SAME_SIDE = 5e-3, 0.8
+#: Standard deviation of the silhouette, in pixels.
+_SILHOUETTE_SIGMA = 2.0
+#: Residuals beyond so many standard deviations count less.
+_ROBUST = 3.0
+#: At the start of the search they are allowed to be so large [m], at most.
+_WIDE = 0.012
+#: A residual below this, or so many standard deviations, is an inlier's [m].
+_INLIER, _INLIER_SIGMAS = 3e-3, 3.0
+_STEPS = 6
+#: Steps smaller than this end the search [rad, m].
+_SMALL = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Where an image shows the object.
+
+    Attributes:
+        X_WO: The most likely pose, shape (4, 4).
+        information: What the image alone says of [theta, p] there, shape (6, 6).
+        inliers: Share of the object's points that lie on the model.
+        beside: Share of the model's points facing the camera that project onto the background.
+        in_view: Share of the known surface that faces the camera which is in the image and far
+            enough away to be measured.
+        points: Number of points of the object in the image.
+    """
+
+    X_WO: Array
+    information: Array
+    inliers: float
+    beside: float
+    in_view: float
+    points: int
+
+
+def register(
+    model: TrackedModel,
+    view: ObjectView,
+    X_WO: Array,
+    covariance: Array,
+    *,
+    start: Array | None = None,
+    points: int = _POINTS,
+) -> Registration:
+    """Finds the pose.
+
+    Args:
+        model: The object.
+        view: The image.
+        X_WO: Expected pose, shape (4, 4).
+        covariance: Of its error [theta, p], shape (6, 6).
+        start: Where the search starts, if not there, shape (4, 4).
+        points: Points of the image that are used, at most.
+    """
+    every = -(-len(view.points_W) // points)
+    x, x_C = view.points_W[::every], view.points_C[::every]
+    sensor = view.sigma(x_C) ** 2 + _MODEL_SIGMA**2
+    prior = np.linalg.inv(covariance)
+    X: Array = X_WO if start is None else start
+    wide = min(_WIDE, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
+    if start is not None:
+        wide = _WIDE
+    information: Array = np.zeros((6, 6))
+    inlier: Mask = np.zeros(len(x), dtype=bool)
+    associated = None
+    for step in range(_STEPS + 1):
+        rotation, center = X[:3, :3], X[:3, 3]
+        lever = x - center
+        local = lever @ rotation
+        if associated is None or (step < _STEPS and step % 3 == 2):
+            gap, nearest = model.tree.query(local)
+            associated = gap, nearest
+        gap, nearest = associated
+        distance, normals = model.distance(local)
+        guess = (_GUESS * np.maximum(gap - _OBSERVED, 0.0)) ** 2
+        variance = sensor + guess
+        inlier = np.abs(distance) < np.maximum(_INLIER, _INLIER_SIGMAS * np.sqrt(sensor))
+        scale = max(wide * 0.5**step, 0.0)
+        weight = _robust(distance, variance, scale)
+        on_plane = _on_plane(model, gap, nearest, normals)
+        planes = model.normals[nearest]
+        offset = np.einsum("ij,ij->i", local - model.points[nearest], planes)
+        plane_weight = np.where(on_plane, _robust(offset, variance, scale), 0.0)
+        # Both together count as one.
+        both = np.where(on_plane, 0.5, 1.0)
+        rows = np.vstack(
+            [jacobian(lever, normals @ rotation.T), jacobian(lever, planes @ rotation.T)]
+        )
+        weights = np.concatenate([both * weight, 0.5 * plane_weight]) / CORRELATED
+        residuals = np.concatenate([distance, offset])
+        information, projection = without_noise(rows, weights, np.vstack([lever, lever]))
+        gradient = projection @ (rows.T @ (weights * residuals))
+        rim_rows, rim_weights, rim_residuals, beside, in_view = _silhouette(model, view, X)
+        information = information + rim_rows.T @ (rim_weights[:, None] * rim_rows)
+        gradient = gradient + rim_rows.T @ (rim_weights * rim_residuals)
+        if step == _STEPS:
+            break
+        change = -np.linalg.solve(information + prior, gradient + _prior_gradient(prior, X_WO, X))
+        X = moved(X, change)
+        if scale < 1e-3 and np.abs(change).max() < _SMALL:
+            break
+    return Registration(X, information, float(inlier.mean()), beside, in_view, len(view.points_W))
+
+
+def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
+    """Gradient of e^T P^-1 e / 2; errors are small enough to add up as vectors."""
+    return np.asarray(prior @ pose_error(X_expected, X))
+
+
+def _robust(residual: Array, variance: Array, scale: float) -> Array:
+    """Weights of Geman and McClure, divided by the variance, shape (n,)."""
+    limit = np.maximum(_ROBUST**2 * variance, scale**2)
+    return np.asarray(1.0 / (variance * (1.0 + residual**2 / limit) ** 2))
+
+
+def _on_plane(model: TrackedModel, gap: Array, nearest: Array, normals: Array) -> Mask:
+    same = np.einsum("ij,ij->i", normals, model.normals[nearest]) > _SAME_SIDE
+    return np.asarray(same & (gap < _PLANE))
+
+
+def _silhouette(
+    model: TrackedModel, view: ObjectView, X_WO: Array
+) -> tuple[Array, Array, Array, float, float]:
+    """Rows, weights and residuals of model points that the camera sees past.
+
+    Returns:
+        Those, the share of the facing points that they are, and the share of the facing points that
+        are in the image.
+    """
+    points, normals = model.probes
+    lever, normals_W = points @ X_WO[:3, :3].T, normals @ X_WO[:3, :3].T
+    points_W = lever + X_WO[:3, 3]
+    towards = view.X_WC[:3, 3] - points_W
+    length = np.linalg.norm(towards, axis=1)
+    facing = np.einsum("ij,ij->i", towards, normals_W) > 0.3 * length
+    if not facing.any():
+        return np.zeros((0, 6)), np.zeros(0), np.zeros(0), 0.0, 0.0
+    lever, points_C = lever[facing], view.in_camera(points_W[facing])
+    in_view = float(view.camera.in_image(points_C).mean())
+    found, way = view.beside(points_C)
+    excess = np.linalg.norm(way, axis=1)
+    # Towards the silhouette, at right angles to the line of sight; r = -excess grows towards it.
+    direction = np.column_stack([way / np.maximum(excess, 1e-9)[:, None], np.zeros(len(way))])
+    at = points_C[found]
+    direction[:, 2] = -np.einsum("ij,ij->i", direction[:, :2], at[:, :2]) / at[:, 2]
+    normals_W = direction @ view.X_WC[:3, :3].T
+    rows = -jacobian(lever[found], normals_W)
+    sigma = _SILHOUETTE_SIGMA * at[:, 2] / view.camera.intrinsics[0]
+    weights = _robust(excess, sigma**2, 5e-3) / CORRELATED
+    return rows, weights, -excess, float(found.mean()), in_view

@@ -1,0 +1,139 @@
+"""One image of an object, as a tracker uses it: some of its points, and where it is not.
+
+The second is what points alone do not tell: pixels that show something behind the object, so that
+no part of it can be there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, minimum_filter
+
+from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
+
+#: Pixels along the side of a cell, in which silhouettes are kept.
+CELL = 2
+#: Cells round the object that belong to its picture.
+_AROUND = 24
+#: What is so much farther away than a point of the model is behind it [m].
+_BEHIND = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Camera(Frozen):
+    """A pinhole camera without distortion.
+
+    Attributes:
+        intrinsics: fx, fy, cx, cy for whole-numbered pixels [px].
+        width: Pixels in a row.
+        height: Pixels in a column.
+        near: Least depth that it measures [m].
+        depth_noise: Standard deviation of a depth z is this times z^2 [1/m]: subpixel error over
+            focal length and baseline.
+    """
+
+    intrinsics: tuple[float, float, float, float]
+    width: int
+    height: int
+    near: float
+    depth_noise: float
+
+    def pixels(self, points_C: Array) -> tuple[Array, Array]:
+        """Columns and rows of points (n, 3) in the camera's frame, shape (n,) each [px]."""
+        fx, fy, cx, cy = self.intrinsics
+        z = np.maximum(points_C[:, 2], 1e-6)
+        return fx * points_C[:, 0] / z + cx, fy * points_C[:, 1] / z + cy
+
+    def in_image(self, points_C: Array) -> Mask:
+        """Which points (n, 3) are in the image and far enough to be measured, shape (n,)."""
+        u, v = self.pixels(points_C)
+        inside = (u > 1.0) & (u < self.width - 2.0) & (v > 1.0) & (v < self.height - 2.0)
+        return np.asarray(inside & (points_C[:, 2] > self.near))
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectView(Frozen):
+    """One image.
+
+    Attributes:
+        camera: The camera.
+        X_WC: Its pose when the image was taken, z forward, shape (4, 4).
+        points_W: Points of the object, shape (n, 3) [m].
+        depth: The whole image, 0 where nothing was measured and infinite where it is known that
+            there is nothing, shape (h, w) [m]; None if there is none, and nothing is known of what
+            is beside the object.
+    """
+
+    camera: Camera
+    X_WC: Array
+    points_W: Array
+    depth: NDArray[Any] | None = None
+
+    @cached_property
+    def points_C(self) -> Array:
+        """The points in the camera's frame, shape (n, 3) [m]."""
+        return self.in_camera(self.points_W)
+
+    def in_camera(self, points_W: Array) -> Array:
+        """Points (n, 3) of the world in the camera's frame."""
+        return np.asarray((points_W - self.X_WC[:3, 3]) @ self.X_WC[:3, :3])
+
+    def sigma(self, points_C: Array) -> Array:
+        """Standard deviation of the depth of points (n, 3), shape (n,) [m]."""
+        return self.camera.depth_noise * np.square(points_C[:, 2])
+
+    def beside(self, points_C: Array) -> tuple[Mask, Array]:
+        """Which points of a model are where the camera saw none of it, and the way back.
+
+        Args:
+            points_C: Shape (n, 3) [m].
+
+        Returns:
+            Which points are seen in the background, shape (n,); and from these (k, 3) the way to
+            the line of sight of the nearest pixel that shows the object, as far as it exceeds what
+            lost edge pixels explain, shape (k, 2) [m] along the camera's x and y.
+        """
+        none = np.zeros(len(points_C), dtype=bool), np.zeros((0, 2))
+        if self.depth is None or len(self.points_C) == 0:
+            return none
+        (left, top), nearest, distance, behind = self._silhouette
+        u, v = self.camera.pixels(points_C)
+        column, row = (np.floor(a / CELL).astype(int) - b for a, b in ((u, left), (v, top)))
+        h, w = distance.shape
+        inside = (row >= 0) & (row < h) & (column >= 0) & (column < w)
+        row, column = np.where(inside, row, 0), np.where(inside, column, 0)
+        found = inside & (distance[row, column] > 2.0)
+        found &= behind[row, column] > points_C[:, 2] + _BEHIND
+        if not found.any():
+            return none
+        row, column = row[found], column[found]
+        way = np.stack([nearest[1][row, column] - column, nearest[0][row, column] - row], axis=1)
+        length = distance[row, column][:, None]
+        excess = way * (1.0 - 2.0 / length) * CELL
+        scale = points_C[found, 2:] / np.array(self.camera.intrinsics[:2])
+        return found, excess * scale
+
+    @cached_property
+    def _silhouette(self) -> tuple[tuple[int, int], Indices, Array, Array]:
+        """First cell, nearest cell of the object, distance to it [cells], depth known free."""
+        assert self.depth is not None
+        u, v = self.camera.pixels(self.points_C)
+        h, w = self.camera.height // CELL, self.camera.width // CELL
+        column = np.clip(np.floor(u / CELL).astype(int), 0, w - 1)
+        row = np.clip(np.floor(v / CELL).astype(int), 0, h - 1)
+        left, top = max(column.min() - _AROUND, 0), max(row.min() - _AROUND, 0)
+        right, bottom = min(column.max() + _AROUND, w - 1), min(row.max() + _AROUND, h - 1)
+        shape = bottom - top + 1, right - left + 1
+        mask = np.zeros(shape, dtype=bool)
+        mask[row - top, column - left] = True
+        depth = self.depth[: h * CELL, : w * CELL]
+        part = depth[top * CELL : (bottom + 1) * CELL, left * CELL : (right + 1) * CELL]
+        # A pixel that was not measured says nothing, nor do its neighbours.
+        least = part.reshape(shape[0], CELL, shape[1], CELL).min(axis=(1, 3))
+        distance, nearest = distance_transform_edt(~mask, return_indices=True)
+        return (int(left), int(top)), nearest, distance, minimum_filter(least, 3)

@@ -1,0 +1,128 @@
+"""An unknown object is followed from its first view on; out of sight, and back."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.raycasting import Raycaster
+from feasigrasp.models.objects.tracking import TrackingState
+from feasigrasp.models.tracking.sequence import SequenceTracker
+from feasigrasp.models.tracking.view import ObjectView
+from tests.object_views import look
+
+#: Without symmetry: a block with a nose.
+MESH = trimesh.util.concatenate(
+    [
+        trimesh.creation.box((0.06, 0.08, 0.12)),
+        trimesh.creation.box(
+            (0.03, 0.05, 0.03), transform=se3.make_pose(np.eye(3), [0.0, 0.05, 0.03])
+        ),
+    ]
+)
+SURFACE = Raycaster(MESH.vertices, MESH.faces)
+TWIST = np.array([0.05, 0.1, 0.2, 0.02, -0.06, 0.01])
+X0 = se3.make_pose(se3.so3_exp([0.2, 0.1, 0.4]), [0.5, 0.0, 0.5])
+CAMERA = se3.make_pose(se3.so3_exp([0.0, 0.5 * np.pi, 0.0]), [0.1, 0.0, 0.5])
+PERIOD = 1.0 / 30.0
+#: Out of sight from when to when [s].
+GAP = (1.5, 1.9)
+
+
+def surface_error(X_WO, X_true):
+    """Mean distance of the surface at one pose from that at another [m]."""
+    E = se3.inverse(X_true) @ X_WO
+    points = MESH.vertices
+    return SURFACE.distance(points @ E[:3, :3].T + E[:3, 3]).mean()
+
+
+@pytest.fixture(scope="module")
+def followed():
+    """Times, trackers after each image, and true poses of the frame O that was defined first."""
+    rng, tracker, rows, X_BO = np.random.default_rng(0), SequenceTracker(), [], None
+    for k in range(75):
+        t = k * PERIOD
+        X_WB = se3.extrapolate(X0, TWIST, t)
+        view = look(SURFACE, X_WB, CAMERA, rng)
+        if GAP[0] < t < GAP[1]:
+            view = ObjectView(view.camera, CAMERA, np.zeros((0, 3)), np.full_like(view.depth, 2.0))
+        tracker = tracker.looked(view, t).learnt()
+        if X_BO is None:
+            X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO
+        rows.append((t, tracker, X_WB, X_BO))
+    return rows
+
+
+def test_it_stays_on_the_object(followed):
+    for t, tracker, X_WB, X_BO in followed:
+        if 0.3 < t < GAP[0]:
+            X = tracker.track.estimate.X_WO @ se3.inverse(X_BO)
+            assert surface_error(X, X_WB) < 1.5e-3
+            assert tracker.track.state(t, 0.5, PERIOD) is TrackingState.TRACKING
+
+
+def test_it_knows_the_twist(followed):
+    for t, tracker, _, _ in followed:
+        if 1.0 < t < GAP[0]:
+            estimate = tracker.track.estimate
+            assert np.abs(estimate.V_WO[:3] - TWIST[:3]).max() < 0.1
+            # The origin of O is not that of the body, whose velocity is known.
+            X_WB = se3.extrapolate(X0, TWIST, t)
+            lever = estimate.X_WO[:3, 3] - X_WB[:3, 3]
+            v = TWIST[3:] + np.cross(TWIST[:3], lever)
+            assert np.abs(estimate.V_WO[3:] - v).max() < 0.012
+
+
+def test_out_of_sight_it_coasts_and_is_back_at_once(followed):
+    coasting = [tr.track for t, tr, _, _ in followed if GAP[0] + 0.15 < t < GAP[1]]
+    times = [t for t, _, _, _ in followed if GAP[0] + 0.15 < t < GAP[1]]
+    states = [c.state(t, 0.5, PERIOD) for c, t in zip(coasting, times, strict=True)]
+    assert set(states) == {TrackingState.COASTING}
+    speeds = [np.linalg.norm(c.estimate.V_WO[3:]) for c in coasting]
+    assert np.all(np.diff(speeds) < 0.0)  # the twist dies away
+    spread = [np.trace(c.estimate.pose_covariance[3:, 3:]) for c in coasting]
+    assert np.all(np.diff(spread) > 0.0)
+    assert coasting[-1].state(times[-1] + 1.0, 0.5, PERIOD) is TrackingState.LOST
+    t, tracker, X_WB, X_BO = followed[-1]
+    assert tracker.track.state(t, 0.5, PERIOD) is TrackingState.TRACKING
+    assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X_WB) < 2e-3
+
+
+def test_keyframes_are_points_of_the_object(followed):
+    _, tracker, _, X_BO = followed[-1]
+    assert tracker.shape.cloud.views >= 3
+    cloud = tracker.shape.cloud.points @ X_BO[:3, :3].T + X_BO[:3, 3]
+    assert np.quantile(SURFACE.distance(cloud), 0.9) < 2e-3
+
+
+def test_its_motion_predicts(followed):
+    t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
+    later = MotionEstimate(tracker.track.motion, t).predict([0.5])[0] @ se3.inverse(X_BO)
+    assert surface_error(later, se3.extrapolate(X0, TWIST, t + 0.5)) < 0.01
+
+
+def test_an_old_image_changes_nothing(followed):
+    t, tracker, X_WB, _ = followed[-1]
+    view = look(SURFACE, X_WB, CAMERA)
+    assert tracker.looked(view, t).track is tracker.track
+
+
+def test_searching_until_there_is_enough_to_see():
+    nothing = ObjectView(look(SURFACE, X0, CAMERA).camera, CAMERA, np.zeros((5, 3)), None)
+    tracker = SequenceTracker().looked(nothing, 0.0)
+    assert tracker.track.state(0.0, 0.5, PERIOD) is TrackingState.SEARCHING
+    assert tracker.learnt().shape.gpdf is None
+
+
+def test_an_object_elsewhere_is_found_again(followed):
+    """A second later, 6 cm off and turned by 20 degrees; nothing else is in the image."""
+    t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
+    empty = ObjectView(look(SURFACE, X_WB, CAMERA).camera, CAMERA, np.zeros((0, 3)), None)
+    tracker = tracker.looked(empty, t + 0.5)
+    X = se3.make_pose(se3.so3_exp([0.0, 0.0, 0.35]) @ X_WB[:3, :3], X_WB[:3, 3] + [0, 0.06, 0])
+    for k in range(3):
+        later = t + 1.0 + k * PERIOD
+        tracker = tracker.looked(look(SURFACE, X, CAMERA, np.random.default_rng(k)), later)
+    assert tracker.track.measured_at == later
+    assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X) < 3e-3

@@ -1,0 +1,96 @@
+"""The filter's prediction is the motion's, and its covariance that of the errors it makes."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.tracking.twist_filter import DECAY, TwistFilter, moved, pose_error
+
+X0 = se3.make_pose(se3.so3_exp([0.3, -0.2, 1.0]), [0.5, 0.1, 0.4])
+TWIST = np.array([0.1, -0.2, 0.15, 0.05, 0.1, -0.02])
+PERIOD = 1.0 / 30.0
+
+
+def followed(rng, seconds=2.0, information=None, sigma=(0.005, 0.0005)):
+    """The filter after that long of noisy poses of a steady motion, and the true pose."""
+    estimate = TwistFilter.at_rest(0.0, X0)
+    noise = np.repeat(sigma, 3)
+    known = np.diag(noise**-2.0) if information is None else information
+    for k in range(1, round(seconds / PERIOD) + 1):
+        t = k * PERIOD
+        X_true = se3.extrapolate(X0, TWIST, t)
+        estimate = estimate.predicted(t)
+        # The most likely pose given measurement z and prior P: e = (I + P^-1)^-1 I z.
+        z = pose_error(estimate.X_WO, moved(X_true, noise * rng.standard_normal(6)))
+        prior = np.linalg.inv(estimate.pose_covariance)
+        e = np.linalg.solve(known + prior, known @ z)
+        estimate = estimate.measured(moved(estimate.X_WO, e), known)
+    return estimate, se3.extrapolate(X0, TWIST, round(seconds / PERIOD) * PERIOD)
+
+
+def test_errors_are_the_inverse_of_moves():
+    e = np.array([0.3, -0.1, 0.2, 0.1, 0.2, 0.3])
+    assert np.allclose(pose_error(X0, moved(X0, e)), e)
+
+
+def test_the_covariance_is_that_of_the_errors():
+    rng = np.random.default_rng(0)
+    errors, claimed = [], None
+    for _ in range(60):
+        estimate, X_true = followed(rng, 1.0)
+        twist = TWIST - estimate.V_WO
+        errors.append(np.concatenate([pose_error(estimate.X_WO, X_true), twist]))
+        claimed = estimate.covariance
+    # It reckons with a twist that changes, which this one does not: errors are smaller than
+    # claimed, and not by much.
+    ratio = np.std(errors, axis=0) / np.sqrt(np.diag(claimed))
+    assert ratio.min() > 0.2 and ratio.max() < 1.3
+
+
+def test_it_finds_a_steady_twist():
+    estimate, _ = followed(np.random.default_rng(1))
+    claimed = np.sqrt(np.diag(estimate.covariance)[6:])
+    assert np.all(np.abs(estimate.V_WO - TWIST) < 2.0 * claimed)
+    assert claimed[:3].max() < 0.1 and claimed[3:].max() < 0.03
+    assert np.linalg.norm(estimate.V_WO - TWIST) < 0.3 * np.linalg.norm(TWIST)
+
+
+def test_what_is_not_measured_stays_at_its_prior():
+    known = np.diag([1e5, 1e5, 0.0, 1e7, 1e7, 1e7])
+    estimate, _ = followed(np.random.default_rng(2), information=known)
+    assert abs(estimate.V_WO[2]) < 0.01
+    sigma = np.sqrt(np.diag(estimate.covariance))
+    assert sigma[2] > 20 * sigma[0]
+
+
+def test_a_measurement_is_the_textbook_update():
+    """Against the Kalman gain of a measured pose, for a covariance with correlations."""
+    rng = np.random.default_rng(3)
+    before = TwistFilter.at_rest(0.0, X0).predicted(0.1)
+    noise = np.diag(rng.random(6) * 1e-4)
+    z = 1e-3 * rng.standard_normal(6)
+    H = np.hstack([np.eye(6), np.zeros((6, 6))])
+    K = before.covariance @ H.T @ np.linalg.inv(H @ before.covariance @ H.T + noise)
+    e = K @ z
+    after = before.measured(moved(before.X_WO, e[:6]), np.linalg.inv(noise))
+    assert np.allclose(after.V_WO - before.V_WO, e[6:], atol=1e-9)
+    assert np.allclose(after.covariance, (np.eye(12) - K @ H) @ before.covariance, atol=1e-12)
+
+
+def test_while_nothing_is_measured_the_twist_dies_away():
+    estimate = TwistFilter(0.0, X0, TWIST, np.eye(12) * 1e-6)
+    late = estimate.predicted(10.0 * DECAY, coasting=True)
+    assert np.abs(late.V_WO).max() < 1e-4
+    assert np.allclose(late.X_WO[:3, 3] - X0[:3, 3], DECAY * TWIST[3:], atol=1e-4)
+    steps = estimate
+    for k in range(1, 11):
+        steps = steps.predicted(k * DECAY, coasting=True)
+    assert np.allclose(steps.X_WO, late.X_WO, atol=1e-9)
+    assert np.trace(late.covariance) > np.trace(estimate.covariance)
+
+
+def test_the_past_changes_nothing():
+    estimate = TwistFilter.at_rest(1.0, X0)
+    assert estimate.predicted(0.9) is estimate
+    with pytest.raises(ValueError):
+        estimate.covariance[0, 0] = 1.0
