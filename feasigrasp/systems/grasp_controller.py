@@ -25,13 +25,18 @@ from feasigrasp.models.control.safety.obstacle_grid import (
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
+
+#: Time between the commands of a rehearsal: long, to be there soon [s].
+_REHEARSAL_STEP = 0.04
 
 
 class ControllerInputs:
@@ -238,28 +243,33 @@ class GraspController(LeafSystem):
         )
 
     def rehearse(self) -> None:
-        """Runs two updates and a command, so that no kernel is compiled inside a control tick.
+        """Follows a made-up grasp for a while, so that no kernel is compiled inside a control tick.
 
-        For the end of a constructor; the inputs are made up, and nothing is remembered.
+        For the end of a constructor; nothing is remembered.
         """
         context = self.CreateDefaultContext()
-        q = np.full(IIWA_7.joints, 0.5)
-        X_WG = forward_kinematics(q, self.reachability.gripper.X_FG)
-        grasps = GraspSet(X_WG[None], np.zeros(1), np.ones(1))
+        q = np.array([0.1, -0.7, 0.1, -1.6, 0.1, 1.4, 0.1])
+        X_WO = RigidTransform([0.5, 0.0, 0.5])
+        X_OG = X_WO.inverse().GetAsMatrix4() @ forward_kinematics(q, self.reachability.gripper.X_FG)
+        grasps = GraspSet(X_OG[None], np.zeros(1), np.ones(1))
+        ball = sphere_points(64, 0.03)
         for name, value in {
-            "position": q,
-            "object_pose": RigidTransform(),
+            "object_pose": X_WO,
             "object_velocity": SpatialVelocity.Zero(),
-            "desired_velocity": np.zeros(IIWA_7.joints),
-            "gpdf": Value[object](fit_gpdf(sphere_points(64, 0.03))),
+            "object_motion": Value[object](MotionEstimate(empty_state(), 0.0)),
+            "scene": Value[object](fit_scene(ball + [0.5, 0.3, 0.3], [0.0, 0.0, 1.0])),
+            "gpdf": Value[object](fit_gpdf(ball)),
         }.items():
             self.GetInputPort(name).FixValue(context, value)
-        memory = self.memory(context)
-        for time, some in ((0.0, grasps), (self.period, grasps.with_twins())):
-            context.SetTime(time)
+        memory, some = self.memory(context), grasps
+        for tick in range(12):
+            context.SetTime(_REHEARSAL_STEP * tick)
+            self.GetInputPort("position").FixValue(context, q)
             self.GetInputPort("grasps").FixValue(context, AbstractValue.Make(some))
-            memory = self.update(memory, ControllerInputs(self, context))
-        self.velocity(memory, ControllerInputs(self, context))
+            if tick % 4 == 0:
+                memory = self.update(memory, ControllerInputs(self, context))
+                some = grasps.with_twins()
+            q = q + _REHEARSAL_STEP * self.velocity(memory, ControllerInputs(self, context))
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]

@@ -16,6 +16,7 @@ from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_acros
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.usable import ViewFault, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -190,6 +191,7 @@ class PointCloudToGPDF(LeafSystem):
             if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
                 return seen.without(ViewFault.NO_SURFACE)
             gpdf = complete_shape(cloud, **self._options)
+            object_grid(gpdf)  # now, and not in the tick of a controller that looks it up
         # Whatever numerics make of a strange cloud (LinAlgError is a ValueError): the run goes on.
         except (ValueError, ArithmeticError) as error:
             return seen.without(ViewFault.NO_FIELD, str(error))

@@ -15,6 +15,7 @@ from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS
 from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.control.safety.obstacle_grid import obstacle_grid
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import SceneConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
@@ -91,4 +92,5 @@ class PointCloudToScene(LeafSystem):
         scene = before.scene
         if len(cloud.points) >= MIN_POINTS:
             scene = fit_scene(cloud.points, cloud.directions, resolution=self._resolution)
+            obstacle_grid(scene)  # now, and not in the tick of a controller that looks it up
         return _Surroundings(cloud, scene)

@@ -81,9 +81,11 @@ METRICS: dict[str, Metric] = {
     "torque_peak_percent": Metric("%", 0.0),
     "control_ms_p99": Metric("ms", 0.0),
     "control_ms_worst": Metric("ms", 0.0),
+    "control_cpu_ms_worst": Metric("ms", 0.0),
     "planning_ms_median": Metric("ms", 0.0),
     "planning_ms_p99": Metric("ms", 0.0),
     "planning_ms_worst": Metric("ms", 0.0),
+    "planning_cpu_ms_worst": Metric("ms", 0.0),
 }
 
 

@@ -47,8 +47,8 @@ FIGURES: Mapping[str, tuple[str, ...]] = {
     ),
     "time": (
         *("simulated_s", "build_s", "wall_s", "real_time_factor"),
-        *("control_ms_p99", "control_ms_worst"),
-        *("planning_ms_median", "planning_ms_p99", "planning_ms_worst"),
+        *("control_ms_p99", "control_ms_worst", "control_cpu_ms_worst"),
+        *("planning_ms_median", "planning_ms_p99", "planning_ms_worst", "planning_cpu_ms_worst"),
     ),
 }
 _UNITS = {name: metric.unit for name, metric in METRICS.items()}

@@ -97,6 +97,8 @@ def run(
             say("starting the simulation")
             try:
                 simulator.Initialize()
+                # Nor what was built: a full collection would hold up one tick for it.
+                gc.freeze()
                 simulator.AdvanceTo(scenario.simulation_duration)
             except RuntimeError as failure:
                 error = str(failure)

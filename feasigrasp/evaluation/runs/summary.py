@@ -59,15 +59,17 @@ _OVER_RUNS: tuple[tuple[str, str, Callable[[Sequence[float]], Any]], ...] = (
     ("torque_peak_percent.worst", "torque_peak_percent", max),
     ("control_ms.p99", "control_ms_p99", np.median),
     ("control_ms.worst", "control_ms_worst", max),
+    ("control_cpu_ms.worst", "control_cpu_ms_worst", max),
     ("planning_ms.median", "planning_ms_median", np.median),
     ("planning_ms.p99", "planning_ms_p99", np.median),
     ("planning_ms.worst", "planning_ms_worst", max),
+    ("planning_cpu_ms.worst", "planning_cpu_ms_worst", max),
 )
 #: Metrics that have no row of their mean.
 _NOT_AVERAGED = (
     *("grasp_held", "cause", "object_end_x_m", "object_end_y_m", "object_end_z_m"),
-    *("control_ms_p99", "control_ms_worst"),
-    *("planning_ms_median", "planning_ms_p99", "planning_ms_worst"),
+    *("control_ms_p99", "control_ms_worst", "control_cpu_ms_worst"),
+    *("planning_ms_median", "planning_ms_p99", "planning_ms_worst", "planning_cpu_ms_worst"),
 )
 
 

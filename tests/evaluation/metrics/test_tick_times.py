@@ -41,6 +41,14 @@ def test_every_command_and_every_plan_is_timed():
     assert found["planning_ms_median"] <= found["planning_ms_p99"] <= found["planning_ms_worst"]
 
 
+def test_a_tick_that_waits_takes_no_processor_time():
+    controller = Slow(Reachability(), mode="paper")
+    times = TickTimes(controller)
+    controller.update(None, None)
+    found = times.metrics()
+    assert found["planning_cpu_ms_worst"] < 15.0 < 30.0 <= found["planning_ms_worst"]
+
+
 def test_another_controller_is_left_alone():
     watched, other = Slow(Reachability(), mode="paper"), Slow(Reachability(), mode="paper")
     times = TickTimes(watched)

@@ -171,6 +171,7 @@ def _take(points, m, low, size, i, j, k, taken, squares):
         taken[i, j, k] = m
 
 
+@lru_cache(maxsize=2)  # made once per scene, by who sees it; the controllers look it up
 def obstacle_grid(
     scene: SceneField, *, voxel_size: float = 0.025, max_distance: float = 0.4
 ) -> ObstacleGrid:

@@ -77,6 +77,10 @@ class GraspChoice(Frozen):
     count: int = 0
     cost: float = np.inf
 
+    def __post_init__(self) -> None:
+        """Freezes the grasp."""
+        self._freeze(X_OG=np.array(self.X_OG))
+
     def __bool__(self) -> bool:
         """Whether there is a choice."""
         return self.branch >= 0
@@ -110,8 +114,8 @@ def choose_grasp(
         return GraspChoice(count=choice.count)
     X_FG, X_GF = reachability.gripper.X_FG, np.linalg.inv(reachability.gripper.X_FG)
     times, prices, search = options.prices.instants, options.prices.record, reachability.search
-    poses = np.ascontiguousarray(X_WO, dtype=float)
-    grasps = np.ascontiguousarray(X_OG, dtype=float)
+    # Copies, so that no kernel is compiled twice, for arrays that may and may not be written.
+    poses, grasps = np.array(X_WO, dtype=float), np.array(X_OG, dtype=float)
     strands = strands_kernel(q, poses, times, grasps, X_GF, search, prices)
     ways = Plan(strands, poses, times, grasps, X_FG, options.funnel.parameters, search, prices)
     nobody, present = (-1, -1), _present(choice, grasps)
