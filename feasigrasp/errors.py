@@ -39,3 +39,7 @@ class OutputError(FeasigraspError, OSError):
 
 class ControlError(FeasigraspError, ValueError):
     """Options of a controller that contradict each other or the arm."""
+
+
+class HardwareError(FeasigraspError, RuntimeError):
+    """A driver that is silent or has stopped, or a message bus that cannot be opened."""

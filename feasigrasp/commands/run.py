@@ -17,6 +17,7 @@ import yaml
 
 from feasigrasp.errors import FeasigraspError, OutputError
 from feasigrasp.evaluation.runs.console import StatusLine, summary
+from feasigrasp.evaluation.runs.hardware.control import run_hardware
 from feasigrasp.evaluation.runs.run import INTERRUPTED, run
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.outputs import check_outputs, replacing, write_text
@@ -28,6 +29,7 @@ from feasigrasp.scenario.files import load_scenario, only_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.hardware.channels import LCM_URL
 
 #: What runs if nothing else is asked for.
 DEFAULT_SCENARIO = "ReachCircular"
@@ -36,6 +38,12 @@ _OF_SCENARIO = "(default: the scenario's)"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
+    add_scenario_name(parser)
+    add_options(parser)
+
+
+def add_scenario_name(parser: argparse.ArgumentParser) -> None:
+    """Adds the name of the scenario."""
     parser.add_argument(
         "scenario_name",
         nargs="?",
@@ -43,11 +51,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"its name, see 'feasigrasp scenarios' (default: {DEFAULT_SCENARIO}, or the only one "
         "of --scenario_file)",
     )
-    add_options(parser)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds all arguments but the name of the scenario."""
+    add_scenario_options(parser)
+    parser.add_argument("--replay", type=Path, metavar="FILE.html", help="write a replay here")
+    parser.add_argument("--results", type=Path, metavar="FILE.json", help="write the record here")
+    parser.add_argument("--graphviz", type=Path, metavar="FILE", help="draw the diagram and stop")
+    parser.add_argument(
+        "--hardware",
+        action="store_true",
+        help="command an arm by its driver's messages, see docs/hardware.md; what there is to "
+        "grasp, and how it moves, is then not the scenario's to say",
+    )
+    add_lcm_option(parser)
+
+
+def add_lcm_option(parser: argparse.ArgumentParser) -> None:
+    """Adds the option that says where messages go."""
+    parser.add_argument(
+        "--lcm-url", default=LCM_URL, metavar="URL", help="where the drivers' messages are"
+    )
+
+
+def add_scenario_options(parser: argparse.ArgumentParser) -> None:
+    """Adds those that choose a scenario, and change it."""
     parser.add_argument(
         "--scenario_file", type=Path, help="a file of scenarios (default: the packaged ones)"
     )
@@ -58,9 +87,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--object", help=f"a built-in object, or a mesh file {_OF_SCENARIO}")
     parser.add_argument("--seed", type=int, help=f"of all that is random {_OF_SCENARIO}")
     parser.add_argument("--duration", type=float, help=f"simulated seconds at most {_OF_SCENARIO}")
-    parser.add_argument("--replay", type=Path, metavar="FILE.html", help="write a replay here")
-    parser.add_argument("--results", type=Path, metavar="FILE.json", help="write the record here")
-    parser.add_argument("--graphviz", type=Path, metavar="FILE", help="draw the diagram and stop")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -72,15 +98,23 @@ def main(args: argparse.Namespace) -> int:
     if args.graphviz is not None:
         draw_diagram(scenario, args.graphviz)
         return 0
+    if args.hardware and args.replay is not None:
+        raise FeasigraspError(
+            "--replay shows what was simulated; with --hardware leave it out, or give it to "
+            "'feasigrasp run' without"
+        )
     line = StatusLine()
+    kept = partial(keep, results=args.results, line=line)
     try:
-        kept = partial(keep, results=args.results, line=line)
-        result = run(scenario, name, replay=args.replay, keep=kept, line=line)
+        if args.hardware:
+            record = run_hardware(scenario, name, lcm_url=args.lcm_url, keep=kept, line=line)
+        else:
+            record = run(scenario, name, replay=args.replay, keep=kept, line=line).record
     finally:
         line.clear()
     for filename in filter(None, (args.results, args.replay)):
         print(f"wrote {filename}")
-    return {None: 0, INTERRUPTED: STATUS}.get(result.record["error"], 1)
+    return {None: 0, INTERRUPTED: STATUS}.get(record["error"], 1)
 
 
 def load(args: argparse.Namespace) -> tuple[str, Scenario]:

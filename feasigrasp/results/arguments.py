@@ -48,6 +48,14 @@ def positive(text: str) -> int:
     return number
 
 
+def factor(text: str) -> float:
+    """Reads a number above zero from the command line."""
+    number = float(text)
+    if not 0.0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not above zero")
+    return number
+
+
 def names(text: str) -> list[str]:
     """Reads names that are separated by commas from the command line."""
     found = [part.strip() for part in text.split(",") if part.strip()]

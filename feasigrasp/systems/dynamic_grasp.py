@@ -31,6 +31,7 @@ from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
+from feasigrasp.systems.pose_at import PoseAt
 from feasigrasp.systems.scene_filter import SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station.cell_check import check_cell
@@ -49,6 +50,10 @@ class _Cell:
     scenario: Scenario
     gripper: ParallelGripper
     station: Station
+
+    def port(self, name: str) -> OutputPort | None:
+        """The station's output of that name, if it has one."""
+        return self.station.GetOutputPort(name) if self.station.HasOutputPort(name) else None
 
     @property
     def faults(self) -> FaultInjection:
@@ -89,6 +94,7 @@ def make_dynamic_grasp(
     *,
     sampler: GraspSamplerFn | None = None,
     controller: LeafSystem | None = None,
+    station: Diagram | None = None,
 ) -> Diagram:
     """Builds station, perception, grasp sampling, reachability, control and metrics.
 
@@ -117,9 +123,14 @@ def make_dynamic_grasp(
         controller: A system with the ports of `GraspController`, of the optional ones as many as
             it likes; the scenario's unless given. What else it has is connected where tracker,
             sequencer or drive have an output of that name.
+        station: A cell with the ports of `Station`; the scenario's, simulated, unless given. One
+            that is not simulated, such as `HardwareStation`, has no ports of truth: then nothing
+            that measures it is built.
     """
     builder = DiagramBuilder()
-    add_dynamic_grasp(builder, scenario, meshcat, sampler=sampler, controller=controller)
+    add_dynamic_grasp(
+        builder, scenario, meshcat, sampler=sampler, controller=controller, station=station
+    )
     diagram = builder.Build()
     diagram.set_name("dynamic_grasp")
     return diagram
@@ -132,6 +143,7 @@ def add_dynamic_grasp(
     *,
     sampler: GraspSamplerFn | None = None,
     controller: LeafSystem | None = None,
+    station: Diagram | None = None,
 ) -> None:
     """Adds what `make_dynamic_grasp` is made of to a builder; the arguments are the same.
 
@@ -147,14 +159,17 @@ def add_dynamic_grasp(
     """
     gripper, scenario = ParallelGripper(), resolve(scenario)
     reachability = Reachability(gripper)
-    station = builder.AddNamedSystem("station", make_station(scenario))
+    station = builder.AddNamedSystem("station", station or make_station(scenario))
     check_cell(station.plant, gripper)
     cell = _Cell(builder, scenario, gripper, station)
     measured = cell.faults.pose(station.GetOutputPort("object.pose"))
-    cell.add("tracker", ObjectTracker(scenario.tracker), pose=measured)
+    stamp = cell.port("object.stamp")
+    cell.add("tracker", ObjectTracker(scenario.tracker), pose=measured, **_given(stamp=stamp))
     gpdf = _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))
     _add_control(cell, reachability, controller or make_controller(scenario, reachability), gpdf)
-    _add_measurement(cell)
+    _add_status(cell)
+    if isinstance(station, Station):
+        _add_measurement(cell)
     if meshcat is not None:
         _add_visualization(cell, meshcat)
 
@@ -166,7 +181,7 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
         station.GetOutputPort(f"{config.camera}.{name}")
         for name in ("point_cloud", "label_image", "pose")
     )
-    label = int(station.object_body.index())
+    label = station.object_label
     cloud, labels = cell.faults.images(cloud, labels, camera_pose, label)
     images = {"point_cloud": cloud, "label_image": labels}
     segmentation = cell.add("segmentation", SegmentPointCloud(label), **images)
@@ -178,7 +193,8 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
         voxel_size=config.voxel_size,
         max_views=config.views,
     )
-    cell.add("perception", field, segmentation, cell["tracker"], camera_pose=camera_pose)
+    seen_pose = _pose_at_view(cell)
+    cell.add("perception", field, segmentation, camera_pose=camera_pose, object_pose=seen_pose)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
     sampling = GraspSampler(sampler, cell.gripper, mass=cell.scenario.object.mass)
     grasps = cell.add("sampler", sampling, gpdf=gpdf)
@@ -192,6 +208,21 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
         )
         cell.add("scene_perception", scene, camera_pose=camera_pose, **images)
     return gpdf
+
+
+def _pose_at_view(cell: _Cell) -> OutputPort:
+    """The object's pose when the image was taken, which is now where images have no stamp."""
+    pose = cell["tracker"].GetOutputPort("object_pose")
+    stamp = cell.port(f"{cell.scenario.perception.camera}.stamp")
+    if stamp is None:
+        return pose
+    seen = PoseAt(cell.scenario.control.period)
+    return cell.add("pose_at_view", seen, pose=pose, stamp=stamp).get_output_port()
+
+
+def _given(**ports: OutputPort | None) -> dict[str, OutputPort]:
+    """Those of the ports that there are."""
+    return {name: port for name, port in ports.items() if port is not None}
 
 
 def _clear_of_scene(cell: _Cell, name: str, grasps: OutputPort, **options: bool) -> OutputPort:
@@ -242,7 +273,20 @@ def _add_control(
         ("gripper.position", sequencer.GetOutputPort("gripper_position")),
         ("object.hold", sequencer.GetOutputPort("object_hold")),
     ):
-        cell.builder.Connect(port, station.GetInputPort(name))
+        if station.HasInputPort(name):
+            cell.builder.Connect(port, station.GetInputPort(name))
+
+
+def _add_status(cell: _Cell) -> None:
+    cell.add(
+        "status",
+        StatusMonitor(cell.gripper),
+        *(cell[name] for name in ("tracker", "perception", "drive", "sequencer")),
+        position=cell.station.GetOutputPort("iiwa.position_measured"),
+        grasps=cell["latency"].get_output_port(),
+        verdicts=cell["reachability"].GetOutputPort("verdicts"),
+        reachable=cell["sequencer"].GetOutputPort("grasps"),
+    )
 
 
 def _add_measurement(cell: _Cell) -> None:
@@ -261,15 +305,6 @@ def _add_measurement(cell: _Cell) -> None:
         seen_at=_as_late_as_the_grasps(cell, cell["perception"].GetOutputPort("seen_at")),
     )
     cell.add("obstacle_distance", distance, station)
-    cell.add(
-        "status",
-        StatusMonitor(cell.gripper),
-        *(cell[name] for name in ("tracker", "perception", "drive", "sequencer")),
-        position=station.GetOutputPort("iiwa.position_measured"),
-        grasps=cell["latency"].get_output_port(),
-        verdicts=cell["reachability"].GetOutputPort("verdicts"),
-        reachable=cell["sequencer"].GetOutputPort("grasps"),
-    )
     contact = ObjectContact(station.plant, station.object_body.index(), station.robot_instances())
     cell.add("contact", contact, station, cell["sequencer"])
     for name, port, period in (

@@ -37,26 +37,29 @@ def make_station(scenario: Scenario) -> Station:
         ScenarioError: Drake cannot build it, e.g. a camera stands on a frame that there is not.
         MeshError: The object cannot be simulated.
     """
-    safe = scenario.control.safe
     try:
         return Station(
-            StationConfig(
-                plant=scenario.plant_config,
-                directives=scenario.directives,
-                cameras=scenario.cameras,
-                camera_noise=make_camera_noise(scenario),
-                noise_seed=scenario.random_seed,
-                q_start=np.deg2rad(scenario.q_start),
-                friction=scenario.object.friction,
-                enforce_constraints=safe,
-                touch_object=safe or scenario.grasp.close,
-                pulls=[fault for fault in scenario.faults if isinstance(fault, ObjectPulled)],
-            ),
-            load_scenario_object(scenario),
-            make_motion(scenario),
+            station_config(scenario), load_scenario_object(scenario), make_motion(scenario)
         )
     except RuntimeError as error:
         raise ScenarioError(f"Drake cannot build the cell: {error}") from error
+
+
+def station_config(scenario: Scenario) -> StationConfig:
+    """What stands in the cell of a scenario."""
+    safe = scenario.control.safe
+    return StationConfig(
+        plant=scenario.plant_config,
+        directives=scenario.directives,
+        cameras=scenario.cameras,
+        camera_noise=make_camera_noise(scenario),
+        noise_seed=scenario.random_seed,
+        q_start=np.deg2rad(scenario.q_start),
+        friction=scenario.object.friction,
+        enforce_constraints=safe,
+        touch_object=safe or scenario.grasp.close,
+        pulls=[fault for fault in scenario.faults if isinstance(fault, ObjectPulled)],
+    )
 
 
 def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> GraspSamplerFn:

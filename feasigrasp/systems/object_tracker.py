@@ -32,6 +32,7 @@ class ObjectTracker(LeafSystem):
         name: ObjectTracker
         input_ports:
         - pose
+        - stamp
         output_ports:
         - object_pose
         - object_velocity
@@ -45,18 +46,21 @@ class ObjectTracker(LeafSystem):
     has arrived, pose and twist are NaN, which is how every system of the pipeline is told that they
     are unknown; the first one is made when the simulation is initialised. When none has come for
     ``silence`` seconds, the pose is held where it was expected by then, and nothing is predicted.
+
+    ``stamp`` is V1 and optional: if it is connected, ``pose`` is a measurement already, as noisy
+    and as late as it is, and ``stamp`` says when it was made [s]; NaN before the first.
     """
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
         """A tracker as ``config`` describes it."""
         super().__init__()
         self._config = config = config or TrackerConfig()
-        self._imperfect = max(config.position_noise, config.rotation_noise, config.dropout) > 0.0
         self._noise = Noise(
             config.position_noise, config.rotation_noise, config.jerk, config.angular_jerk
         )
         self._delay = round(config.latency / config.period)
         self._pose = declare_input(self, "pose", RigidTransform())
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
         # A discrete state (an abstract one would make every measurement an unrestricted update,
         # which invalidates the caches of the whole diagram): when it measured last, the filter,
         # then the measurements that are on their way, newest first, one row of time and pose each;
@@ -85,16 +89,14 @@ class ObjectTracker(LeafSystem):
         if time == state[0]:
             return EventStatus.DidNothing()
         X_WO = self._pose.Eval(context).GetAsMatrix4()
-        lost = False
-        if self._imperfect:
-            rng = np.random.default_rng([config.seed, round(time / config.period)])
-            lost = rng.random() < config.dropout
-            noise = rng.standard_normal(6)
-            X_WO[:3, :3] = se3.so3_exp(config.rotation_noise * noise[:3]) @ X_WO[:3, :3]
-            X_WO[:3, 3] += config.position_noise * noise[3:]
-        row = np.concatenate([[np.nan if lost else time], X_WO[:3].ravel()])
-        rows[:] = np.concatenate([row, rows[:-_ROW]])
-        arrived = rows[-_ROW:]
+        if self._stamp.HasValue(context):
+            arrived = np.concatenate([self._stamp.Eval(context), X_WO[:3].ravel()])
+        else:
+            row, X_WO = np.full(_ROW, np.nan), measured_pose(X_WO, time, config)
+            if X_WO is not None:
+                row[0], row[1:] = time, X_WO[:3].ravel()
+            rows[:] = np.concatenate([row, rows[:-_ROW]])
+            arrived = rows[-_ROW:]
         if np.isfinite(arrived[0]):
             measured = np.eye(4)
             measured[:3] = arrived[1:].reshape(3, 4)
@@ -136,6 +138,25 @@ class ObjectTracker(LeafSystem):
     def _filtered(self, context: Context) -> Array:
         """The state of the filter."""
         return context.get_discrete_state_vector().value()[1 : 1 + STATE_SIZE]
+
+
+def measured_pose(X_WO: Array, time: float, config: TrackerConfig) -> Array | None:
+    """What a motion-capture system measures at a time [s]; None where it loses a measurement.
+
+    Args:
+        X_WO: The true pose, shape (4, 4).
+        time: When; the errors depend on it and on the seed only.
+        config: What the system is like.
+    """
+    if max(config.position_noise, config.rotation_noise, config.dropout) == 0.0:
+        return X_WO
+    rng = np.random.default_rng([config.seed, round(time / config.period)])
+    lost = rng.random() < config.dropout
+    noise = rng.standard_normal(6)
+    X = X_WO.copy()
+    X[:3, :3] = se3.so3_exp(config.rotation_noise * noise[:3]) @ X[:3, :3]
+    X[:3, 3] += config.position_noise * noise[3:]
+    return None if lost else X
 
 
 def _compile(noise: Noise) -> None:

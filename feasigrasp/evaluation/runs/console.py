@@ -130,6 +130,9 @@ def progress(simulated: float, wall: float, history: Sequence[Status]) -> str:
 
 def verdict(record: Mapping[str, Any]) -> str:
     """Whether the object was held, and if not, why not."""
+    if record.get("on_hardware"):
+        last = "".join(_status(code, detail) for _, code, detail in record["status"][-1:])
+        return f"broke off ({record['error']})" if record["error"] else f"ended: {last}"
     metrics = record["metrics"]
     held = metrics["grasp_held"]
     if held:

@@ -27,6 +27,7 @@ from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.scenario.files import dump_scenario
@@ -108,7 +109,7 @@ def run(
 
     say("measuring what happened")
     context = simulator.get_context()
-    times, samples, metrics = _measured(diagram, context, scenario, broke_off=error is not None)
+    times, samples, metrics = measured(diagram, context, scenario, broke_off=error is not None)
     metrics |= tick_times.metrics()
     simulated = context.get_time()
     timings = {
@@ -117,7 +118,7 @@ def run(
         "simulated_s": simulated,
         "real_time_factor": simulated / (ended - started),
     }
-    history = _history(diagram, context)
+    history = status_history(diagram, context)
     status = [[s.time, str(s.code), s.detail] for s in history]
     record |= {"timings": timings, "metrics": metrics, "error": error, "status": status}
     keep(record)
@@ -150,17 +151,31 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
     }
 
 
-def _history(diagram: Diagram, context: Context) -> tuple[Status, ...]:
+def status_history(diagram: Diagram, context: Context) -> tuple[Status, ...]:
     """What the status monitor said."""
     monitor = diagram.GetSubsystemByName("status")
     history: tuple[Status, ...] = monitor.history(monitor.GetMyContextFromRoot(context))
     return history
 
 
-def _measured(
-    diagram: Diagram, context: Context, scenario: Scenario, *, broke_off: bool
+def measured(
+    diagram: Diagram,
+    context: Context,
+    scenario: Scenario,
+    *,
+    broke_off: bool,
+    sent: Array | None = None,
 ) -> tuple[Array, Array, dict[str, Any]]:
-    """Times and samples of the metrics' log, and the metrics of all that was measured."""
+    """Times and samples of the metrics' log, and the metrics of all that was measured.
+
+    Args:
+        diagram: A simulated cell with the judging systems and logs of `make_dynamic_grasp`.
+        context: Its context, at the end.
+        scenario: What ran.
+        broke_off: Whether the simulation failed.
+        sent: Positions that the arm was sent at every tick [rad], shape (m, 7); those of
+            ``log(drive)`` unless given.
+    """
     station = diagram.GetSubsystemByName("station")
 
     def log(name: str) -> tuple[Array, Array]:
@@ -172,7 +187,9 @@ def _measured(
         return found.GetOutputPort(port).Eval(found.GetMyContextFromRoot(context))
 
     times, samples = log("metrics")
-    (sent, _), (q, v) = (np.split(log(name)[1].T, 2, axis=1) for name in ("drive", "arm"))
+    q, v = np.split(log("arm")[1].T, 2, axis=1)
+    if sent is None:
+        sent = log("drive")[1].T[:, : IIWA_7.joints]
     motion = make_motion(scenario)
     contact = diagram.GetSubsystemByName("contact")
     metrics = summarize(
@@ -196,7 +213,8 @@ def _measured(
         tick = np.minimum(np.rint(at / scenario.control.period).astype(int), len(q) - 1)
         metrics |= torque_metrics(twin, q[tick], torques.T)
     metrics["friction"] = station.contact_friction()
-    metrics["view_faults"] = float(output("perception", "view_faults")[0])
+    if diagram.HasSubsystemNamed("perception"):
+        metrics["view_faults"] = float(output("perception", "view_faults")[0])
     return times, samples, metrics
 
 

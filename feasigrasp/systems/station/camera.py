@@ -41,7 +41,7 @@ def export_camera(
         config, builder, plant=plant, scene_graph=scene_graph, lcm=DrakeLcm("memq://null")
     )
     sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
-    depth, info = sensor.depth_image_32F_output_port(), _pixel_centred(config)
+    depth, info = sensor.depth_image_32F_output_port(), pixel_centred_intrinsics(config)
     if noise is not None:
         errors = NoisyDepth(noise, info, seed, near=config.z_near, far=config.z_far)
         noisy = builder.AddNamedSystem(f"{name}_noise", errors)
@@ -59,7 +59,7 @@ def export_camera(
     builder.ExportOutput(sensor.body_pose_in_world_output_port(), f"{name}.pose")
 
 
-def _pixel_centred(config: CameraConfig) -> CameraInfo:
+def pixel_centred_intrinsics(config: CameraConfig) -> CameraInfo:
     """The depth camera's intrinsics for whole-numbered pixels (u, v).
 
     Pixel (u, v) is rendered at its middle, (u + 1/2, v + 1/2), but turned into a point as if at

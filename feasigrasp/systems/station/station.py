@@ -106,6 +106,7 @@ class Station(Diagram):
         - iiwa.position_measured
         - iiwa.state_estimated
         - iiwa.torque_measured
+        - iiwa.torque_external
         - gripper.state_measured
         - object.pose
         - object.velocity
@@ -118,7 +119,8 @@ class Station(Diagram):
         - query_object
 
     ``iiwa.desired_state`` and ``iiwa.state_estimated`` are V14 (positions [rad], velocities
-    [rad/s]), ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm];
+    [rad/s]), ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm], and
+    ``iiwa.torque_external`` V7, what contact does to the joints, which the real arm estimates [Nm];
     ``gripper.position`` is the distance between the pads [m] and
     ``gripper.state_measured`` that distance and its rate; ``object.hold`` is 1 while the object is
     carried along its motion and 0 once it is let go. Point clouds are in the world frame.
@@ -149,6 +151,11 @@ class Station(Diagram):
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)
 
+    @property
+    def object_label(self) -> int:
+        """Label that the object has in label images."""
+        return int(self.object_body.index())
+
     def robot_and_object_labels(self) -> list[int]:
         """Labels that arm, gripper, camera and object have in label images."""
         instances = [self.object_instance, *self.robot_instances()]
@@ -165,7 +172,7 @@ class Station(Diagram):
     def _add_models(
         self, plant: MultibodyPlant, config: StationConfig, obj: RigidObject
     ) -> ModelInstanceIndex:
-        _add_cell(plant, config)
+        add_cell(plant, config)
         return add_object(plant, obj, directory=self._files.name, friction=config.friction)
 
     def _let_robot_pass(self, config: StationConfig) -> None:
@@ -194,6 +201,8 @@ class Station(Diagram):
         builder.ExportOutput(position.get_output_port(0), "iiwa.position_measured")
         builder.ExportOutput(state, "iiwa.state_estimated")
         builder.ExportOutput(plant.get_net_actuation_output_port(iiwa), "iiwa.torque_measured")
+        contact = plant.get_generalized_contact_forces_output_port(iiwa)
+        builder.ExportOutput(contact, "iiwa.torque_external")
 
     def _export_gripper(self, builder: DiagramBuilder) -> None:
         plant, gripper = self.plant, self._gripper
@@ -256,7 +265,12 @@ class Station(Diagram):
             export_camera(builder, camera, twin, scene_graph, noise=noise, seed=seed)
 
 
-def _add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
+def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
+    """Adds the arm, what it carries, and what stands around it to a plant.
+
+    Raises:
+        ScenarioError: Drake cannot load the directives.
+    """
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(model_path("package.xml")))
     try:

@@ -104,6 +104,7 @@ def test_ports_are_those_of_the_docstring(seeing, ports, documented_ports):
         "iiwa.position_measured": 7,
         "iiwa.state_estimated": 14,
         "iiwa.torque_measured": 7,
+        "iiwa.torque_external": 7,
         "gripper.state_measured": 2,
     }
 

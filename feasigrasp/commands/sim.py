@@ -1,0 +1,59 @@
+"""``feasigrasp sim``: simulate a cell that knows only its drivers' messages, and judge a run there.
+
+The other process is ``feasigrasp run SCENARIO --hardware``. See ``docs/hardware.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from feasigrasp.commands.run import (
+    add_lcm_option,
+    add_scenario_name,
+    add_scenario_options,
+    keep,
+    load,
+)
+from feasigrasp.evaluation.runs.console import StatusLine
+from feasigrasp.evaluation.runs.hardware.cell import simulate_cell
+from feasigrasp.evaluation.runs.run import INTERRUPTED
+from feasigrasp.outputs import check_outputs
+from feasigrasp.results.arguments import factor, print_notes
+from feasigrasp.results.interrupts import STATUS
+from feasigrasp.scenario.sampling import load_scenario_object
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_scenario_name(parser)
+    add_scenario_options(parser)
+    parser.add_argument("--results", type=Path, metavar="FILE.json", help="write the record here")
+    parser.add_argument(
+        "--rate",
+        type=factor,
+        default=1.0,
+        help="simulated seconds per second at most; less gives a slow computer time to control",
+    )
+    add_lcm_option(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    check_outputs({"--results": args.results})
+    name, scenario = load(args)
+    print_notes(load_scenario_object(scenario))
+    line = StatusLine()
+    try:
+        record = simulate_cell(
+            scenario,
+            name,
+            lcm_url=args.lcm_url,
+            rate=args.rate,
+            keep=partial(keep, results=args.results, line=line),
+            line=line,
+        )
+    finally:
+        line.clear()
+    return {None: 0, INTERRUPTED: STATUS}.get(record["error"], 1)

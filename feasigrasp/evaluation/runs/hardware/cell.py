@@ -1,0 +1,208 @@
+"""Runs the simulated cell behind its drivers' messages, and judges what a controller did there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, EventStatus
+from threadpoolctl import threadpool_limits
+
+from feasigrasp.evaluation.metrics.motion_limits import JointTicks, limit_metrics
+from feasigrasp.evaluation.runs.console import StatusLine
+from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
+from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, measured
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.status import STILL
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.results.interrupts import postponed_interrupt
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
+from feasigrasp.systems.metrics import SAMPLE_PERIOD
+
+#: A controller that has said nothing for so long is gone, and the run over [s].
+GONE_AFTER = 2.0
+
+
+def simulate_cell(
+    scenario: Scenario,
+    name: str,
+    *,
+    lcm_url: str = channels.LCM_URL,
+    rate: float = 1.0,
+    keep: Callable[[dict[str, Any]], None] = lambda record: None,
+    line: StatusLine | None = None,
+) -> dict[str, Any]:
+    """Simulates a cell until the grasp is over, or the controller gone, and judges it.
+
+    The scenario's duration counts from the first command.
+
+    Args:
+        scenario: The cell, its object and motion.
+        name: The scenario's name, for the record.
+        lcm_url: Where the messages go.
+        rate: How fast simulated time goes at most, against the clock on the wall; no period of
+            the driver is shorter than that.
+        keep: Gets the record.
+        line: Where to say how far the run is.
+
+    Returns:
+        The record of a run; what the controller knew (grasps, status) is not in it, and what was
+        heard of the controller is under ``hardware``.
+    """
+    record = crash_record(scenario, name, "")
+    error = None
+    with threadpool_limits(1), postponed_interrupt() as interrupted:
+        built = time.perf_counter()
+        lcm = channels.open_lcm(lcm_url)
+        diagram = make_simulated_cell(scenario, lcm)
+        simulator = Simulator(diagram)
+        ApplySimulatorConfig(scenario.simulator_config, simulator)
+        heard = HeardCommands(lcm, simulator.get_context().get_time)
+        monitor = _Monitor(diagram, scenario, heard, interrupted.is_set, line, rate)
+        simulator.set_monitor(monitor)
+        started = time.perf_counter()
+        try:
+            simulator.Initialize()
+            simulator.AdvanceTo(np.inf)
+        except RuntimeError as failure:
+            error = str(failure)
+    if error is None:
+        error = monitor.error
+    ended = time.perf_counter()
+    context = simulator.get_context()
+    metrics, said = _judged(diagram, context, scenario, heard, broke_off=error is not None)
+    simulated = context.get_time()
+    timings = {
+        "build_s": started - built,
+        "wall_s": ended - started,
+        "simulated_s": simulated,
+        "real_time_factor": simulated / (ended - started),
+    }
+    record |= {"timings": timings, "metrics": metrics, "error": error, "hardware": said}
+    keep(record)
+    return record
+
+
+def _judged(
+    diagram: Diagram,
+    context: Context,
+    scenario: Scenario,
+    heard: HeardCommands,
+    *,
+    broke_off: bool,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The metrics of a run, and what was heard of the controller."""
+    log = diagram.GetSubsystemByName("log(arm)").FindLog(context)
+    times, (q, v) = log.sample_times(), np.split(log.data().T, 2, axis=1)
+    _, _, metrics = measured(diagram, context, scenario, broke_off=broke_off, sent=q)
+    sent = heard.positions(q[0])
+    commands = limit_metrics(JointTicks(sent, sent, np.zeros_like(sent), channels.IIWA_PERIOD))
+    for key in ("acceleration_limit_violation_percent", "acceleration_peak_percent"):
+        metrics[key] = commands[key]
+    worse = "velocity_limit_violation_percent"
+    true = 100.0 * float(np.mean(np.any(np.abs(v) > IIWA_7.velocity_limits, axis=1)))
+    metrics[worse] = max(true, commands[worse] or 0.0)
+    beyond = np.abs(sent) > IIWA_7.driver.position
+    driver = diagram.GetSubsystemByName("driver")
+    stopped = driver.GetOutputPort("stopped").Eval(driver.GetMyContextFromRoot(context))
+    gaps = 1e3 * heard.gaps()
+    said = {
+        "first_command_s": heard.first,
+        "commands": len(sent) - 1,
+        "commands_missing": heard.missing,
+        "commands_unusable": heard.unusable,
+        "commands_clamped": int(beyond.any(axis=1).sum()),
+        "driver_stopped_by_joint": int(stopped[0]),
+        "requests": len(heard.requests),
+        "request_gap_ms_max": float(gaps.max()) if len(gaps) else None,
+        "request_gap_ms_p99": float(np.percentile(gaps, 99)) if len(gaps) else None,
+        "last_request_s": heard.requests[-1] if heard.requests else None,
+        "rest_s": _rest(times, v, heard.requests),
+    }
+    return metrics, said
+
+
+def _rest(times: Array, v: Array, requests: list[float]) -> float | None:
+    """How long after the last request the arm came to rest and stayed so [s]; None if it did not.
+
+    0 for an arm that stood still by then.
+    """
+    if not requests:
+        return None
+    moving = np.any(np.abs(v) > STILL, axis=1)
+    if moving[-1]:
+        return None
+    last = times[np.flatnonzero(moving)[-1]] if moving.any() else 0.0
+    return max(0.0, float(last - requests[-1]))
+
+
+class _Monitor:
+    """Ends the run: the grasp is over, the time is up, the controller gone, or Ctrl-C.
+
+    Attributes:
+        error: What was wrong; None where the run came to its end.
+    """
+
+    def __init__(
+        self,
+        diagram: Diagram,
+        scenario: Scenario,
+        heard: HeardCommands,
+        interrupted: Callable[[], bool],
+        line: StatusLine | None,
+        rate: float,
+    ) -> None:
+        self.error: str | None = None
+        self._tick = channels.IIWA_PERIOD / rate
+        self._ticks, self._ticked_at = 0, 0.0
+        self._scenario, self._heard = scenario, heard
+        self._interrupted, self._line = interrupted, line
+        self._handover = diagram.GetSubsystemByName("handover")
+        self._next, self._done_at = 0.0, np.inf
+
+    def __call__(self, context: Context) -> EventStatus:
+        now = context.get_time()
+        self._pace(now)
+        if self._interrupted():
+            return self._end(INTERRUPTED)
+        if now < self._next:
+            return EventStatus.DidNothing()
+        self._next = now + 0.5 * SAMPLE_PERIOD
+        if self._line is not None:
+            waits = "waiting for a controller" if self._heard.first is None else "controlled"
+            self._line.show(f"simulating {now:6.1f} s  {waits}", patient=True)
+        if self._heard.first is None:
+            return EventStatus.DidNothing()
+        phase = self._handover.GetOutputPort("phase").Eval(
+            self._handover.GetMyContextFromRoot(context)
+        )[0]
+        if phase == Phase.DONE:
+            self._done_at = min(self._done_at, now)
+        if now >= self._done_at + SAMPLE_PERIOD:
+            return self._end(None)
+        if now - self._heard.first >= self._scenario.simulation_duration:
+            return self._end(None)
+        if self._heard.requests and now - self._heard.requests[-1] >= GONE_AFTER:
+            return self._end("the controller is gone: it asks for nothing any more")
+        return EventStatus.DidNothing()
+
+    def _pace(self, now: float) -> None:
+        """Lets every period of the driver last as long as it should.
+
+        One that took longer is not made up for by shorter ones, as Drake's own rate would: a
+        driver's messages do not come in bursts.
+        """
+        ticks = int(now / channels.IIWA_PERIOD + 1e-6)
+        if ticks > self._ticks:
+            time.sleep(max(0.0, self._ticked_at + self._tick - time.monotonic()))
+            self._ticks, self._ticked_at = ticks, time.monotonic()
+
+    def _end(self, error: str | None) -> EventStatus:
+        self.error = error
+        return EventStatus.ReachedTermination(self._handover, error or "the run is over")

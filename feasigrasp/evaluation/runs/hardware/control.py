@@ -1,0 +1,106 @@
+"""Runs a scenario's pipeline on the drivers of a cell, real or simulated."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import time
+from collections.abc import Callable
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from feasigrasp.errors import HardwareError
+from feasigrasp.evaluation.metrics.run_metrics import METRICS
+from feasigrasp.evaluation.runs.console import StatusLine, progress
+from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, status_history
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.results.interrupts import postponed_interrupt
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.hardware import channels, guard
+from feasigrasp.systems.hardware.control_loop import ControlLoop
+
+#: How long to wait for the driver's first message, and then for each [s].
+WAIT_FOR_DRIVER, SILENCE = 60.0, 5.0
+
+
+def run_hardware(
+    scenario: Scenario,
+    name: str,
+    *,
+    lcm_url: str = channels.LCM_URL,
+    keep: Callable[[dict[str, Any]], None] = lambda record: None,
+    line: StatusLine | None = None,
+) -> dict[str, Any]:
+    """Grasps on the drivers' messages until the grasp is over or the scenario's time has passed.
+
+    A guard, in a process of its own, commands the arm; when this one asks for nothing any more,
+    for whatever reason, the guard brakes and the arm stays.
+
+    Args:
+        scenario: What to run; object and motion are not looked at.
+        name: Its name, for the record.
+        lcm_url: Where the drivers are.
+        keep: Gets the record.
+        line: Where to say how far the run is.
+
+    Returns:
+        A record whose metrics are None: what happened, only who sees the cell can tell.
+
+    Raises:
+        HardwareError: There is no driver.
+    """
+    say = line.show if line else lambda text: None
+    record = crash_record(scenario, name, "")
+    error = None
+    with threadpool_limits(1), postponed_interrupt() as interrupted:
+        say("building the diagram")
+        built = time.perf_counter()
+        loop = ControlLoop(scenario, channels.open_lcm(lcm_url))
+        # What is alive by now stays: not worth traversing again, least of all between two ticks.
+        gc.freeze()
+        watch = multiprocessing.get_context("spawn").Process(
+            target=guard.main, args=(lcm_url, scenario.control.period)
+        )
+        watch.start()
+        started = time.perf_counter()
+        try:
+            say("waiting for the arm's driver")
+            loop.step(WAIT_FOR_DRIVER)
+            while not interrupted.is_set() and not _is_over(loop, scenario):
+                loop.step(SILENCE)
+                if line is not None and loop.started:
+                    _show(loop, started, line)
+        except HardwareError as failure:
+            error = str(failure)
+        finally:
+            watch.terminate()  # which ends it when the arm rests
+            watch.join()
+    if interrupted.is_set():
+        error = INTERRUPTED
+    context = loop.simulator.get_context()
+    record["timings"] |= {
+        "build_s": started - built,
+        "wall_s": time.perf_counter() - started,
+        "simulated_s": context.get_time(),
+    }
+    history = status_history(loop.diagram, context)
+    status = [[s.time, str(s.code), s.detail] for s in history]
+    record |= {"error": error, "status": status, "metrics": dict.fromkeys(METRICS)}
+    record |= {"on_hardware": {"messages_dropped": dict(loop.intake.dropped)}}
+    keep(record)
+    return record
+
+
+def _is_over(loop: ControlLoop, scenario: Scenario) -> bool:
+    """Whether the grasp is over, or the time is up."""
+    context = loop.simulator.get_context()
+    sequencer = loop.diagram.GetSubsystemByName("sequencer")
+    phase = sequencer.state(sequencer.GetMyContextFromRoot(context)).phase
+    return bool(phase == Phase.DONE or context.get_time() >= scenario.simulation_duration)
+
+
+def _show(loop: ControlLoop, started: float, line: StatusLine) -> None:
+    context = loop.simulator.get_context()
+    history = status_history(loop.diagram, context)
+    line.show(progress(context.get_time(), time.perf_counter() - started, history), patient=True)

@@ -1,0 +1,72 @@
+"""What a simulated cell hears of a controller and its guard, as the messages say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from drake import lcmt_iiwa_command
+from pydrake.lcm import DrakeLcm
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.systems.hardware import channels
+
+
+class HeardCommands:
+    """Every command for the arm, and when something was asked of the guard.
+
+    Attributes:
+        first: When the first command came [s]; None before.
+        requests: When each request came [s].
+        unusable: How many commands were none: not seven finite positions.
+    """
+
+    def __init__(self, lcm: DrakeLcm, now: Callable[[], float]) -> None:
+        """Listens on a bus.
+
+        Args:
+            lcm: The bus.
+            now: Tells the simulated time [s].
+        """
+        self.first: float | None = None
+        self.requests: list[float] = []
+        self.unusable = 0
+        self._now = now
+        self._utime: list[int] = []
+        self._q: list[Array] = []
+        self._subscriptions = [
+            lcm.Subscribe(channels.IIWA_COMMAND, self._command),
+            lcm.Subscribe(channels.IIWA_REQUEST, lambda data: self.requests.append(now())),
+        ]
+
+    def _command(self, data: bytes) -> None:
+        if self.first is None:
+            self.first = self._now()
+        command = lcmt_iiwa_command.decode(data)
+        q = np.array(command.joint_position)
+        if q.shape != (IIWA_7.joints,) or not np.isfinite(q).all():
+            self.unusable += 1
+            return
+        self._utime.append(command.utime)
+        self._q.append(q)
+
+    def positions(self, q_start: Array) -> Array:
+        """Where the arm was, then the positions sent, in their order, shape (m + 1, 7) [rad].
+
+        Args:
+            q_start: Where the arm was before the first command [rad], shape (7,).
+        """
+        return np.array([q_start, *self._q])
+
+    @property
+    def missing(self) -> int:
+        """How many periods of the driver went without a command, from the first to the last."""
+        if not self._utime:
+            return 0
+        lasted = 1e-6 * (self._utime[-1] - self._utime[0]) / channels.IIWA_PERIOD
+        return max(0, round(lasted) + 1 - len(set(self._utime)))
+
+    def gaps(self) -> Array:
+        """Times between requests [s], shape (n - 1,)."""
+        return np.diff(self.requests)

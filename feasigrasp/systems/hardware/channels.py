@@ -1,0 +1,64 @@
+"""What goes over the wire: channels, message types and rates.
+
+Those of ``IIWA_*`` are what drake-iiwa-driver reads and writes in position mode, ``SCHUNK_WSG_*``
+drake-schunk-driver's, ``DRAKE_RGBD_CAMERA_IMAGES_*`` what Drake's own camera publishers send. All
+time stamps are microseconds of one clock, that of the computer that the drivers run on.
+"""
+
+from drake import (
+    lcmt_iiwa_status,
+    lcmt_image_array,
+    lcmt_robot_state,
+    lcmt_schunk_wsg_status,
+)
+from pydrake.lcm import DrakeLcm
+
+from feasigrasp.errors import HardwareError
+from feasigrasp.scenario.schema import Scenario
+
+#: Multicast that stays on this computer.
+LCM_URL = "udpm://239.255.76.67:7667?ttl=0"
+
+IIWA_STATUS, IIWA_COMMAND = "IIWA_STATUS", "IIWA_COMMAND"
+#: What the controller asks of the guard, in messages of the kind that the driver reads.
+IIWA_REQUEST = "FEASIGRASP_IIWA_REQUEST"
+WSG_STATUS, WSG_COMMAND = "SCHUNK_WSG_STATUS", "SCHUNK_WSG_COMMAND"
+#: A motion-capture system's measurements: a floating joint's seven positions, `POSE_NAMES`.
+OBJECT_POSE = "FEASIGRASP_OBJECT_POSE"
+
+#: Time between messages of the arm's driver and of the gripper's [s].
+IIWA_PERIOD, WSG_PERIOD = 0.005, 0.05
+#: The order in which a pose is sent, that of Drake's floating joints.
+POSE_NAMES = ["qw", "qx", "qy", "qz", "x", "y", "z"]
+#: Labels of a mask: everything else is 0.
+OBJECT_LABEL, ROBOT_LABEL = 1, 2
+
+
+def image_channel(camera: str) -> str:
+    """The channel of a camera's images: depth in millimetres, and the mask if there is one."""
+    return f"DRAKE_RGBD_CAMERA_IMAGES_{camera}"
+
+
+def inbound(scenario: Scenario) -> dict[str, type]:
+    """What a controller of the scenario listens to: the type of message of every channel."""
+    return {
+        IIWA_STATUS: lcmt_iiwa_status,
+        WSG_STATUS: lcmt_schunk_wsg_status,
+        OBJECT_POSE: lcmt_robot_state,
+        **{image_channel(name): lcmt_image_array for name in scenario.cameras},
+    }
+
+
+def open_lcm(url: str) -> DrakeLcm:
+    """The message bus at a URL.
+
+    Raises:
+        HardwareError: There is none; the message says what to try.
+    """
+    try:
+        return DrakeLcm(url)
+    except RuntimeError as error:
+        raise HardwareError(
+            f"--lcm-url {url}: no message bus can be opened there ({error}); on one computer "
+            f"{LCM_URL} works where multicast on the loopback is on, see 'feasigrasp doctor'"
+        ) from error

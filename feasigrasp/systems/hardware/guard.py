@@ -1,0 +1,90 @@
+"""The process that commands the arm: it outlives the controller, and brakes when that is silent."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import numpy as np
+from drake import lcmt_iiwa_command, lcmt_iiwa_status
+from pydrake.lcm import DrakeLcm
+
+from feasigrasp.models.control.safety.command_guard import CommandGuard
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.systems.hardware import channels
+
+#: A guard ends when nothing has been requested for so long, and its arm rests [s].
+QUIET = 30.0
+
+
+class Guard:
+    """Listens to the arm's driver and to a controller, and commands the arm."""
+
+    def __init__(self, lcm: DrakeLcm, period: float = channels.IIWA_PERIOD) -> None:
+        """A guard on a bus, for a driver with that period [s]."""
+        self._lcm = lcm
+        self._guard = CommandGuard(period)
+        self._guard.command(0.0, np.zeros(IIWA_7.joints))  # compiles
+        self._guard.command(1.0, np.zeros(IIWA_7.joints))
+        self._guard = CommandGuard(period)
+        self._utime = -1
+        self._heard_at = self._answered_at = time.monotonic()
+        self._subscriptions = [
+            lcm.Subscribe(channels.IIWA_REQUEST, self._request),
+            lcm.Subscribe(channels.IIWA_STATUS, self._answer),
+        ]
+
+    def serve(self) -> None:
+        """Works until it is told to end, or nothing has been requested for `QUIET` seconds.
+
+        It never leaves an arm that moves, unless there is no driver to tell any more.
+        """
+        while not self._wanted_to_end() or self._in_charge():
+            self._lcm.HandleSubscriptions(100)
+
+    def end(self, *_: object) -> None:
+        """Ends the service as soon as the arm rests."""
+        self._heard_at = -np.inf
+
+    def _wanted_to_end(self) -> bool:
+        return time.monotonic() - self._heard_at >= QUIET
+
+    def _in_charge(self) -> bool:
+        """Whether the arm moves, and its driver listens."""
+        return self._guard.moving and time.monotonic() - self._answered_at < 1.0
+
+    def _request(self, data: bytes) -> None:
+        try:
+            request = lcmt_iiwa_command.decode(data)
+        except ValueError:  # of another program
+            return
+        if self._guard.request(1e-6 * request.utime, np.array(request.joint_position)):
+            self._heard_at = time.monotonic()
+
+    def _answer(self, data: bytes) -> None:
+        try:
+            status = lcmt_iiwa_status.decode(data)
+        except ValueError:
+            return
+        measured = np.array(status.joint_position_measured)
+        usable = len(measured) == IIWA_7.joints and np.isfinite(measured).all()
+        late = 0 <= self._utime - status.utime < 1e6 * CommandGuard.SILENCE
+        if not usable or status.utime < 0 or late:
+            return
+        self._utime = status.utime
+        q = self._guard.command(1e-6 * status.utime, measured)
+        if q is None:
+            return
+        command = lcmt_iiwa_command()
+        command.utime, command.num_joints = status.utime, IIWA_7.joints
+        command.joint_position = q.tolist()
+        self._lcm.Publish(channels.IIWA_COMMAND, command.encode())
+        self._answered_at = time.monotonic()
+
+
+def main(url: str, period: float) -> None:
+    """A guard as a process of its own; Ctrl-C is for its controller, SIGTERM ends it at rest."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    guard = Guard(channels.open_lcm(url), period)
+    signal.signal(signal.SIGTERM, guard.end)
+    guard.serve()

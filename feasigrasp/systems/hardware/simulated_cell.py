@@ -1,0 +1,181 @@
+"""The other side of the wire: a simulated cell that knows only its drivers' messages."""
+
+from __future__ import annotations
+
+from drake import (
+    lcmt_iiwa_command,
+    lcmt_iiwa_status,
+    lcmt_robot_state,
+    lcmt_schunk_wsg_command,
+    lcmt_schunk_wsg_status,
+)
+from pydrake.common.value import AbstractValue
+from pydrake.lcm import DrakeLcm
+from pydrake.manipulation import (
+    IiwaCommandReceiver,
+    IiwaControlMode,
+    IiwaStatusSender,
+    SchunkWsgCommandReceiver,
+    SchunkWsgStatusSender,
+)
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
+from pydrake.systems.primitives import (
+    ConstantValueSource,
+    ConstantVectorSource,
+    LogVectorOutput,
+    StateInterpolatorWithDiscreteDerivative,
+)
+
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.from_scenario import make_station
+from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.images import publish_images
+from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
+from feasigrasp.systems.hardware.simulated_driver import Handover, SimulatedIiwaDriver
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.station.object_contact import ObjectContact
+from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
+from feasigrasp.systems.station.station import Station
+
+
+def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
+    """A scenario's plant, cameras and drivers behind messages, and what judges a run of it.
+
+    The subsystems are named ``station``, ``driver``, ``handover``, ``metrics``, ``contact`` and
+    ``obstacle_distance``, and after the channels; the logs are those of `make_dynamic_grasp`, but
+    for ``log(drive)``. What the controller means to grasp is not known here, so that there are no
+    grasps in the samples.
+    """
+    builder = DiagramBuilder()
+    station = builder.AddNamedSystem("station", make_station(scenario))
+    bus = builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
+    _add_arm(builder, station, bus)
+    _add_gripper(builder, station, bus, scenario)
+    pose = builder.AddNamedSystem("object_pose", ObjectPoseSender(scenario.tracker))
+    builder.Connect(station.GetOutputPort("object.pose"), pose.get_input_port())
+    _publish(builder, channels.OBJECT_POSE, lcmt_robot_state, pose.get_output_port(), bus,
+             scenario.tracker.period, native=False)  # fmt: skip
+    for name, camera in scenario.cameras.items():
+        publish_images(builder, station, name, camera, bus)
+    _add_judges(builder, station, scenario)
+    diagram = builder.Build()
+    diagram.set_name("simulated_cell")
+    return diagram
+
+
+def _publish(
+    builder: DiagramBuilder,
+    channel: str,
+    kind: type,
+    port: OutputPort,
+    lcm: LcmInterfaceSystem,
+    period: float,
+    *,
+    native: bool = True,
+) -> None:
+    publisher = LcmPublisherSystem.Make(
+        channel, kind, lcm, publish_period=period, use_cpp_serializer=native
+    )
+    builder.AddNamedSystem(channel, publisher)
+    builder.Connect(port, publisher.get_input_port())
+
+
+def _add_arm(builder: DiagramBuilder, station: Station, lcm: LcmInterfaceSystem) -> None:
+    n = IIWA_7.joints
+    command = LcmSubscriberSystem.Make(
+        channels.IIWA_COMMAND, lcmt_iiwa_command, lcm, use_cpp_serializer=True
+    )
+    builder.AddNamedSystem(channels.IIWA_COMMAND, command)
+    receiver = IiwaCommandReceiver(n, IiwaControlMode.kPositionOnly)
+    builder.AddNamedSystem("iiwa_command", receiver)
+    builder.Connect(command.get_output_port(), receiver.GetInputPort("lcmt_iiwa_command"))
+    measured = station.GetOutputPort("iiwa.position_measured")
+    builder.Connect(measured, receiver.GetInputPort("position_measured"))
+    driver = builder.AddNamedSystem("driver", SimulatedIiwaDriver())
+    builder.Connect(receiver.GetOutputPort("position"), driver.GetInputPort("position"))
+    torque = station.GetOutputPort("iiwa.torque_external")
+    builder.Connect(torque, driver.GetInputPort("torque_external"))
+    # The arm's own controller takes its feed-forward from the positions, as Drake's SimIiwaDriver.
+    interpolator = StateInterpolatorWithDiscreteDerivative(n, channels.IIWA_PERIOD)
+    builder.AddNamedSystem("interpolator", interpolator)
+    builder.Connect(driver.GetOutputPort("position"), interpolator.get_input_port())
+    builder.Connect(interpolator.get_output_port(), station.GetInputPort("iiwa.desired_state"))
+
+    status = builder.AddNamedSystem("iiwa_status", IiwaStatusSender(n))
+    drive_torque = station.GetOutputPort("iiwa.torque_measured")
+    for name, port in (
+        ("position_commanded", driver.GetOutputPort("position")),
+        ("position_measured", measured),
+        ("torque_commanded", drive_torque),
+        ("torque_measured", drive_torque),
+        ("torque_external", torque),
+    ):
+        builder.Connect(port, status.GetInputPort(name))
+    period = channels.IIWA_PERIOD
+    _publish(builder, channels.IIWA_STATUS, lcmt_iiwa_status, status.get_output_port(), lcm, period)
+
+
+def _add_gripper(
+    builder: DiagramBuilder, station: Station, lcm: LcmInterfaceSystem, scenario: Scenario
+) -> None:
+    gripper = ParallelGripper()
+    command = LcmSubscriberSystem.Make(
+        channels.WSG_COMMAND, lcmt_schunk_wsg_command, lcm, use_cpp_serializer=True
+    )
+    builder.AddNamedSystem(channels.WSG_COMMAND, command)
+    receiver = SchunkWsgCommandReceiver(initial_position=gripper.max_opening)
+    builder.AddNamedSystem("wsg_command", receiver)
+    builder.Connect(command.get_output_port(), receiver.get_input_port(0))
+    handover = builder.AddNamedSystem("handover", Handover(scenario.grasp, gripper))
+    builder.Connect(receiver.GetOutputPort("position"), handover.GetInputPort("target"))
+    state = station.GetOutputPort("gripper.state_measured")
+    builder.Connect(state, handover.GetInputPort("gripper_state"))
+    builder.Connect(
+        handover.GetOutputPort("gripper_position"), station.GetInputPort("gripper.position")
+    )
+    builder.Connect(handover.GetOutputPort("object_hold"), station.GetInputPort("object.hold"))
+    status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusSender())
+    force = builder.AddNamedSystem("wsg_force", ConstantVectorSource([0.0]))  # nobody reads it
+    builder.Connect(state, status.get_input_port(0))
+    builder.Connect(force.get_output_port(), status.get_input_port(1))
+    period = channels.WSG_PERIOD
+    _publish(
+        builder, channels.WSG_STATUS, lcmt_schunk_wsg_status, status.get_output_port(), lcm, period
+    )
+
+
+def _add_judges(builder: DiagramBuilder, station: Station, scenario: Scenario) -> None:
+    phase = builder.GetSubsystemByName("handover").GetOutputPort("phase")
+    none = builder.AddNamedSystem(
+        "no_grasps", ConstantValueSource(AbstractValue.Make(GraspSet.empty()))
+    ).get_output_port()
+    state = station.GetOutputPort("iiwa.state_estimated")
+    metrics = builder.AddNamedSystem("metrics", Metrics(ParallelGripper()))
+    for name, port in (
+        ("state", state),
+        ("object_pose", station.GetOutputPort("object.pose")),
+        ("grasps", none),
+        ("sampled_grasps", none),
+        ("phase", phase),
+    ):
+        builder.Connect(port, metrics.GetInputPort(name))
+    distance = ObstacleDistance(station.plant, station.robot_instances())
+    builder.AddNamedSystem("obstacle_distance", distance)
+    builder.Connect(station.GetOutputPort("query_object"), distance.get_input_port())
+    contact = ObjectContact(station.plant, station.object_body.index(), station.robot_instances())
+    builder.AddNamedSystem("contact", contact)
+    results = station.GetOutputPort("contact_results")
+    builder.Connect(results, contact.GetInputPort("contact_results"))
+    builder.Connect(phase, contact.GetInputPort("phase"))
+    torque = station.GetOutputPort("iiwa.torque_measured")
+    for name, port, period in (
+        ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
+        ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
+        ("arm", state, scenario.control.period),
+        ("torque", torque, station.plant.time_step()),
+    ):
+        LogVectorOutput(port, builder, period).set_name(f"log({name})")

@@ -1,0 +1,234 @@
+"""The robot cell as its drivers present it: the station's ports, made of messages."""
+
+from __future__ import annotations
+
+import numpy as np
+from drake import (
+    lcmt_iiwa_command,
+    lcmt_iiwa_status,
+    lcmt_image_array,
+    lcmt_robot_state,
+    lcmt_schunk_wsg_command,
+    lcmt_schunk_wsg_status,
+)
+from pydrake.lcm import DrakeLcm
+from pydrake.manipulation import (
+    IiwaCommandSender,
+    IiwaControlMode,
+    IiwaStatusReceiver,
+    SchunkWsgCommandSender,
+    SchunkWsgStatusReceiver,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import GetScopedFrameByName
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.perception import DepthImageToPointCloud
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    TriggerType,
+)
+from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
+from pydrake.systems.primitives import Demultiplexer, Saturation
+from pydrake.systems.sensors import CameraConfig, PixelType
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.from_scenario import station_config
+from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
+from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
+from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.pose_at import PoseAt
+from feasigrasp.systems.station.camera import pixel_centred_intrinsics
+from feasigrasp.systems.station.station import add_cell
+
+
+class HardwareStation(Diagram):
+    """The ports of `feasigrasp.systems.station.station.Station` that a real cell has.
+
+    .. pydrake_system::
+
+        name: HardwareStation
+        input_ports:
+        - iiwa.desired_state
+        - gripper.position
+        output_ports:
+        - iiwa.position_measured
+        - iiwa.torque_external
+        - gripper.state_measured
+        - object.pose
+        - object.stamp
+        - <camera>.point_cloud
+        - <camera>.depth_image
+        - <camera>.label_image
+        - <camera>.pose
+        - <camera>.stamp
+
+    Of ``iiwa.desired_state`` (V14) the positions are sent, and nothing else: to the guard, which
+    commands the arm. ``iiwa.torque_external`` is V7 [Nm], as the driver estimates it.
+    ``object.pose`` is a measurement, made at ``object.stamp``. ``<camera>.pose`` X_WC follows from
+    the measured joints at the instant of the image, ``<camera>.stamp``. Stamps are V1 [s], of the
+    clock of the arm's status messages, which the diagram's time has to follow.
+
+    Attributes:
+        plant: The cell without the object: the frames that cameras are mounted on.
+        request: The publisher of what is asked of the guard; it publishes when it is told to.
+    """
+
+    #: Labels of object and robot in masks.
+    object_label = channels.OBJECT_LABEL
+
+    def __init__(self, scenario: Scenario, inbox: DrakeLcm, outbox: DrakeLcm) -> None:
+        """The cell of a scenario, behind two message buses.
+
+        Args:
+            scenario: What stands in the cell, cameras included; its object is not looked at.
+            inbox: Where messages come from.
+            outbox: Where they go to.
+
+        Raises:
+            ScenarioError: A camera is mounted neither on the arm nor in the world.
+        """
+        super().__init__()
+        builder = DiagramBuilder()
+        self.plant = MultibodyPlant(scenario.plant_config.time_step)
+        add_cell(self.plant, station_config(scenario))
+        self.plant.Finalize()
+        self._inbox, self._outbox = inbox, outbox
+        self._add_gripper(builder)
+        position = self._add_arm(builder)
+        self._add_object(builder)
+        for name, camera in scenario.cameras.items():
+            self._add_camera(builder, name, camera, position, scenario.control.period)
+        builder.BuildInto(self)
+
+    def robot_and_object_labels(self) -> list[int]:
+        """Labels that arm, gripper and object have in masks."""
+        return [channels.OBJECT_LABEL, channels.ROBOT_LABEL]
+
+    def _messages(
+        self, builder: DiagramBuilder, channel: str, kind: type, *, native: bool
+    ) -> OutputPort:
+        """What comes in on a channel; ``native`` where a system in C++ reads it."""
+        subscriber = LcmSubscriberSystem.Make(channel, kind, self._inbox, use_cpp_serializer=native)
+        return builder.AddNamedSystem(channel, subscriber).get_output_port()
+
+    def _add_arm(self, builder: DiagramBuilder) -> OutputPort:
+        """Exports the arm's ports; returns the measured positions."""
+        status = builder.AddNamedSystem("iiwa_status", IiwaStatusReceiver())
+        messages = self._messages(builder, channels.IIWA_STATUS, lcmt_iiwa_status, native=True)
+        builder.Connect(messages, status.get_input_port())
+        position = status.GetOutputPort("position_measured")
+        builder.ExportOutput(position, "iiwa.position_measured")
+        builder.ExportOutput(status.GetOutputPort("torque_external"), "iiwa.torque_external")
+
+        desired = builder.AddNamedSystem("desired_position", Demultiplexer([IIWA_7.joints] * 2))
+        builder.ExportInput(desired.get_input_port(), "iiwa.desired_state")
+        command = IiwaCommandSender(IIWA_7.joints, IiwaControlMode.kPositionOnly)
+        builder.AddNamedSystem("iiwa_request", command)
+        builder.Connect(desired.get_output_port(0), command.GetInputPort("position"))
+        self.request = builder.AddNamedSystem(
+            channels.IIWA_REQUEST,
+            LcmPublisherSystem.Make(
+                channels.IIWA_REQUEST,
+                lcmt_iiwa_command,
+                self._outbox,
+                publish_triggers={TriggerType.kForced},
+                use_cpp_serializer=True,
+            ),
+        )
+        builder.Connect(command.get_output_port(), self.request.get_input_port())
+        return position
+
+    def _add_gripper(self, builder: DiagramBuilder) -> None:
+        status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusReceiver())
+        kind = lcmt_schunk_wsg_status
+        messages = self._messages(builder, channels.WSG_STATUS, kind, native=True)
+        builder.Connect(messages, status.get_input_port(0))
+        builder.ExportOutput(status.GetOutputPort("state"), "gripper.state_measured")
+        # A real gripper squeezes as hard as its force limit says; it needs no distance below zero.
+        opening = Saturation([0.0], [ParallelGripper().max_opening])
+        builder.AddNamedSystem("opening", opening)
+        builder.ExportInput(opening.get_input_port(), "gripper.position")
+        command = builder.AddNamedSystem("wsg_command", SchunkWsgCommandSender())
+        builder.Connect(opening.get_output_port(), command.GetInputPort("position"))
+        publisher = LcmPublisherSystem.Make(
+            channels.WSG_COMMAND,
+            lcmt_schunk_wsg_command,
+            self._outbox,
+            publish_period=channels.WSG_PERIOD,
+            use_cpp_serializer=True,
+        )
+        builder.AddNamedSystem(channels.WSG_COMMAND, publisher)
+        builder.Connect(command.get_output_port(), publisher.get_input_port())
+
+    def _add_object(self, builder: DiagramBuilder) -> None:
+        receiver = builder.AddNamedSystem("object_pose", ObjectPoseReceiver())
+        messages = self._messages(builder, channels.OBJECT_POSE, lcmt_robot_state, native=False)
+        builder.Connect(messages, receiver.get_input_port())
+        builder.ExportOutput(receiver.GetOutputPort("pose"), "object.pose")
+        builder.ExportOutput(receiver.GetOutputPort("stamp"), "object.stamp")
+
+    def _add_camera(
+        self,
+        builder: DiagramBuilder,
+        name: str,
+        camera: CameraConfig,
+        position: OutputPort,
+        period: float,
+    ) -> None:
+        receiver = RgbdReceiver(camera.width, camera.height)
+        builder.AddNamedSystem(f"{name}_images", receiver)
+        channel = channels.image_channel(name)
+        messages = self._messages(builder, channel, lcmt_image_array, native=False)
+        builder.Connect(messages, receiver.get_input_port())
+        now = builder.AddNamedSystem(f"{name}_pose_now", _CameraPose(self.plant, name, camera))
+        builder.Connect(position, now.get_input_port())
+        pose = builder.AddNamedSystem(f"{name}_pose", PoseAt(period))
+        builder.Connect(now.get_output_port(), pose.GetInputPort("pose"))
+        builder.Connect(receiver.GetOutputPort("stamp"), pose.GetInputPort("stamp"))
+        cloud = DepthImageToPointCloud(pixel_centred_intrinsics(camera), PixelType.kDepth32F)
+        builder.AddNamedSystem(f"{name}_point_cloud", cloud)
+        builder.Connect(receiver.GetOutputPort("depth_image"), cloud.depth_image_input_port())
+        builder.Connect(pose.get_output_port(), cloud.camera_pose_input_port())
+        builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
+        for port in ("depth_image", "label_image", "stamp"):
+            builder.ExportOutput(receiver.GetOutputPort(port), f"{name}.{port}")
+        builder.ExportOutput(pose.get_output_port(), f"{name}.pose")
+
+
+class _CameraPose(LeafSystem):
+    """X_WC of a camera that is fixed to the flange or to the world, from the measured joints."""
+
+    def __init__(self, plant: MultibodyPlant, name: str, camera: CameraConfig) -> None:
+        super().__init__()
+        frame = GetScopedFrameByName(plant, camera.X_PB.base_frame)
+        flange = plant.GetFrameByName("iiwa_flange")
+        self._on_arm = frame.body() in plant.GetBodiesWeldedTo(flange.body())
+        if not self._on_arm and frame.body() not in plant.GetBodiesWeldedTo(plant.world_body()):
+            raise ScenarioError(
+                f"camera {name!r} is mounted on {camera.X_PB.base_frame!r}, which moves against "
+                "the flange; mount it on the flange, on what is welded to it, or in the world"
+            )
+        base = flange if self._on_arm else plant.world_frame()
+        context = plant.CreateDefaultContext()
+        X_PB = RigidTransform(camera.X_PB.GetDeterministicValue())
+        X_BP = frame.CalcPose(context, base)
+        self._X_BC: Array = (X_BP @ X_PB).GetAsMatrix4()
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        ticket = {self._position.ticket()}
+        declare_output(self, "pose", self._calc, ticket, model=RigidTransform())
+
+    def _calc(self, context: Context) -> RigidTransform:
+        if not self._on_arm:
+            return RigidTransform(self._X_BC)
+        q = self._position.Eval(context)
+        return RigidTransform(forward_kinematics(np.array(q), self._X_BC))

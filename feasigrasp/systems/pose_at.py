@@ -1,0 +1,75 @@
+"""Where something was when an image was taken, which is a while before the image is there."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
+from feasigrasp.systems.ports import declare_input, declare_output
+
+#: How far back a pose is remembered [s].
+REMEMBERED = 0.5
+_ROW = 13  # time, then the upper three rows of a pose
+
+
+class PoseAt(LeafSystem):
+    """Remembers a pose, and tells what it was at a time of late.
+
+    .. pydrake_system::
+
+        name: PoseAt
+        input_ports:
+        - pose
+        - stamp
+        output_ports:
+        - pose
+
+    Both poses are ``RigidTransform``; ``stamp`` is V1 [s]. Between the instants at which the pose
+    was remembered it is a screw; before the first of them, and for a stamp that is NaN, it is the
+    oldest that is known; after the last one, the present one.
+    """
+
+    def __init__(self, period: float) -> None:
+        """Remembers the pose every ``period`` seconds."""
+        super().__init__()
+        self._pose = declare_input(self, "pose", RigidTransform())
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
+        rows = np.full((round(REMEMBERED / period), _ROW), np.nan)
+        state = self.DeclareDiscreteState(rows.ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._pose.ticket()}
+        declare_output(self, "pose", self._calc, sources, model=RigidTransform())
+
+    def _remember(self, context: Context, state) -> EventStatus:
+        rows = context.get_discrete_state_vector().value()
+        X = self._pose.Eval(context).GetAsMatrix4()
+        row = np.concatenate([[context.get_time()], X[:3].ravel()])
+        state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[:-_ROW]]))
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context) -> RigidTransform:
+        rows = context.get_discrete_state_vector().value().reshape(-1, _ROW)
+        known = rows[np.isfinite(rows).all(axis=1)]
+        stamp = self._stamp.Eval(context)[0]
+        if len(known) == 0 or stamp > known[0, 0]:
+            return RigidTransform(self._pose.Eval(context))
+        return RigidTransform(_interpolated(known, stamp))
+
+
+def _interpolated(rows: Array, stamp: float) -> Array:
+    """The pose (4, 4) at a time; the rows are newest first."""
+    older = int(np.searchsorted(-rows[:, 0], -stamp))
+    if older == 0 or older == len(rows) or not np.isfinite(stamp):
+        return _matrix(rows[0 if older == 0 else -1])
+    X_a, X_b = _matrix(rows[older]), _matrix(rows[older - 1])
+    share = (stamp - rows[older, 0]) / (rows[older - 1, 0] - rows[older, 0])
+    return np.asarray(X_a @ se3.exp(share * se3.log(se3.inverse(X_a) @ X_b)))
+
+
+def _matrix(row: Array) -> Array:
+    X = np.eye(4)
+    X[:3] = row[1:].reshape(3, 4)
+    return X

@@ -1,0 +1,95 @@
+"""The guard: what it sends keeps the limits, and ends at rest if its controller dies."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.models.control.safety.command_guard import CommandGuard
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+T = 0.005
+START = np.array([0.1, -0.5, 0.2, -1.2, 0.0, 1.0, 0.3])
+
+
+def simulated(request, seconds, *, status=lambda k: True):
+    """Commands to an arm that is where it was sent, one row a period; NaN where there is none."""
+    guard, q, sent = CommandGuard(T), START.copy(), []
+    for k in range(round(seconds / T)):
+        if not status(k):
+            sent.append(np.full(7, np.nan))
+            continue
+        command = guard.command(k * T, q)
+        wanted = request(k * T)
+        if wanted is not None:
+            guard.request(k * T, wanted)
+        sent.append(np.full(7, np.nan) if command is None else command)
+        q = q if command is None else command
+    return np.array(sent), guard
+
+
+def swing(t):
+    return START + 0.2 * np.sin(2.0 * t) * np.array([1, 0.5, 1, 0.5, 1, 1, 1])
+
+
+def keeps_limits(sent):
+    moved = np.vstack([START, sent[np.isfinite(sent).all(axis=1)]])
+    v = np.diff(moved, axis=0, prepend=moved[:1]) / T
+    a = np.diff(v, axis=0, prepend=0.0) / T
+    assert (np.abs(v) <= IIWA_7.velocity_limits * (1 + 1e-9)).all()
+    assert (np.abs(a) <= IIWA_7.acceleration_limits * (1 + 1e-6)).all()
+    return v
+
+
+def test_it_is_silent_until_the_driver_takes_commands():
+    sent, _ = simulated(swing, 0.5)
+    assert np.isnan(sent[: round(0.25 / T) + 1]).all()
+    np.testing.assert_allclose(sent[60], START, atol=1e-3)
+
+
+def test_it_follows_what_is_asked_for():
+    sent, _ = simulated(swing, 3.0)
+    times = np.arange(len(sent)) * T
+    wanted = np.array([swing(t) for t in times[300:]])
+    assert np.abs(sent[300:] - wanted).max() < 2e-4
+    keeps_limits(sent)
+
+
+def test_a_controller_that_dies_leaves_the_arm_at_rest():
+    speed = np.abs(0.4 * np.cos(2.0 * 2.5))
+    sent, guard = simulated(lambda t: swing(t) if t < 2.5 else None, 4.0)
+    v = keeps_limits(sent)
+    moving = np.flatnonzero(np.abs(v).max(axis=1) > 0.0)[-1] - len(v) + len(sent)
+    braking = speed / IIWA_7.acceleration_limits.min()
+    assert moving * T <= 2.5 + CommandGuard.DEADLINE + braking + 2 * T
+    assert not guard.moving and not guard.heard
+
+
+@pytest.mark.parametrize(
+    "strange",
+    [
+        lambda t: swing(t) + 2.0 * (t > 1.0),  # far away all at once
+        lambda t: swing(t) * np.where(t > 1.0, np.nan, 1.0),
+        lambda t: START + 0.02 * np.random.default_rng(round(1e4 * t)).standard_normal(7),
+        lambda t: swing(t)[:5] if t > 1.0 else swing(t),
+    ],
+)
+def test_whatever_is_asked_for_the_limits_are_kept(strange):
+    keeps_limits(simulated(strange, 2.0)[0])
+
+
+def test_late_and_doubled_requests_are_not_used():
+    guard = CommandGuard(T)
+    for k in range(100):
+        guard.command(k * T, START)
+    assert guard.request(1.0, START) and guard.request(1.005, START)
+    assert not guard.request(1.005, START) and not guard.request(0.9, START)
+    for k in range(100, 200):  # long silent: another controller may begin, with a clock of its own
+        guard.command(k * T, START)
+    assert guard.request(0.1, START)
+
+
+def test_after_a_pause_of_the_driver_it_begins_anew():
+    gap = range(300, 360)
+    sent, _ = simulated(lambda t: swing(1.5) if t > 1.5 else swing(t), 3.0,
+                        status=lambda k: k not in gap)  # fmt: skip
+    assert np.isnan(sent[360 : 360 + round(0.25 / T)]).all()
+    assert np.isfinite(sent[-1]).all()

@@ -1,0 +1,123 @@
+"""Cell, guard and controller in one process, in lock-step over a bus inside it."""
+
+import numpy as np
+import pytest
+from drake import lcmt_iiwa_command
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import load_scenario_object
+from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.control_loop import ControlLoop
+from feasigrasp.systems.hardware.guard import Guard
+from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
+
+#: Ports of a simulated cell that say what no sensor would.
+TRUTH = {"object.velocity", "contact_results", "query_object", "object.hold"}
+
+
+@pytest.fixture(scope="module")
+def wire():
+    """What was sent on every channel in the first 1.5 s, by channel; the cell; the control."""
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None)
+    lcm, sent = DrakeLcm("memq://"), {}
+    simulator = Simulator(make_simulated_cell(scenario, lcm))
+    loop, guard = ControlLoop(scenario, lcm), Guard(lcm)
+    listening = lcm.SubscribeAllChannels(
+        lambda channel, data: sent.setdefault(channel, []).append((time, data))
+    )
+    time = 0.0
+    simulator.Initialize()
+    for k in range(1, 301):
+        time = k * channels.IIWA_PERIOD
+        simulator.AdvanceTo(time)
+        loop.step(0.0)
+    del listening, guard
+    return sent, simulator, loop
+
+
+def commands(wire, channel):
+    found = [(t, lcmt_iiwa_command.decode(data)) for t, data in wire[0][channel]]
+    return np.array([t for t, _ in found]), np.array([m.joint_position for _, m in found])
+
+
+def test_only_what_drivers_and_sensors_say_goes_over_the_wire(wire):
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None)
+    to_the_drivers = {channels.IIWA_REQUEST, channels.IIWA_COMMAND, channels.WSG_COMMAND}
+    assert set(wire[0]) == {*channels.inbound(scenario), *to_the_drivers}
+    assert set(channels.inbound(scenario)) == {
+        *("IIWA_STATUS", "SCHUNK_WSG_STATUS", "FEASIGRASP_OBJECT_POSE"),
+        "DRAKE_RGBD_CAMERA_IMAGES_wrist_camera",
+    }
+
+
+def test_the_station_has_no_ports_of_truth(wire):
+    station = wire[2].diagram.GetSubsystemByName("station")
+    ports = [station.get_output_port(i).get_name() for i in range(station.num_output_ports())]
+    ports += [station.get_input_port(i).get_name() for i in range(station.num_input_ports())]
+    assert not TRUTH & set(ports)
+    assert not any(wire[2].diagram.HasSubsystemNamed(name) for name in ("metrics", "contact"))
+
+
+def test_the_same_ports_as_a_simulated_station(wire, documented_ports):
+    simulated = wire[1].get_system().GetSubsystemByName("station")
+    station = wire[2].diagram.GetSubsystemByName("station")
+    names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
+    stamps = {name for name in names if name.endswith(".stamp")}
+    assert all(simulated.HasOutputPort(name) for name in names - stamps)
+    assert names == {
+        name.replace("<camera>", "wrist_camera") for name in documented_ports(type(station))[1]
+    }
+
+
+def test_rates_are_those_of_the_drivers(wire):
+    counts = {channel: len(messages) for channel, messages in wire[0].items()}
+    assert counts[channels.IIWA_STATUS] == pytest.approx(300, abs=2)
+    assert counts[channels.WSG_STATUS] == pytest.approx(30, abs=2)
+    assert counts[channels.image_channel("wrist_camera")] == pytest.approx(15, abs=2)
+    assert counts[channels.IIWA_COMMAND] == pytest.approx(240, abs=3)
+
+
+def test_no_command_before_the_driver_takes_one(wire):
+    times, _ = commands(wire, channels.IIWA_COMMAND)
+    assert times[0] > 0.25
+
+
+def test_it_starts_where_the_arm_is_and_keeps_the_limits(wire):
+    _, Q = commands(wire, channels.IIWA_COMMAND)
+    q_start = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
+    np.testing.assert_allclose(Q[0], q_start, atol=1e-3)
+    v = np.diff(np.vstack([q_start, Q]), axis=0) / channels.IIWA_PERIOD
+    a = np.diff(np.vstack([np.zeros(7), v]), axis=0) / channels.IIWA_PERIOD
+    assert (np.abs(v) <= IIWA_7.velocity_limits).all()
+    assert (np.abs(a[1:]) <= IIWA_7.acceleration_limits * (1 + 1e-6)).all()
+    assert np.abs(v).max() > 0.1  # it does move
+
+
+def test_the_arm_does_what_is_asked_for(wire):
+    """The guard neither lags nor leads, but for what accelerations change within a period."""
+    asked, Q_asked = commands(wire, channels.IIWA_REQUEST)
+    sent, Q_sent = commands(wire, channels.IIWA_COMMAND)
+    both, i, j = np.intersect1d(np.round(asked, 4), np.round(sent, 4), return_indices=True)
+    assert len(both) > 200
+    assert np.abs(Q_asked[i] - Q_sent[j])[-100:].max() < 0.01
+    simulator = wire[1]
+    log = simulator.get_system().GetSubsystemByName("log(arm)").FindLog(simulator.get_context())
+    assert np.abs(log.data()[:7, -1] - Q_sent[-1]).max() < 0.05
+
+
+def test_what_the_camera_saw_is_where_the_object_is(wire):
+    """The field in O, seen by an arm that moves, of an object that moves: millimetres, all told."""
+    loop = wire[2]
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None)
+    vertices = np.asarray(load_scenario_object(scenario).mesh.vertices)
+    perception = loop.diagram.GetSubsystemByName("perception")
+    context = perception.GetMyContextFromRoot(loop.simulator.get_context())
+    cloud = perception.GetOutputPort("perceived").Eval(context).cloud
+    assert len(cloud.points) > 50
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    outside = np.maximum(low - cloud.points, cloud.points - high).max(axis=1)
+    assert np.percentile(outside, 95) < 0.01
