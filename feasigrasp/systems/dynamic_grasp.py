@@ -31,13 +31,13 @@ from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
-from feasigrasp.systems.pose_at import PoseAt
 from feasigrasp.systems.scene_filter import SceneFilter
 from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.meshcat_scene import add_scene
 from feasigrasp.systems.station.object_contact import ObjectContact
 from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
+from feasigrasp.systems.station.pose_at import PoseAt
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.velocity_drive import VelocityDrive
 

@@ -46,8 +46,8 @@ from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
 from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
 from feasigrasp.systems.ports import declare_output
-from feasigrasp.systems.pose_at import PoseAt
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
+from feasigrasp.systems.station.pose_at import PoseAt
 from feasigrasp.systems.station.station import add_cell
 
 

@@ -20,7 +20,7 @@ from feasigrasp.systems.hardware.object_pose import (
     pose_message,
 )
 from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
-from feasigrasp.systems.pose_at import PoseAt
+from feasigrasp.systems.station.pose_at import PoseAt
 
 SIZE = (6, 4)
 
