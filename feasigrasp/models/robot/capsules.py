@@ -159,10 +159,10 @@ def hand_capsules(gripper: ParallelGripper | None = None) -> tuple[Capsule, ...]
 
 
 def hand_points(gripper: ParallelGripper | None = None) -> Array:
-    """Points on the outside of the opened hand in the frame of link 7, shape (k, 3) [m]."""
+    """Points all over the opened hand in the frame of link 7, shape (k, 3) [m]."""
     gripper = gripper or ParallelGripper()
     X_7G = _link_to_grasp(gripper)
-    return gripper.surface_points(gripper.max_opening) @ X_7G[:3, :3].T + X_7G[:3, 3]
+    return gripper.skin_points(gripper.max_opening) @ X_7G[:3, :3].T + X_7G[:3, 3]
 
 
 def _link_to_grasp(gripper: ParallelGripper) -> Array:

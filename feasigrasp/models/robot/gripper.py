@@ -133,6 +133,37 @@ class ParallelGripper(Frozen):
         camera = _grid([-cx, 0.0, cx], [-cy, cy], [cz]) + np.array(self.camera_center)
         return np.concatenate([*fingers, front, camera, back])
 
+    def skin_points(self, opening: float) -> Array:
+        """Points all over fingers, palm and camera, pads included: what must not hit anything.
+
+        No more than 1 cm apart on the fingers, and 1.5 cm on the rest.
+
+        Args:
+            opening: Distance between the pads [m].
+
+        Returns:
+            Shape (k, 3), in the grasp frame G [m].
+        """
+        finger = np.array([self.finger_thickness, self.finger_width, self.tip - self.heel])
+        out, middle = (opening + self.finger_thickness) / 2, (self.tip + self.heel) / 2
+        palm = np.array(self.palm_size)
+        return np.concatenate(
+            [
+                _box_skin([-out, 0.0, middle], finger, 0.01),
+                _box_skin([out, 0.0, middle], finger, 0.01),
+                _box_skin([0.0, 0.0, self.heel - palm[2] / 2], palm, 0.015),
+                _box_skin(self.camera_center, np.array(self.camera_box), 0.015),
+            ]
+        )
+
+
+def _box_skin(center: ArrayLike, size: Array, spacing: float) -> Array:
+    """Points on the surface of a box, at most so far apart, shape (k, 3)."""
+    counts = np.ceil(size / spacing - 1e-9).astype(int) + 1
+    x, y, z = (np.linspace(-half, half, n) for half, n in zip(size / 2, counts, strict=True))
+    points = _grid(x, y, z)
+    return points[np.isclose(np.abs(points), size / 2).any(axis=1)] + np.asarray(center)
+
 
 def _grid(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
     return np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.network.network import GraspNetwork
@@ -46,3 +47,27 @@ def test_the_network_needs_no_training_for_another_hand(wide_box, hand):
         placed = points @ X[:3, :3].T + X[:3, 3]
         assert (np.abs(placed) - half).max(axis=1).min() > -1e-3
     assert grasps.width.max() <= hand.max_opening
+
+
+@pytest.mark.parametrize("hand", [ParallelGripper(), WSG_50], ids=["default", "WSG 50"])
+def test_no_part_of_the_hand_is_far_from_a_point_of_its_skin(hand):
+    """Random points on the boxes, the faces of the pads among them."""
+    rng = np.random.default_rng(3)
+    opening = 0.06
+    skin = cKDTree(hand.skin_points(opening))
+    length = hand.tip - hand.heel
+    finger = np.array([hand.finger_thickness, hand.finger_width, length])
+    x = (opening + hand.finger_thickness) / 2
+    palm = np.array(hand.palm_size)
+    for center, size, spacing in (
+        ([x, 0.0, hand.tip - length / 2], finger, 0.01),
+        ([-x, 0.0, hand.tip - length / 2], finger, 0.01),
+        ([0.0, 0.0, hand.heel - palm[2] / 2], palm, 0.015),
+        (hand.camera_center, np.array(hand.camera_box), 0.015),
+    ):
+        faces = rng.uniform(-0.5, 0.5, (500, 3))
+        faces[np.arange(500), np.arange(500) % 3] = rng.choice([-0.5, 0.5], 500)
+        apart = skin.query(faces * size + np.array(center))[0]
+        assert apart.max() <= np.sqrt(0.5) * spacing
+    inner = skin.data[np.isclose(np.abs(skin.data[:, 0]), opening / 2)]
+    assert len(inner) > 40  # the pads' own faces, which touch first

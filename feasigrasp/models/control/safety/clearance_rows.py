@@ -138,6 +138,11 @@ def object_rows_kernel(R, p, lower, upper, options, guarded, grid, frame, X_WO, 
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
+    # Nothing approaches faster than this, so what is farther than it allows needs no closer look.
+    fastest = math.sqrt(V_WO[3] ** 2 + V_WO[4] ** 2 + V_WO[5] ** 2)
+    turning_rate = math.sqrt(V_WO[0] ** 2 + V_WO[1] ** 2 + V_WO[2] ** 2)
+    for j in range(IIWA_7.joints):
+        fastest += _LEVER * max(abs(lower[j]), abs(upper[j]))
     m = 0
     rows[0] = 0.0
     for k in range(len(guarded)):
@@ -154,6 +159,10 @@ def object_rows_kernel(R, p, lower, upper, options, guarded, grid, frame, X_WO, 
             distance, slope = box_distance_kernel(x_O, grid.shape, frame)
             if distance <= 0.0:
                 continue
+        clearance = options.object_clearance if radius == 0.0 else options.obstacle_clearance
+        allowed = options.approach_gain * (distance - radius - clearance)
+        if allowed > fastest + turning_rate * math.sqrt(dot(lever, lever)):
+            continue
         normal = (
             X_WO[0, 0] * slope[0] + X_WO[0, 1] * slope[1] + X_WO[0, 2] * slope[2],
             X_WO[1, 0] * slope[0] + X_WO[1, 1] * slope[1] + X_WO[1, 2] * slope[2],
@@ -162,7 +171,5 @@ def object_rows_kernel(R, p, lower, upper, options, guarded, grid, frame, X_WO, 
         turning = cross((V_WO[0], V_WO[1], V_WO[2]), lever)
         surface = V_WO[3] + turning[0], V_WO[4] + turning[1], V_WO[5] + turning[2]
         add_lever(x, normal, 0, link, R, p, rows[m])
-        clearance = options.object_clearance if radius == 0.0 else options.obstacle_clearance
-        allowed = options.approach_gain * (distance - radius - clearance)
         m = _keep(rows, bounds, m, dot(normal, surface) - allowed, lower, upper)
     return m

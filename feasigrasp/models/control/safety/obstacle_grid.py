@@ -18,9 +18,11 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.grasps.hand_clearance import MARGIN_GROWTH
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
+from feasigrasp.models.shape.surface_error import surface_deviation
 
 #: What the arm with a hand reaches about its shoulder, and how far below the base [m].
 _REACH, _BELOW = 1.2, 0.2
@@ -199,7 +201,11 @@ def obstacle_grid(
 def object_grid(
     gpdf: Gpdf, *, voxel_size: float = 0.008, max_distance: float = 0.05
 ) -> ObstacleGrid:
-    """The grid of an object's completed surface, in the field's frame.
+    """The grid of where an object's surface may be, in the field's frame.
+
+    Completed surface counts as nearer than it is by half of the deviation that is expected of it,
+    as for grasps (`feasigrasp.models.grasps.hand_clearance`). What the camera has looked through is
+    free, also where the field fills it, as it fills a bowl: a finger may go there.
 
     Args:
         gpdf: Distance field of the object.
@@ -217,6 +223,11 @@ def object_grid(
     near = values < _BAND * voxel_size
     # Farther inside only the sign matters: the way out is towards the surface.
     bulk = ~near & ((nodes > gpdf.bounds[0]) & (nodes < gpdf.bounds[1])).all(axis=-1)
-    values[bulk] *= np.where(gpdf.distance(nodes[bulk]) < 0.0, -1.0, 1.0)
-    values[near] = gpdf.refine(nodes[near], 3)[0]
+    field = values.copy()
+    field[bulk] *= np.where(gpdf.distance(nodes[bulk]) < 0.0, -1.0, 1.0)
+    distance, at, _ = gpdf.refine(nodes[near], 3)
+    field[near] = distance - MARGIN_GROWTH * surface_deviation(gpdf, at)
+    filled = field < 0.0
+    filled[filled] = gpdf.possible(nodes[filled])
+    values = np.where((field >= 0.0) | filled, field, values)
     return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))

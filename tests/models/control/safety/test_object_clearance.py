@@ -1,5 +1,7 @@
 """Arm and open hand keep off the object that they follow, and give way to it."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -20,12 +22,12 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import min_distance
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 from tests.truths import table_distances
 
 RADIUS = 0.04
 GRIPPER = ParallelGripper()
-HAND = GRIPPER.surface_points(GRIPPER.max_opening)
+HAND = GRIPPER.skin_points(GRIPPER.max_opening)
 #: The hand points down, 0.3 m above the table.
 Q = np.array([0.0, 0.55, 0.0, -1.6, 0.0, 0.99, 0.0])
 OPTIONS = SafetyOptions()
@@ -33,7 +35,8 @@ OPTIONS = SafetyOptions()
 
 @pytest.fixture(scope="module")
 def grid():
-    return object_grid(fit_gpdf(sphere_points(400, RADIUS), length_scale=0.1))
+    cloud = sphere_points(1200, RADIUS)  # seen all round: nothing is far from an observed point
+    return object_grid(fit_gpdf(cloud, length_scale=0.1, max_points=1200))
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +84,39 @@ def test_beyond_the_grid_the_distance_is_that_of_the_box_of_the_surface(grid):
                 tuple(x + 1e-6 * np.array(gradient)), tuple(size), grid.frame
             )
             assert moved[0] - distance == pytest.approx(1e-6, rel=1e-3)
+
+
+def test_surface_that_was_not_seen_counts_as_nearer():
+    """By half of the deviation that is expected there; where it was seen it is where it is."""
+    cloud = sphere_points(1200, RADIUS)
+    cloud = cloud[cloud[:, 2] > -0.02]
+    field = fit_gpdf(cloud, length_scale=0.1, max_points=1200)
+    made = object_grid(field)
+    nodes = np.moveaxis(np.indices(made.values.shape), 0, -1) * made.frame[3] + made.frame[:3]
+    near = (made.values > 0.0) & (made.values < 0.012)
+    x, values = nodes[near], made.values[near]
+    distance, at, _ = field.refine(x, 3)
+    apart = np.linalg.norm(at[:, None] - cloud, axis=2).min(axis=1)
+    reserve = 0.5 * (0.0002 + 0.21 * apart)
+    np.testing.assert_allclose(values, distance - reserve, atol=1e-5)
+    seen, unseen = x[:, 2] > 0.0, x[:, 2] < -0.03
+    np.testing.assert_allclose(values[seen], np.linalg.norm(x[seen], axis=1) - RADIUS, atol=1e-3)
+    assert (values[unseen] < distance[unseen] - 0.001).all() and unseen.sum() > 20
+
+
+def test_a_finger_may_go_where_the_camera_has_looked_through():
+    """A filled ball that is known to be hollow: inside, its wall is as far as it is."""
+
+    class Hollow(Gpdf):
+        def possible(self, x):
+            return np.linalg.norm(x, axis=1) > 0.75 * RADIUS
+
+    filled = fit_gpdf(sphere_points(1200, RADIUS), length_scale=0.1, max_points=1200)
+    hollow = Hollow(**{f.name: getattr(filled, f.name) for f in dataclasses.fields(Gpdf)})
+    x = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, -0.012, 0.008]])
+    truth = RADIUS - np.linalg.norm(x, axis=1)
+    assert (object_grid(filled).distance_and_gradient(x)[0] < -0.02).all()
+    np.testing.assert_allclose(object_grid(hollow).distance_and_gradient(x)[0], truth, atol=0.004)
 
 
 def test_the_grid_of_a_field_is_made_once():
