@@ -84,6 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = parser.parse_args(rest)
         if "out" not in args:
             return int(module.main(args))
+        if (shard := getattr(args, "shard", None)) is not None:
+            args.out = args.out / shard.folder  # so that shards need not wait for each other
         check_folder("--out", args.out)
         try:
             with only_one_in(args.out):

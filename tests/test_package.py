@@ -251,8 +251,9 @@ def test_version_is_the_same_everywhere(repository):
 def test_every_import_is_a_declared_dependency(repository):
     """What package and diagrams import is installed with them, not by luck through others."""
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
-    # What makes training data may need more; it says what to install.
-    entries = [*project["dependencies"], *project["optional-dependencies"]["train"]]
+    # What makes training data, or runs on a cluster, may need more; it says what to install.
+    extra = project["optional-dependencies"]
+    entries = [*project["dependencies"], *extra["train"], *extra["cluster"]]
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in entries}
     module_of = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
     allowed = {module_of.get(name, name) for name in declared} | {"feasigrasp"}

@@ -158,7 +158,7 @@ def update_report(text: str, folder: Path = SUMMARIES) -> str:
             (results / name).mkdir(parents=True)
             content = (folder / f"{name}.json").read_text()
             (results / name / "summary.json").write_text(content)
-        markdown_report.main(argparse.Namespace(folder=results, into=page))
+        markdown_report.main(argparse.Namespace(folder=results, into=page, html=False))
         return page.read_text()
 
 

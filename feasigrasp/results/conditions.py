@@ -26,7 +26,8 @@ def conditions_text(found: Mapping[str, Any]) -> str:
         f"tracking: {_either(found['tracking'])}",
         f"segmentation: {found['segmentation']}",
         f"object frame: {found['object_frame']}",
-        f"friction {_either(found['friction'], '{:g}')}",
+        f"friction {_either(found['friction'], '{:.3g}')}",
+        *(f"{key}: {_either(found[key])}" for key in ("mass", "execution") if key in found),
         f"{len(objects)} object{'s' * (len(objects) > 1)}: {', '.join(objects)}",
         f"seeds {_ranges(found['seeds'])}",
     ]

@@ -7,15 +7,17 @@ import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.common.schema import Sample, Transform
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.faults.object import ObjectMotion, altered
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.bezier_motion import BezierMotion, bezier_legs
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.scenario.schema import BezierPath, Scenario
 
-#: Of the numbers that are drawn from the seed of a scenario: those that say where the object is.
-_PLACE = 1
+#: Streams of numbers that are drawn from the seed: where the object is, how the hand errs.
+_PLACE, _HAND = 1, 3
 
 
 def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
@@ -29,6 +31,18 @@ def load_scenario_object(scenario: Scenario) -> RigidObject:
     obj = load_object(config.model, scale=config.scale, mass=config.mass)
     factor = config.mass_factor
     return dataclasses.replace(obj, mass=factor * obj.mass, inertia=factor * obj.inertia)
+
+
+def make_hand_error(scenario: Scenario) -> Array:
+    """Where the hand truly is, in the frame where it is believed, with the errors of execution.
+
+    Returns:
+        Shape (4, 4) [m]; directions are drawn from the seed, sizes are those of the scenario.
+    """
+    config = scenario.execution
+    axes = np.random.default_rng([scenario.random_seed, _HAND]).normal(size=(2, 3))
+    along, about = axes / np.linalg.norm(axes, axis=1)[:, None]
+    return se3.make_pose(se3.so3_exp(config.angle_error * about), config.position_error * along)
 
 
 def make_motion(scenario: Scenario) -> ObjectMotion:

@@ -114,6 +114,8 @@ class PerceptionConfig:
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
         views: How many views are merged at most, 0 for all; by default that of the mode.
+        filter: Whether what the sampler proposes is judged on the field; if not, it is taken as it
+            comes.
         sampler: ``network`` (learned), ``paper`` or ``antipodal`` (model-free), see `SamplerName`;
             by default that of the mode.
         n_candidates: Grasp candidates drawn per update.
@@ -128,6 +130,7 @@ class PerceptionConfig:
     length_scale: float = 0.3
     voxel_size: float = 0.003
     views: int = _of_the_mode()
+    filter: bool = True
     sampler: str = _of_the_mode()
     n_candidates: int = 800
     n_grasps: int = 64
@@ -157,7 +160,8 @@ class ReachabilityConfig:
     Attributes:
         period: Time between updates [s].
         method: ``ik`` (exact inverse kinematics), ``rmm`` (the paper's density of reachable poses),
-            or ``both`` (exact on what the density lets through); by default that of the mode.
+            ``both`` (exact on what the density lets through), or ``none`` (nothing is judged); by
+            default that of the mode.
         space: Which density: ``default``, or ``paper`` (64 components, as many as the paper's,
             fitted to uniform joint samples); by default that of the mode.
         horizon: A grasp must stay reachable this long, as the object moves now [s]; by default that
@@ -223,6 +227,23 @@ class ControlConfig:
         )
 
 
+@dc.dataclass
+class ExecutionConfig:
+    """What keeps the hand from being where it is believed to be.
+
+    Attributes:
+        position_error: Distance of the true hand from the one that is planned with, in a direction
+            drawn from the seed; it stays the same throughout the run [m].
+        angle_error: Angle between the two, likewise [rad].
+        teleport: Whether the arm is put at the best grasp in reach as soon as there is one, as in
+            the paper's static test, instead of moving there.
+    """
+
+    position_error: float = 0.0
+    angle_error: float = 0.0
+    teleport: bool = False
+
+
 def _default_plant() -> MultibodyPlantConfig:
     return MultibodyPlantConfig(
         time_step=0.002,
@@ -259,6 +280,7 @@ class Scenario:
         scene: Surroundings that grasps keep clear of.
         reachability: Reachability filter.
         control: Controller.
+        execution: Errors of the hand's place.
         grasp: Closing, letting go, lifting, shaking, holding.
         faults: What goes wrong, and when, e.g. ``!PoseNan {start: 2, duration: 0.5}``.
     """
@@ -280,5 +302,6 @@ class Scenario:
     scene: SceneConfig = dc.field(default_factory=SceneConfig)
     reachability: ReachabilityConfig = dc.field(default_factory=ReachabilityConfig)
     control: ControlConfig = dc.field(default_factory=ControlConfig)
+    execution: ExecutionConfig = dc.field(default_factory=ExecutionConfig)
     grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
     faults: list[AnyFault] = dc.field(default_factory=list)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort, System
@@ -13,6 +14,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.scenario.presets import resolve
+from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.carry_filter import CarryFilter
 from feasigrasp.systems.faults.injection import FaultInjection
@@ -159,8 +161,9 @@ def add_dynamic_grasp(
     """
     gripper, scenario = ParallelGripper(), resolve(scenario)
     reachability = Reachability(gripper)
+    hand_error = np.eye(4) if station else make_hand_error(scenario)
     station = builder.AddNamedSystem("station", station or make_station(scenario))
-    check_cell(station.plant, gripper)
+    check_cell(station.plant, gripper, hand_error=hand_error)
     cell = _Cell(builder, scenario, gripper, station)
     measured = cell.faults.pose(station.GetOutputPort("object.pose"))
     stamp = cell.port("object.stamp")
@@ -196,7 +199,8 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
     seen_pose = _pose_at_view(cell)
     cell.add("perception", field, segmentation, camera_pose=camera_pose, object_pose=seen_pose)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
-    sampling = GraspSampler(sampler, cell.gripper, mass=cell.scenario.object.mass)
+    checks = cell.gripper if config.filter else None
+    sampling = GraspSampler(sampler, checks, mass=cell.scenario.object.mass)
     grasps = cell.add("sampler", sampling, gpdf=gpdf)
     latency = _late(AbstractValue.Make(GraspSet.empty()), config.period, config.latency)
     cell.add("latency", latency, u=grasps.get_output_port())

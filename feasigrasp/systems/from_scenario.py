@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from feasigrasp.errors import ScenarioError
@@ -21,7 +23,12 @@ from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.presets import resolve
-from feasigrasp.scenario.sampling import load_scenario_object, make_camera_noise, make_motion
+from feasigrasp.scenario.sampling import (
+    load_scenario_object,
+    make_camera_noise,
+    make_hand_error,
+    make_motion,
+)
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
@@ -37,10 +44,10 @@ def make_station(scenario: Scenario) -> Station:
         ScenarioError: Drake cannot build it, e.g. a camera stands on a frame that there is not.
         MeshError: The object cannot be simulated.
     """
+    # Only the simulated hand errs: what is planned with is the one that is believed.
+    config = replace(station_config(scenario), hand_error=make_hand_error(scenario))
     try:
-        return Station(
-            station_config(scenario), load_scenario_object(scenario), make_motion(scenario)
-        )
+        return Station(config, load_scenario_object(scenario), make_motion(scenario))
     except RuntimeError as error:
         raise ScenarioError(f"Drake cannot build the cell: {error}") from error
 
@@ -68,6 +75,7 @@ def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> Grasp
     sampler = make_sampler(
         config.sampler,
         gripper,
+        filtered=config.filter,
         n_candidates=config.n_candidates,
         n_grasps=config.n_grasps,
         least_score=0.0,  # which of them are in reach decides

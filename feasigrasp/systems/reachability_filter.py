@@ -32,13 +32,14 @@ class ReachabilityFilter(LeafSystem):
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
     direction are one grasp but two hand poses: both are tried, unless told otherwise, and both may
-    remain. A pose is judged by one of three methods:
+    remain. A pose is judged by one of these methods:
 
     - ``ik``: exact inverse kinematics finds a configuration inside the joint limits, free of
       self-collision and clear of the table;
     - ``rmm``: the paper's, the density of the flange pose under a mixture of reachable poses
       exceeds the value that 99 % of reachable poses exceed;
-    - ``both``: exact inverse kinematics, of what the mixture lets through.
+    - ``both``: exact inverse kinematics, of what the mixture lets through;
+    - ``none``: nothing is judged, only counted.
 
     A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
     the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated

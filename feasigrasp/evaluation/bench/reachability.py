@@ -87,7 +87,7 @@ def main(args: argparse.Namespace) -> int:
 def _filter_rows(grasps: GraspSet, seconds: float) -> list[Row]:
     reachability, X_WG = Reachability(), X_WO @ grasps.X_OG
     cases: list[Case] = []
-    for method in JudgeMethod:
+    for method in (JudgeMethod.IK, JudgeMethod.RMM, JudgeMethod.BOTH):
         judge, name = PoseJudge(reachability, method), f"bench.reachability_filter_ms.{method}"
         whole = partial(judge_grasps, n_best=2 * GRASPS, score_share=0.0)
         cases.append(Case(name, "default", partial(judge.verdicts, X_WG)))

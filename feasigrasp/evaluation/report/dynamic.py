@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from feasigrasp.evaluation.report.curves import curve_report
 from feasigrasp.evaluation.report.table_2 import (
     SPEEDS,
     Rows,
@@ -57,7 +58,7 @@ _CAUSE = "cause."
 
 
 def dynamic_report(rows: Sequence[Row], folder: Path, conditions: str = "") -> str:
-    """The report's text; draws `FIGURE` in ``folder`` if there are runs of the paper's scenarios.
+    """The report's text; draws figures in ``folder`` of the paper's scenarios and of speed curves.
 
     Args:
         rows: Rows of ``summary.json``.
@@ -66,6 +67,7 @@ def dynamic_report(rows: Sequence[Row], folder: Path, conditions: str = "") -> s
     """
     found: Rows = {(row.preset, row.name.removeprefix("dynamic.")): row for row in rows}
     parts = _paper_parts(found, folder, conditions) if speeds_of(found) else []
+    parts += curve_report(found, folder, conditions)
     presets = [p for p in _presets(found) if (p, "held_percent") in found]
     if presets:
         parts += ["### Grasping moving objects", _metric_table(found, presets, _HELD), conditions]

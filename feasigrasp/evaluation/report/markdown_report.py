@@ -1,8 +1,8 @@
 """``feasigrasp report DIR``: what an evaluation or a benchmark found, as Markdown.
 
 Reads ``DIR/summary.json``, or those of the folders in DIR, and writes ``DIR/report.md``. The
-dynamic evaluation gets the paper's table beside its own and a figure; any other summary a table of
-its rows.
+dynamic and the static evaluation get the paper's tables beside their own, and figures; any other
+summary a table of its rows. With ``--html`` it is a page as well.
 """
 
 from __future__ import annotations
@@ -14,13 +14,19 @@ from pathlib import Path
 from typing import Any
 
 from feasigrasp.errors import FeasigraspError, InputError, OutputError
-from feasigrasp.evaluation.report.dynamic import FIGURE, dynamic_report
+from feasigrasp.evaluation.report import curves, dynamic
+from feasigrasp.evaluation.report.dynamic import dynamic_report
 from feasigrasp.evaluation.report.faults import faults_report
+from feasigrasp.evaluation.report.html_report import write_page
+from feasigrasp.evaluation.report.static import static_report
 from feasigrasp.inputs import read_json
 from feasigrasp.outputs import write_text
 from feasigrasp.results.conditions import conditions_text
 from feasigrasp.results.markdown import markdown_table, replace_section
 from feasigrasp.results.rows import Row
+
+#: Figures that belong to the text.
+FIGURES = (dynamic.FIGURE, curves.FIGURE)
 
 
 class ReportError(FeasigraspError, FileNotFoundError):
@@ -37,6 +43,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write the report into this document too, between its report lines; figures go to "
         "the folder images beside it",
     )
+    parser.add_argument(
+        "--html",
+        action="store_true",
+        help="write DIR/report.html too, one page with figures, objects and the worst failures",
+    )
+    parser.add_argument(
+        "--replays",
+        type=int,
+        default=0,
+        metavar="N",
+        help="for that page, run N of the worst failures again and record them",
+    )
 
 
 def main(args: argparse.Namespace) -> int:
@@ -45,13 +63,17 @@ def main(args: argparse.Namespace) -> int:
     filename = args.folder / "report.md"
     write_text(filename, text + "\n")
     print(filename)
+    if args.html:
+        print(write_page(args.folder, text, args.replays))
     if args.into is not None:
         images = args.into.parent / "images"
-        for figure in sorted(args.folder.rglob(FIGURE)):
-            images.mkdir(exist_ok=True)
-            shutil.copyfile(figure, images / figure.name)
+        for name in FIGURES:
+            for figure in sorted(args.folder.rglob(name)):
+                images.mkdir(exist_ok=True)
+                shutil.copyfile(figure, images / name)
+            text = text.replace(f"]({name})", f"](images/{name})")
         text = re.sub("^#", "##", text, flags=re.MULTILINE)  # below a heading of the document
-        replace_section(args.into, text.replace(f"]({FIGURE})", f"](images/{FIGURE})"))
+        replace_section(args.into, text)
         print(args.into)
     return 0
 
@@ -92,6 +114,8 @@ def _section(file: Path) -> str:
         body = dynamic_report(rows, file.parent, conditions)
     if any(row.name.startswith("faults.held") for row in rows):
         body = faults_report(rows)
+    if any(row.name.startswith("static.") for row in rows):
+        body = static_report(rows, conditions)
     body = body or "\n\n".join(filter(None, [_plain_table(rows), conditions]))
     return f"## `{summary['command']}`\n\n{_origin(summary)}\n\n{body}"
 

@@ -1,6 +1,11 @@
-"""Tables II and III of the paper (arXiv 2311.02576), to put ours beside them."""
+"""Tables of the paper (arXiv 2311.02576), to put ours beside them."""
 
 from __future__ import annotations
+
+#: Table I: mean and standard deviation of the static grasps that succeeded, over objects [%].
+TABLE_1 = (90.00, 11.49)
+#: The same for its sampler alone, with the post-filter, and with the reachability filter too [%].
+TABLE_1_ABLATION = (77.6, 88.6, 90.0)
 
 #: Metric of a run -> heading, digits, and whether more is better; the columns of Table II.
 TABLE_2_COLUMNS = {

@@ -47,6 +47,8 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
         "tracking": _common(runs, lambda s: _tracking(s.tracker)),
         **_GIVEN,
         "friction": _common(runs, lambda s: s.object.friction),
+        "mass": _common(runs, _mass),
+        "execution": _common(runs, _execution),
         "objects": list(dict.fromkeys(planned.object_name for planned in runs)),
         "left_out": plan.left_out,
         "seeds": sorted({planned.scenario.random_seed for planned in runs}),
@@ -76,6 +78,22 @@ def _camera(scenario: Scenario) -> str:
         return f"{size}, without noise"
     changed = ", ".join(f"{key} {value:g}" for key, value in sorted(noise.items()))
     return f"{size}, noise of a D435" + (f" with {changed}" if changed else "")
+
+
+def _mass(scenario: Scenario) -> str:
+    mass, factor = scenario.object.mass, scenario.object.mass_factor
+    own = "the object's own" if mass is None else f"{mass:g} kg"
+    return own if factor == 1.0 else f"{factor:.3g} times {own}"
+
+
+def _execution(scenario: Scenario) -> str:
+    config = scenario.execution
+    if config.teleport:
+        return "the arm is put at a grasp"
+    if config.position_error == config.angle_error == 0.0:
+        return "the hand is where it is believed"
+    angle = math.degrees(config.angle_error)
+    return f"the hand is {1e3 * config.position_error:.3g} mm and {angle:.3g} deg off"
 
 
 def _tracking(tracker: TrackerConfig) -> str:

@@ -17,12 +17,11 @@ import tempfile
 import threading
 import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-import joblib
 from tqdm import tqdm
 
 from feasigrasp.errors import OutputError
@@ -32,28 +31,40 @@ from feasigrasp.outputs import check_folder
 from feasigrasp.results.finished import Record, made_with, read_finished, report_reuse
 from feasigrasp.results.interrupts import STATUS, Unfinished
 from feasigrasp.results.rows import write_json
+from feasigrasp.results.workers import in_threads, on_cluster
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 
 
 def run_all(
-    runs: Sequence[PlannedRun], folder: Path, jobs: int, *, desc: str, replays: bool = False
+    runs: Sequence[PlannedRun],
+    folder: Path,
+    jobs: int,
+    *,
+    desc: str,
+    replays: bool = False,
+    cluster: str | None = None,
+    elsewhere: Sequence[Path] = (),
 ) -> list[Record]:
     """Runs what is not finished, each in a process of its own, and returns all records in order.
 
     A record in the folder counts if it came from the same scenario (object, seed, controller and
-    mode included), revision and versions, and if its process did not crash. The threads only wait
-    for the processes; joblib's ``parallel_config`` can send the runs to a cluster instead.
+    mode included), revision and versions, and if its process did not crash. A run depends on its
+    scenario alone, not on who does it: the records are the same, but for times, whatever the number
+    of processes, and on a cluster.
 
     Args:
         runs: What to run.
         folder: Where the records are, ``<id>.json``.
         jobs: Processes at a time.
         desc: What the progress bar is called.
-        replays: Whether every run leaves a replay ``<id>.html`` as well.
+        replays: Whether every run leaves a replay ``<id>.html`` as well; not on a cluster.
+        cluster: Address of a Dask scheduler whose workers do the runs instead.
+        elsewhere: Further folders whose records count, those of shards; they are copied.
 
     Raises:
         Unfinished: Ctrl-C, or a full disk; with the records of all runs that came to their end.
+        ClusterError: There is no such cluster, or its workers cannot do the runs.
     """
     code = made_with()
     check_folder("--out", folder)
@@ -62,12 +73,15 @@ def run_all(
     def finished(planned: PlannedRun) -> Record | None:
         text = dump_scenario(planned.scenario)
         wanted = code | {"scenario": planned.name, "scenario_yaml": text}
-        record = read_finished(folder / f"{planned.id}.json", wanted)
-        if record is None or (replays and not (folder / f"{planned.id}.html").exists()):
+        if replays and not (folder / f"{planned.id}.html").exists():
             return None
-        return (
-            record if _is_whole(record, crash_record(planned.scenario, planned.name, "")) else None
-        )
+        for place in (folder, *elsewhere):
+            record = read_finished(place / f"{planned.id}.json", wanted)
+            if record and _is_whole(record, crash_record(planned.scenario, planned.name, "")):
+                if place is not folder:
+                    write_json(record, folder / f"{planned.id}.json")
+                return record
+        return None
 
     records = {planned.id: finished(planned) for planned in runs}
     missing = [planned for planned in runs if records[planned.id] is None]
@@ -76,21 +90,35 @@ def run_all(
         print(f"{outdated} results are from another revision or setting, or crashed: run again")
     report_reuse(len(runs) - len(missing), len(runs), folder)
 
-    def one(planned: PlannedRun) -> tuple[PlannedRun, Record]:
+    def here(planned: PlannedRun) -> Record:
         replay = folder / f"{planned.id}.html" if replays else None
         file = folder / f"{planned.id}.json"
-        return planned, run_isolated(planned.scenario, planned.name, file, replay=replay)
+        return run_isolated(planned.scenario, planned.name, file, replay=replay)
+
+    def done() -> Iterator[tuple[str, Record]]:
+        """The missing runs as they come to their end."""
+        if cluster is None:
+            yield from in_threads(here, {each.id: (each,) for each in missing}, jobs)
+            return
+        by_id = {each.id: each for each in missing}
+        tasks = {each.id: (dump_scenario(each.scenario), each.name) for each in missing}
+        for id_, result in on_cluster(run_remotely, tasks, cluster):
+            if isinstance(result, Exception):
+                error = f"{type(result).__name__}: {result}"
+                result = crash_record(by_id[id_].scenario, by_id[id_].name, error)
+            _write(result, folder / f"{id_}.json")
+            yield id_, result
 
     with tqdm(total=len(runs), initial=len(runs) - len(missing), unit="run", desc=desc) as bar:
         try:
-            work = joblib.Parallel(jobs, prefer="threads", return_as="generator_unordered")
-            for planned, record in work(joblib.delayed(one)(planned) for planned in missing):
-                records[planned.id] = record
+            for id_, record in done():
+                records[id_] = record
+                bar.set_postfix_str(_held_so_far(records.values()), refresh=False)
                 bar.update()
                 if record["error"]:
                     bar.write(f"{record['scenario']}, {record['object']}: {record['error'][:200]}")
-                if replays and not (folder / f"{planned.id}.html").exists():
-                    bar.write(f"{planned.id}: there is no replay; is the disk full?")
+                if replays and not (folder / f"{id_}.html").exists():
+                    bar.write(f"{id_}: there is no replay; is the disk full?")
         except (KeyboardInterrupt, Unfinished) as stopped:
             for process in multiprocessing.active_children():
                 process.terminate()
@@ -171,11 +199,28 @@ def run_isolated(
             last = messages.read_text(errors="replace") if messages.exists() else ""
             error = f"the process ended with status {process.exitcode}: {last[-2000:].strip()}"
             record = crash_record(scenario, name, error)
+    _write(record, filename)
+    return record
+
+
+def run_remotely(scenario_text: str, name: str) -> Record:
+    """On a worker of a cluster: runs a scenario, and returns its record instead of keeping it."""
+    with tempfile.TemporaryDirectory(prefix="feasigrasp-record-") as folder:
+        return run_isolated(parse_scenario(scenario_text), name, Path(folder) / "run.json")
+
+
+def _write(record: Record, filename: Path) -> None:
     try:
         write_json(record, filename)
     except OutputError as error:
         raise Unfinished(str(error), [record], 2) from error
-    return record
+
+
+def _held_so_far(records: Iterable[Record | None]) -> str:
+    """How many of the finished runs held their object, for the progress bar."""
+    held = [r["metrics"]["grasp_held"] for r in records if r is not None]
+    held = [each for each in held if each is not None]
+    return f"held {sum(held)} of {len(held)}" if held else ""
 
 
 def _is_whole(record: Record, form: Record) -> bool:

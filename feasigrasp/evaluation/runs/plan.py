@@ -16,6 +16,7 @@ from feasigrasp.errors import FeasigraspError, MeshError
 from feasigrasp.evaluation.runs.studies import STUDIES, Study, study_of
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import names, positive, print_notes, select_objects
+from feasigrasp.results.workers import Shard
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
@@ -73,6 +74,12 @@ class Plan:
 
     runs: list[PlannedRun]
     left_out: dict[str, str] = field(default_factory=dict)
+
+    def share(self, shard: Shard | None) -> Plan:
+        """The runs of a shard; all without one."""
+        if shard is None:
+            return self
+        return Plan(self.runs[shard.index - 1 :: shard.count], self.left_out)
 
 
 def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:

@@ -24,6 +24,7 @@ from feasigrasp.evaluation.metrics.run_metrics import METRICS, not_held, summari
 from feasigrasp.evaluation.metrics.tick_times import TickTimes
 from feasigrasp.evaluation.runs.console import StatusLine, progress
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
+from feasigrasp.evaluation.runs.teleport import teleport
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase
@@ -100,6 +101,8 @@ def run(
                 simulator.Initialize()
                 # Nor what was built: a full collection would hold up one tick for it.
                 gc.freeze()
+                if scenario.execution.teleport:
+                    teleport(simulator, scenario.simulation_duration)
                 simulator.AdvanceTo(scenario.simulation_duration)
             except RuntimeError as failure:
                 error = str(failure)

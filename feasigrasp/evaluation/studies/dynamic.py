@@ -21,6 +21,7 @@ from feasigrasp.results.finished import Record
 from feasigrasp.results.interrupts import Unfinished
 from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.rows import report_rows, write_csv
+from feasigrasp.results.workers import add_worker_arguments, shard_folders
 
 _HEADS = ("scenario", "controller", "mode", "object", "seed", "git")
 
@@ -29,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/dynamic", objects=None)
     add_plan_arguments(parser, default="reach")
+    add_worker_arguments(parser)
 
 
 def flat(record: Record) -> Record:
@@ -39,15 +41,22 @@ def flat(record: Record) -> Record:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    planned = plan(args)
+    planned = plan(args).share(args.shard)
     found = conditions(planned, args.split)
     try:
-        records = run_all(planned.runs, args.out / "runs", args.jobs, desc="dynamic")
+        records = run_all(
+            planned.runs,
+            args.out / "runs",
+            args.jobs,
+            desc="dynamic",
+            cluster=args.cluster,
+            elsewhere=[folder / "runs" for folder in shard_folders(args.out)],
+        )
     except Unfinished as stopped:
         if stopped.records:
             _report(args, stopped.records, found, partial=True)
         raise
-    _report(args, records, found)
+    _report(args, records, found, **({} if args.shard is None else {"partial": True}))
     return report_crashes(records)
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
+
+import numpy as np
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
-from feasigrasp.models.grasps.thinning import LEAST_SCORE
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.grasps.thinning import LEAST_SCORE, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import Gpdf
 
 
 class SamplerName(StrEnum):
@@ -24,10 +28,36 @@ class SamplerName(StrEnum):
     ANTIPODAL = "antipodal"
 
 
+@dataclass(frozen=True, eq=False)
+class Unfiltered:
+    """What a sampler proposes, as it comes: the paper's sampler without its post-filter.
+
+    A network's proposals are ranked by its own probabilities, others are all alike; near copies
+    are left out.
+
+    Attributes:
+        sampler: The sampler.
+        n_grasps: Most grasps returned.
+    """
+
+    sampler: GraspSamplerFn
+    n_grasps: int
+
+    def __call__(self, gpdf: Gpdf) -> GraspSet:
+        """Grasps in the frame of the field, best first."""
+        X_OG, width, told = self.sampler.candidates(gpdf)  # type: ignore[attr-defined]
+        ranked = isinstance(told, np.ndarray)
+        score = told.prod(axis=1) if ranked else np.ones(len(width))
+        order = np.argsort(-score, kind="stable")
+        grasps = GraspSet(X_OG[order], width[order], score[order], {}, order)
+        return thin_grasps(grasps, self.n_grasps, least_score=0.0)
+
+
 def make_sampler(
     name: str = SamplerName.NETWORK,
     gripper: ParallelGripper | None = None,
     *,
+    filtered: bool = True,
     n_candidates: int = 800,
     n_grasps: int = 64,
     least_score: float = LEAST_SCORE,
@@ -40,6 +70,7 @@ def make_sampler(
     Args:
         name: One of `SamplerName`.
         gripper: The hand; the default one unless given.
+        filtered: Whether what is proposed is judged on the field; if not, it is taken as it comes.
         n_candidates: Grasps that are filtered, at most.
         n_grasps: Grasps that are returned, at most.
         least_score: Grasps that score less are left out, while there are enough. Who judges grasps
@@ -51,6 +82,9 @@ def make_sampler(
         WeightsError: The network's weights are missing or broken.
     """
     chosen = parse_choice(SamplerName, name, "sampler", GraspError)
+    if not filtered:
+        counts = {"n_candidates": n_candidates, "n_grasps": n_grasps}
+        return Unfiltered(make_sampler(name, gripper, **counts, seed=seed), n_grasps)
     gripper = gripper or ParallelGripper()
     if chosen == SamplerName.ANTIPODAL:
         return AntipodalSampler(

@@ -29,6 +29,7 @@ class JudgeMethod(StrEnum):
     IK = "ik"  # exact
     RMM = "rmm"  # the paper's density
     BOTH = "both"  # the paper's, and exact on what passes
+    NONE = "none"  # whatever pose is known counts as reachable
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class PoseJudge(Frozen):
 
     Attributes:
         reachability: Exact inverse kinematics; its gripper tells where the flange is.
-        method: Exact, the paper's, or both; a `JudgeMethod` or its word.
+        method: Exact, the paper's, both, or none at all; a `JudgeMethod` or its word.
         space: Density of reachable flange poses, for ``rmm`` and ``both``; the packaged one of the
             iiwa if not given.
 
@@ -53,13 +54,16 @@ class PoseJudge(Frozen):
         """Checks the method, and loads the packaged space where one is needed."""
         method = parse_choice(JudgeMethod, self.method, "reachability method", ReachabilityError)
         object.__setattr__(self, "method", method)
-        if method != JudgeMethod.IK and self.space is None:
+        if method in (JudgeMethod.RMM, JudgeMethod.BOTH) and self.space is None:
             object.__setattr__(self, "space", ReachableSpace.load_default())
 
     def verdicts(self, X_WG: ArrayLike) -> NDArray[np.int8]:
         """Verdicts on hand poses (n, 4, 4) in the base frame, places in `VERDICTS`, shape (n,)."""
         if self.method == JudgeMethod.IK:
             return self.reachability.verdicts(X_WG)
+        if self.method == JudgeMethod.NONE:
+            known = np.isfinite(np.asarray(X_WG)).reshape(-1, 16).all(axis=1)
+            return np.where(known, REACHABLE, _UNLIKELY).astype(np.int8)
         assert self.space is not None  # loaded above
         X_WF = self.reachability.flange(X_WG)
         likely = self.space.contains(X_WF)  # not so for NaN

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
@@ -20,16 +21,24 @@ from feasigrasp.models.robot.iiwa import IIWA_7, Arm
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 2e-4, 1e-3
 #: A limit may be rounded by this share.
 LIMIT_TOLERANCE = 1e-3
+_NONE = np.eye(4)
 FINGER_JOINTS = ("left_finger_joint", "right_finger_joint")
 
 
-def check_cell(plant: MultibodyPlant, gripper: ParallelGripper, arm: Arm = IIWA_7) -> None:
+def check_cell(
+    plant: MultibodyPlant,
+    gripper: ParallelGripper,
+    arm: Arm = IIWA_7,
+    *,
+    hand_error: ArrayLike = _NONE,
+) -> None:
     """Compares a finalized plant with the arm and the hand that the project computes with.
 
     Frames are compared from the base to the hand, in a configuration that turns every joint, so
     that a joint's place, axis, sign and zero all show; the first one that is off is named. Joints
     may have no limits at all (as where nothing is enforced), or higher ones than ours for speed,
-    acceleration and effort, but no lower ones.
+    acceleration and effort, but no lower ones. With a ``hand_error`` (4, 4) the hand is expected to
+    be off by that.
 
     Raises:
         ScenarioError: The cell is another one; the message names part, amount and mend.
@@ -41,7 +50,7 @@ def check_cell(plant: MultibodyPlant, gripper: ParallelGripper, arm: Arm = IIWA_
     for name, X_WL in _expected_links(q, arm):
         _compare(plant.GetFrameByName(name, instance), context, X_WL, _LINK_MEND)
     _check_limits(plant, instance, arm)
-    _check_hand(plant, context, X_WL, gripper)
+    _check_hand(plant, context, X_WL @ gripper.X_FG @ np.asarray(hand_error), gripper)
 
 
 _LINK_MEND = (
@@ -137,7 +146,7 @@ def _check_limits(plant: MultibodyPlant, instance: ModelInstanceIndex, arm: Arm)
 
 
 def _check_hand(
-    plant: MultibodyPlant, context: Context, X_WF: Array, gripper: ParallelGripper
+    plant: MultibodyPlant, context: Context, X_WG: Array, gripper: ParallelGripper
 ) -> None:
     hand = _instance(plant, "gripper")
     for name in FINGER_JOINTS:
@@ -145,7 +154,7 @@ def _check_hand(
             raise ScenarioError(f"the gripper of the cell has no {name}; {_HAND_MEND}")
         joint = plant.GetJointByName(name, hand)
         joint.set_translation(context, 0.0)
-        _compare(joint.child_body().body_frame(), context, X_WF @ gripper.X_FG, _HAND_MEND)
+        _compare(joint.child_body().body_frame(), context, X_WG, _HAND_MEND)
     opening = sum(
         plant.GetJointByName(name, hand).position_upper_limits()[0] for name in FINGER_JOINTS
     )

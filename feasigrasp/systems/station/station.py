@@ -8,12 +8,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from pydrake.common.schema import Transform
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import (
+    FlattenModelDirectives,
     ModelDirective,
     ModelDirectives,
+    PackageMap,
     Parser,
     ProcessModelDirectives,
 )
@@ -27,8 +30,10 @@ from pydrake.systems.sensors import CameraConfig
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.faults.object import ObjectMotion, ObjectPulled
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.carrying import body_pose_kernel
 from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
 from feasigrasp.scenario.schema import ObjectConfig
@@ -61,6 +66,8 @@ class StationConfig:
             on its path at every step, whatever touches it.
         camera_noise: Errors of the depth images, by camera; a camera not named has none.
         noise_seed: Seed of those errors.
+        hand_error: Where the hand truly is, in the frame of the one that is planned with, shape
+            (4, 4) [m].
         pulls: What pulls at the object once it is let go.
     """
 
@@ -73,6 +80,7 @@ class StationConfig:
     touch_object: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
     noise_seed: int = 0
+    hand_error: np.ndarray = field(default_factory=lambda: np.eye(4))
     pulls: list[ObjectPulled] = field(default_factory=list)
 
 
@@ -274,7 +282,8 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(model_path("package.xml")))
     try:
-        ProcessModelDirectives(ModelDirectives(directives=config.directives), plant, parser)
+        directives = _with_hand_error(config, parser.package_map())
+        ProcessModelDirectives(directives, plant, parser)
     except RuntimeError as error:
         raise ScenarioError(
             "the directives of the cell cannot be loaded; if they name package://drake_models, "
@@ -299,6 +308,22 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
     # The real arm compensates its own weight and its tool's.
     for instance in _robot_instances(plant):
         plant.set_gravity_enabled(instance, False)
+
+
+def _with_hand_error(config: StationConfig, packages: PackageMap) -> ModelDirectives:
+    """The directives of the cell, with the hand welded to the flange as far off as it errs."""
+    directives = ModelDirectives(directives=config.directives)
+    if np.array_equal(config.hand_error, np.eye(4)):
+        return directives
+    directives = FlattenModelDirectives(directives, packages)
+    X_FG = ParallelGripper().X_FG
+    X_FF = RigidTransform(X_FG @ config.hand_error @ se3.inverse(X_FG))
+    for each in directives.directives:
+        if each.add_weld is not None and each.add_weld.child.startswith("gripper::"):
+            given = each.add_weld.X_PC
+            X_PC = RigidTransform() if given is None else given.GetDeterministicValue()
+            each.add_weld.X_PC = Transform(X_FF @ X_PC)
+    return directives
 
 
 def _robot_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:

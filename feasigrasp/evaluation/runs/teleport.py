@@ -1,0 +1,45 @@
+"""Puts the arm at a grasp without a way to it, as the paper's static test does."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+#: Time between two looks for a grasp [s].
+_PERIOD = 0.05
+
+
+def teleport(simulator: Simulator, until: float) -> None:
+    """Waits for grasps in reach, then puts the arm at the best of them, at rest.
+
+    What the drive sends jumps along with it: the velocities and accelerations of such a run say
+    nothing.
+
+    Args:
+        simulator: Of the diagram of `make_dynamic_grasp`, initialized.
+        until: It gives up at this time [s].
+    """
+    diagram, root = simulator.get_system(), simulator.get_mutable_context()
+    station, drive, sequencer = map(diagram.GetSubsystemByName, ("station", "drive", "sequencer"))
+    reachability, plant = Reachability(ParallelGripper()), station.plant
+    arm = plant.GetModelInstanceByName("iiwa")
+    plant_context = plant.GetMyMutableContextFromRoot(root)
+    while root.get_time() < until:
+        simulator.AdvanceTo(min(root.get_time() + _PERIOD, until))
+        ports = sequencer.GetMyContextFromRoot(root)
+        grasps = sequencer.GetOutputPort("grasps").Eval(ports)
+        X_WO = sequencer.GetOutputPort("object_pose").Eval(ports).GetAsMatrix4()
+        q, _ = reachability.nearest(X_WO @ grasps.X_OG, plant.GetPositions(plant_context, arm))
+        found = np.flatnonzero(np.isfinite(q).all(axis=1))
+        if len(found):
+            best, rest = q[found[0]], np.zeros(IIWA_7.joints)
+            plant.SetPositions(plant_context, arm, best)
+            plant.SetVelocities(plant_context, arm, rest)
+            drive.GetMyMutableContextFromRoot(root).SetDiscreteState(
+                0, np.concatenate([best, rest])
+            )
+            return

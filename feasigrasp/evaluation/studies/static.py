@@ -1,0 +1,214 @@
+"""``feasigrasp evaluate static``: grasp and lift objects at rest, as in the paper's Table I.
+
+An object lies at a pose drawn from the seed in a cube of 10 cm in front of the camera; the arm
+starts at home, moves there, closes, lifts, shakes and holds. ``docs/static.md`` has the protocols.
+Objects without a true grasp for the hand are named beside the table, with the reason. Every run is
+a file of its own: repeated, the command goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from collections.abc import Sequence
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feasigrasp.errors import MeshError
+from feasigrasp.evaluation.measures.grasps import GRASPABLE, is_graspable
+from feasigrasp.evaluation.protocols.static import ABLATIONS, PROTOCOLS, WHOLE, both
+from feasigrasp.evaluation.runs.conditions import conditions
+from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
+from feasigrasp.evaluation.runs.plan import Plan, Split, add_scenario_arguments, plan_run
+from feasigrasp.evaluation.runs.studies import Study
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.results.conditions import conditions_text
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.interrupts import Unfinished
+from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.results.statistics import grouped, mean_of_objects, share_of_objects
+from feasigrasp.results.workers import add_worker_arguments, shard_folders
+from feasigrasp.training.data.grasp_examples import true_input
+from feasigrasp.training.data.grasp_truth import TrueGrasps
+
+SCENARIO = "Static"
+#: Why an object is left out whose surface has no grasp.
+_NO_GRASP = (
+    "its true surface has no grasp for this hand: valid contact pairs start at fewer than "
+    f"{GRASPABLE} of its points"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/static", objects="builtin")
+    parser.add_argument(
+        "--protocols",
+        type=names,
+        default=list(PROTOCOLS),
+        help=f"some of {', '.join(PROTOCOLS)}, separated by commas",
+    )
+    parser.add_argument("--trials", type=positive, default=10, help="of every object")
+    parser.add_argument(
+        "--ablation",
+        action="store_true",
+        help="also each sampler alone, with the filter, and with reachability as well",
+    )
+    parser.add_argument(
+        "--controllers", type=names, default=["task"], help="task, joint or both, by commas"
+    )
+    add_scenario_arguments(parser)
+    add_worker_arguments(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    planned = plan(args).share(args.shard)
+    found = conditions(planned, Split.DEVELOPMENT)
+    try:
+        records = run_all(
+            planned.runs,
+            args.out / "runs",
+            args.jobs,
+            desc="static",
+            cluster=args.cluster,
+            elsewhere=[folder / "runs" for folder in shard_folders(args.out)],
+        )
+    except Unfinished as stopped:
+        if stopped.records:
+            _report(args, stopped.records, found, partial=True)
+        raise
+    _report(args, records, found, **({} if args.shard is None else {"partial": True}))
+    return report_crashes(records)
+
+
+def plan(args: argparse.Namespace) -> Plan:
+    """The trials: the same poses for every object, protocol and ablation.
+
+    With ``--quick``, two trials of two objects.
+
+    Raises:
+        MeshError: Nothing is left that can be grasped.
+        ScenarioError: Unknown protocol.
+    """
+    study = Study((SCENARIO,), variants=_variants(args.protocols, ablation=args.ablation))
+    objects, left_out = _graspable(args)
+    if not objects:
+        raise MeshError(f"{args.objects}: nothing can be grasped: {left_out}")
+    trials = range(args.seed, args.seed + (2 if args.quick else args.trials))
+    runs = [
+        plan_run(args, SCENARIO, study, chosen, variant, controller, "safe", seed)
+        for variant, chosen, controller, seed in itertools.product(
+            study.variants, objects.items(), args.controllers, trials
+        )
+    ]
+    return Plan(runs, left_out)
+
+
+def _variants(protocols: Sequence[str], *, ablation: bool) -> dict[str, Any]:
+    """What a scenario is changed by, by the end of its runs' names."""
+    unknown = [name for name in protocols if name not in PROTOCOLS]
+    if unknown:
+        raise MeshError(f"--protocols {', '.join(unknown)}: choose of {', '.join(PROTOCOLS)}")
+    found = {f"-{name}": PROTOCOLS[name] for name in protocols}
+    if ablation:
+        found |= {
+            f"-{name}-{part}": both(PROTOCOLS[name], change)
+            for name, (part, change) in itertools.product(protocols, ABLATIONS.items())
+            if part != WHOLE  # that is the protocol itself
+        }
+    return found
+
+
+def _graspable(args: argparse.Namespace) -> tuple[dict[str, str], dict[str, str]]:
+    """The objects that the hand could hold, and why not the others, by name."""
+    objects: dict[str, str] = {}
+    for part in names(args.objects):
+        objects |= select_objects(part)
+    if args.quick:
+        objects = dict(list(objects.items())[:2])
+    judged = finish_all(objects, args.out / "objects", {}, judge, jobs=args.jobs, desc="objects")
+    reasons = {name: records[0]["left_out"] for name, records in judged.items()}
+    return (
+        {name: what for name, what in objects.items() if reasons[name] is None},
+        {name: reason for name, reason in reasons.items() if reason is not None},
+    )
+
+
+def judge(name: str, item: str) -> list[Record]:
+    """Why an object is left out; None if it is not."""
+    try:
+        truth = TrueGrasps(load_object(item).mesh)
+    except MeshError as error:
+        if Path(item).is_file():
+            return [{"left_out": str(error)}]
+        raise
+    surface = true_input(truth, np.random.default_rng(0))
+    graspable = is_graspable(truth, surface, ParallelGripper())
+    return [{"left_out": None if graspable else _NO_GRASP}]
+
+
+def summary_rows(records: Sequence[Record]) -> list[Row]:
+    """What was held, and why not, by protocol, ablation and object; times by protocol.
+
+    Args:
+        records: Records of trials, their scenario ``Static-<protocol>[-<part>]``.
+    """
+    rows = []
+    for scenario, group in grouped(records, itemgetter("scenario")).items():
+        preset = scenario.removeprefix(f"{SCENARIO}-").replace("-", "/", 1)
+        rows += _outcomes(preset, group)
+        if "/" not in preset:
+            rows += _time_rows(preset, group)
+            for name, of_object in grouped(group, lambda run: Path(run["object"]).stem).items():
+                rows += _outcomes(f"{preset}/{name}", of_object, "static.object_")[:1]
+    whole = [row for row in rows if row.name == "static.held_percent" and "/" not in row.preset]
+    if any("/" in row.preset for row in rows if row.name == "static.held_percent"):
+        rows += [
+            Row(row.name, f"{row.preset}/{WHOLE}", row.value, row.low, row.high, row.unit, row.n)
+            for row in whole
+        ]
+    return rows
+
+
+def _time_rows(preset: str, group: Sequence[Record]) -> list[Row]:
+    """How long a trial takes, diagram and simulation, by the clock."""
+    ended = [record for record in group if record["timings"]["wall_s"] is not None]
+    if not ended:
+        return []
+    seconds = [record["timings"]["build_s"] + record["timings"]["wall_s"] for record in ended]
+    taken = mean_of_objects(seconds, [record["object"] for record in ended], 0.0)
+    return [Row.of("static.run_s", preset, taken, "s")]
+
+
+def _outcomes(preset: str, group: Sequence[Record], prefix: str = "static.") -> list[Row]:
+    """The share of trials that held, and of each cause of those that did not."""
+    objects = [record["object"] for record in group]
+    held = [bool(record["metrics"]["grasp_held"]) for record in group]
+    shares = {"held_percent": held}
+    for cause in sorted({r["metrics"]["cause"] for r in group} - {None}):
+        shares[f"cause.{cause}_percent"] = [r["metrics"]["cause"] == cause for r in group]
+    return [
+        Row.of(f"{prefix}{name}", preset, share_of_objects(so, objects), "%", 100.0)
+        for name, so in shares.items()
+    ]
+
+
+def _report(
+    args: argparse.Namespace, records: Sequence[Record], found: dict[str, Any], **more: bool
+) -> None:
+    """Prints and writes the figures of some trials; ``partial`` if those are not all."""
+    rows = summary_rows(records)
+    shown = [row for row in rows if row.name.startswith("static.") and "object" not in row.name]
+    table = f"{format_rows(shown)}\n{conditions_text(found)}"
+    report_rows(args, "evaluate static", rows, table, conditions=found, **more)
+    heads = ("scenario", "controller", "object", "seed", "git")
+    write_csv(
+        args.out / "runs.csv",
+        ({h: r[h] for h in heads} | r["metrics"] | {"error": r["error"]} for r in records),
+    )

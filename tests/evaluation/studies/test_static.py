@@ -1,0 +1,156 @@
+"""``feasigrasp evaluate static``: what it runs, its rows, and that shards come together."""
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from feasigrasp import cli
+from feasigrasp.evaluation.runs import isolated
+from feasigrasp.evaluation.runs.run import crash_record
+from feasigrasp.evaluation.studies import static
+from feasigrasp.results.workers import Shard
+from feasigrasp.scenario.sampling import make_hand_error, make_motion
+
+
+@pytest.fixture
+def fake_runs(monkeypatch):
+    """Replaces the simulation: even seeds hold, but not under the hard rules."""
+    ran = []
+
+    def run(scenario, name, filename, *, replay=None):
+        ran.append(filename.stem)
+        made = crash_record(scenario, name, "") | {"error": None}
+        held = scenario.random_seed % 2 == 0 and "hard" not in name
+        made["metrics"] |= {"grasp_held": held, "cause": None if held else "slipped"}
+        made["timings"] |= {"build_s": 1.0, "wall_s": 3.0}
+        filename.write_text(json.dumps(made))
+        return made
+
+    monkeypatch.setattr(isolated, "run_isolated", run)
+    monkeypatch.setattr(static, "judge", judge)
+    return ran
+
+
+def judge(name, item):
+    return [{"left_out": "too wide" if name == "bowl" else None}]
+
+
+def evaluate(out, *arguments):
+    objects = ("--jobs", "1", "--objects", "mug,bowl,ball", "--trials", "3")
+    return cli.main(["evaluate", "static", "--out", str(out), *objects, *arguments])
+
+
+def summary_of(out):
+    return json.loads((out / "summary.json").read_text())
+
+
+def rows_of(out):
+    return {(row["preset"], row["name"]): row for row in summary_of(out)["rows"]}
+
+
+def test_protocols_have_rows_and_objects_without_a_grasp_are_named(fake_runs, tmp_path, capsys):
+    assert evaluate(tmp_path) == 0
+    assert len(set(fake_runs)) == len(fake_runs) == 3 * 2 * 3
+    found = rows_of(tmp_path)
+    assert found["honest", "static.held_percent"]["value"] == pytest.approx(200.0 / 3.0)
+    assert found["hard", "static.held_percent"]["value"] == 0.0
+    assert found["hard", "static.cause.slipped_percent"]["value"] == 100.0
+    assert found["paper/mug", "static.object_held_percent"]["n"] == 3
+    assert found["honest", "static.run_s"]["value"] == 4.0
+    assert summary_of(tmp_path)["conditions"]["left_out"] == {"bowl": "too wide"}
+    assert "left out: bowl (too wide)" in capsys.readouterr().out
+    assert cli.main(["report", str(tmp_path)]) == 0
+    text = (tmp_path / "report.md").read_text()
+    assert "| printed: the paper | 90.00 (11.49) |" in text and "left out: bowl" in text
+
+
+def test_the_ablation_has_every_sampler_and_stage(fake_runs, tmp_path):
+    assert evaluate(tmp_path, "--protocols", "honest", "--ablation") == 0
+    found = {preset for preset, name in rows_of(tmp_path) if name == "static.held_percent"}
+    stages = ("", "+filter", "+filter+reachability")
+    samplers = ("network", "paper", "antipodal")
+    assert found == {"honest", *(f"honest/{a}{b}" for a in samplers for b in stages)}
+    assert len(fake_runs) == 9 * 2 * 3  # the whole pipeline is run once
+    assert cli.main(["report", str(tmp_path)]) == 0
+    text = (tmp_path / "report.md").read_text()
+    assert "| printed: the paper | 77.6 | 88.6 | 90.0 |" in text
+
+
+def plan_of(*arguments, out="out"):
+    parser = argparse.ArgumentParser()
+    static.add_arguments(parser)
+    return static.plan(parser.parse_args(["--out", str(out), "--jobs", "1", *arguments]))
+
+
+def test_rules_are_what_they_are_called(monkeypatch, tmp_path):
+    monkeypatch.setattr(static, "judge", judge)
+    runs = plan_of("--objects", "mug", "--trials", "2", out=tmp_path).runs
+    by_name = {(run.name, run.scenario.random_seed): run.scenario for run in runs}
+    honest, hard, paper = (by_name[f"Static-{n}", 1] for n in ("honest", "hard", "paper"))
+    assert honest.object.friction == 0.6 and honest.camera_noise and honest.perception.latency > 0
+    np.testing.assert_array_equal(make_motion(hard).pose(0.0), make_motion(honest).pose(0.0))
+    assert (hard.object.friction, hard.object.mass_factor) == (0.3, 2.0)
+    X = make_hand_error(hard)
+    assert np.linalg.norm(X[:3, 3]) == pytest.approx(0.005)
+    assert np.degrees(np.arccos((np.trace(X[:3, :3]) - 1) / 2)) == pytest.approx(5.0)
+    np.testing.assert_array_equal(make_hand_error(honest), np.eye(4))
+    np.testing.assert_array_equal(make_motion(paper).pose(0.0)[:3, :3], np.eye(3))
+    assert (paper.object.friction, paper.object.mass) == (100.0, 0.1) and paper.execution.teleport
+
+
+def test_shards_do_all_runs_once_and_come_together(fake_runs, tmp_path):
+    for k in (1, 2, 3):
+        assert evaluate(tmp_path, "--shard", f"{k}/4") == 0
+        part = summary_of(tmp_path / Shard(k, 4).folder)
+        assert part["partial"] is True
+    assert len(set(fake_runs)) == len(fake_runs) < 18
+    done = set(fake_runs)
+    assert evaluate(tmp_path) == 0  # the fourth was killed: its runs are done now
+    assert len(set(fake_runs)) == len(fake_runs) == 18
+    assert {f.stem for f in (tmp_path / "runs").iterdir()} == set(fake_runs) > done
+    whole = summary_of(tmp_path)
+    assert "partial" not in whole
+
+    alone = tmp_path / "alone"
+    assert evaluate(alone, "--jobs", "2") == 0
+    assert summary_of(alone)["rows"] == whole["rows"]
+
+
+def test_a_wrong_protocol_is_refused(fake_runs, tmp_path, capsys):
+    assert evaluate(tmp_path, "--protocols", "gentle") == 2
+    assert "choose of honest, hard, paper" in capsys.readouterr().err
+
+
+def test_what_the_hand_cannot_hold_is_judged_on_the_true_surface(tmp_path):
+    assert static.judge("soup_can", "soup_can") == [{"left_out": None}]
+    cube = tmp_path / "cube.obj"
+    trimesh.creation.box((0.2, 0.2, 0.2)).export(cube)
+    (record,) = static.judge("cube", str(cube))
+    assert "no grasp for this hand" in record["left_out"]
+    (tmp_path / "open.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n")
+    (record,) = static.judge("open", str(tmp_path / "open.obj"))
+    assert record["left_out"]
+
+
+def test_records_of_a_cluster_are_those_from_here(fake_runs, tmp_path, monkeypatch):
+    """The same summary, whoever does the runs; one whose worker died for good is a crash."""
+
+    def on_cluster(work, tasks, address):
+        assert address == "tcp://nowhere:1"
+        for number, (id_, arguments) in enumerate(reversed(tasks.items())):
+            yield id_, RuntimeError("worker died") if number == 0 else work(*arguments)
+
+    monkeypatch.setattr(isolated, "on_cluster", on_cluster)
+    assert evaluate(tmp_path / "here") == 0
+    there = tmp_path / "there"
+    assert evaluate(there, "--cluster", "tcp://nowhere:1") == 1
+    files = {f.name: json.loads(f.read_text()) for f in (there / "runs").iterdir()}
+    (lost,) = [record for record in files.values() if record["error"]]
+    assert lost["error"] == "RuntimeError: worker died" and lost["metrics"]["cause"] == "broke_off"
+    assert evaluate(there) == 0  # only that one is run again
+    here = {f.name: json.loads(f.read_text()) for f in (tmp_path / "here" / "runs").iterdir()}
+    assert {f.name: json.loads(f.read_text()) for f in (there / "runs").iterdir()} == here
+    assert summary_of(there)["rows"] == summary_of(tmp_path / "here")["rows"]
