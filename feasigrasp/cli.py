@@ -21,7 +21,7 @@ from feasigrasp.results.interrupts import STATUS, Unfinished
 
 #: By group: what its commands are for, and the modules that they are, ``*`` being their names.
 GROUPS = {
-    "evaluate": ("measure how well it works", "evaluation/studies/*.py"),
+    "evaluate": ("measure how well it works", "evaluation/studies/**/*.py"),
     "bench": ("measure how quick it is", "evaluation/bench/*.py"),
     "fit": ("fit models to an arm, and to grasps", "training/fit_*.py"),
     "train": ("train the networks that come with the package", "training/train_*.py"),
@@ -48,7 +48,7 @@ def single_commands() -> dict[str, tuple[str, str]]:
 def _found(pattern: str) -> dict[str, tuple[str, str]]:
     found = {}
     before = Path(pattern).stem.removesuffix("*")
-    for file in sorted(_PACKAGE.glob(pattern)):
+    for file in sorted(_PACKAGE.glob(pattern), key=lambda file: file.stem):
         if file.stem != "__init__":
             module = ".".join(file.relative_to(_PACKAGE.parent).with_suffix("").parts)
             name = file.stem.removeprefix(before).replace("_", "-")

@@ -128,8 +128,8 @@ def on_cluster(
             client.submit(work, *arguments, pure=False): name for name, arguments in tasks.items()
         }
         for future in as_completed(list(names)):
-            error = future.exception()
-            yield names[future], future.result() if error is None else error
+            failure = future.exception()
+            yield names[future], future.result() if failure is None else failure
             future.release()
 
 

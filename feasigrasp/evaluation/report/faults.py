@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from feasigrasp.evaluation.runs.fault_table import FAULTS
+from feasigrasp.evaluation.protocols.fault_table import FAULTS
 from feasigrasp.results.markdown import markdown_table
 from feasigrasp.results.rows import Row
 

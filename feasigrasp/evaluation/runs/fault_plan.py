@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.evaluation.runs.fault_table import FAULTS, StudiedFault
+from feasigrasp.evaluation.protocols.fault_table import FAULTS, StudiedFault
 from feasigrasp.evaluation.runs.plan import PlannedRun
 from feasigrasp.evaluation.runs.studies import STUDIES
 from feasigrasp.resources import diagram_path

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from feasigrasp.evaluation.protocols.fault_table import FAULTS
 from feasigrasp.evaluation.runs.fault_plan import FaultRun, faulty_runs, nominal_runs, outcome
 from feasigrasp.evaluation.runs.fault_probe import blind_pairs, leaks, rest_time
-from feasigrasp.evaluation.runs.fault_table import FAULTS
 from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import add_scenario_arguments
 from feasigrasp.results.arguments import add_common_arguments, names, positive

@@ -83,8 +83,10 @@ def make_sampler(
     """
     chosen = parse_choice(SamplerName, name, "sampler", GraspError)
     if not filtered:
-        counts = {"n_candidates": n_candidates, "n_grasps": n_grasps}
-        return Unfiltered(make_sampler(name, gripper, **counts, seed=seed), n_grasps)
+        sampler = make_sampler(
+            name, gripper, n_candidates=n_candidates, n_grasps=n_grasps, seed=seed
+        )
+        return Unfiltered(sampler, n_grasps)
     gripper = gripper or ParallelGripper()
     if chosen == SamplerName.ANTIPODAL:
         return AntipodalSampler(

@@ -12,6 +12,7 @@ from feasigrasp import cli
 from feasigrasp.errors import ScenarioError
 from feasigrasp.evaluation.bench import soak
 from feasigrasp.evaluation.metrics.cause import Cause
+from feasigrasp.evaluation.protocols.fault_table import FAULTS
 from feasigrasp.evaluation.report.faults import faults_report
 from feasigrasp.evaluation.runs import fault_probe, isolated
 from feasigrasp.evaluation.runs.fault_plan import (
@@ -22,7 +23,6 @@ from feasigrasp.evaluation.runs.fault_plan import (
     outcome,
 )
 from feasigrasp.evaluation.runs.fault_probe import ArmLog, blind_pairs, leaks
-from feasigrasp.evaluation.runs.fault_table import FAULTS
 from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.evaluation.studies import faults
 from feasigrasp.models.control.status import StatusCode

@@ -8,7 +8,7 @@ import pytest
 
 from feasigrasp.cli import main
 from feasigrasp.evaluation.studies import length_scale as study_length_scale
-from feasigrasp.evaluation.studies import shape_figures
+from feasigrasp.evaluation.studies.figures import shape_figures
 from feasigrasp.evaluation.studies.length_scale import curves, summary_rows
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.training.data.views import ViewedObject
