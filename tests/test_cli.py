@@ -54,7 +54,7 @@ def test_the_commands_are_those_that_users_rely_on():
             *("capability", "dynamic", "faults", "gallery", "grasp-labels", "grasp-targets"),
             *("joint-field-figures", "kinematics", "length-scale", "mixture-figures"),
             *("prediction", "reachability", "rollout", "sampler"),
-            *("sampler-figures", "shape", "shape-figures", "static"),
+            *("sampler-figures", "segmentation", "shape", "shape-figures", "static"),
         ],
         "bench": [
             *("all", "control", "kinematics", "reachability", "safety", "sampler", "shape", "soak"),

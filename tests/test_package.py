@@ -28,7 +28,7 @@ ORDER = (
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),
     ("models.faults",),
-    ("models.ik", "models.shape"),
+    ("models.ik", "models.shape", "models.segmentation"),
     ("models.tracking",),
     ("models.grasps.network",),
     ("models.grasps",),
@@ -166,7 +166,7 @@ def test_nothing_is_there_for_tests_alone(repository):
 
 
 def test_the_models_are_a_dozen_packages():
-    """At most 13 packages in `models`, and at most 40 arrows between them, in no circle."""
+    """At most 14 packages in `models`, and at most 44 arrows between them, in no circle."""
     arrows = {
         (own, other)
         for path in MODULES
@@ -174,8 +174,8 @@ def test_the_models_are_a_dozen_packages():
         if (own := room(module_name(path))) and (other := room(name)) and own != other
     }
     rooms = {room for arrow in arrows for room in arrow}
-    assert len(rooms) <= 13
-    assert len(arrows) <= 40
+    assert len(rooms) <= 14
+    assert len(arrows) <= 44
     graph = {room: {b for a, b in arrows if a == room} for room in rooms}
     list(graphlib.TopologicalSorter(graph).static_order())
 

@@ -5,8 +5,8 @@ For example::
     feasigrasp perceive --cloud mug.ply --picture out/mug.png --html out/mug.html
 
 The cloud shows one object, in metres, in the camera's frame (the camera in the origin, z forward);
-``--scale``, ``--crop``, ``--viewpoint`` and ``--merged`` are for clouds that differ. ``--sampler``
-chooses where grasps come from, as in scenarios.
+``--scale``, ``--crop``, ``--on_table``, ``--viewpoint`` and ``--merged`` are for clouds that
+differ. ``--sampler`` chooses where grasps come from, as in scenarios.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
+from feasigrasp.errors import PointCloudError
 from feasigrasp.evaluation.pictures.perception import draw_perception
 from feasigrasp.evaluation.pictures.perception_html import write_perception_html
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.segmentation.tabletop import object_on_table
 from feasigrasp.outputs import check_outputs
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
@@ -49,6 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=6,
         metavar=("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX"),
         help="keep what is inside this box [m]",
+    )
+    parser.add_argument(
+        "--on_table",
+        action="store_true",
+        help="the cloud shows a table too: keep the largest thing that stands on it",
     )
     parser.add_argument("--voxel", type=_length, default=0.003, help="resolution [m]")
     view = parser.add_mutually_exclusive_group()
@@ -127,6 +134,10 @@ def main(args: argparse.Namespace) -> int:
     points = prepare_cloud(
         read_cloud(args.cloud), scale=args.scale, crop=args.crop, viewpoint=viewpoint
     )
+    if args.on_table:
+        if viewpoint is None:
+            raise PointCloudError("--on_table needs to know where the camera was: no --merged")
+        points = points[object_on_table(points, viewpoint)]
     perception = perceive(
         points,
         viewpoint,

@@ -11,6 +11,7 @@ import numpy as np
 from feasigrasp.errors import CameraError, ScenarioError
 from feasigrasp.models.choices import nearest
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -18,6 +19,7 @@ from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.presets import PRESETS
+from feasigrasp.scenario.sampling import camera_errors
 from feasigrasp.scenario.schema import Scenario
 
 #: Renderers that Drake knows by their name; the empty word is its default.
@@ -158,7 +160,7 @@ def _check_law(scenario: Scenario) -> None:
 
 
 def _check_camera_noise(scenario: Scenario) -> None:
-    known = [field.name for field in dc.fields(DepthNoise)]
+    known = [field.name for errors in (DepthNoise, HandEyeError) for field in dc.fields(errors)]
     for name, changes in scenario.camera_noise.items():
         if name not in scenario.cameras:
             raise ScenarioError(
@@ -172,7 +174,7 @@ def _check_camera_noise(scenario: Scenario) -> None:
                 f"{nearest(unknown[0], known)}"
             )
         try:
-            DepthNoise(**changes)
+            camera_errors(changes)
         except CameraError as error:
             raise ScenarioError(f"camera_noise.{name}: {error}") from error
 

@@ -17,6 +17,7 @@ from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
+from feasigrasp.scenario.schema import Segmentation
 
 _SEED = (0, 2**32 - 1, "")
 _TURN = (-3600.0, 3600.0, "deg")
@@ -89,6 +90,11 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "grasp.shake_frequency": (0.01, 20.0, "Hz"),
     "grasp.shake_time": (0.0, 60.0, "s"),
     "grasp.hold_time": (0.0, 600.0, "s"),
+    "camera_noise.*.correlation": (0.0, 20.0, "px"),
+    "camera_noise.*.motion_blur": (0.0, 20.0, "px"),
+    "camera_noise.*.dropped": (0.0, 1.0, ""),
+    "camera_noise.*.hand_eye_position": (0.0, 0.1, "m"),
+    "camera_noise.*.hand_eye_angle_deg": (0.0, 30.0, "deg"),
     "camera_noise.*.baseline": (0.001, 1.0, "m"),
     "camera_noise.*.subpixel": (0.0, 10.0, "px"),
     "camera_noise.*.disparity_step": (0.0, 10.0, "px"),
@@ -139,6 +145,7 @@ CHOICES: dict[str, Sequence[str]] = {
     "control.law": tuple(Law),
     "control.targets": tuple(Targets),
     "control.source": tuple(Source),
+    "perception.segmentation": tuple(Segmentation),
     "perception.preset": tuple(Preset),
     "perception.sampler": tuple(SamplerName),
     "reachability.method": tuple(JudgeMethod),

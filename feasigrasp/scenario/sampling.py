@@ -9,6 +9,7 @@ from pydrake.common.schema import Sample, Transform
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import ObjectMotion, altered
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.bezier_motion import BezierMotion, bezier_legs
@@ -22,7 +23,25 @@ _PLACE, _HAND = 1, 3
 
 def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
     """The errors of the scenario's depth cameras, by camera; none for a camera that sees truly."""
-    return {name: DepthNoise(**changes) for name, changes in scenario.camera_noise.items()}
+    return {name: camera_errors(x)[0] for name, x in scenario.camera_noise.items()}
+
+
+def make_hand_eye(scenario: Scenario) -> dict[str, HandEyeError]:
+    """What is wrong with where the cameras are believed to be, by camera, if anything is."""
+    errors = {name: camera_errors(x)[1] for name, x in scenario.camera_noise.items()}
+    return {name: error for name, error in errors.items() if error != HandEyeError()}
+
+
+def camera_errors(entry: dict[str, float]) -> tuple[DepthNoise, HandEyeError]:
+    """An entry of ``camera_noise``, each key for what it is an error of.
+
+    Raises:
+        CameraError: A value out of range.
+    """
+    of_pose = {field.name for field in dataclasses.fields(HandEyeError)}
+    depth = {key: value for key, value in entry.items() if key not in of_pose}
+    pose = {key: value for key, value in entry.items() if key in of_pose}
+    return DepthNoise(**depth), HandEyeError(**pose)
 
 
 def load_scenario_object(scenario: Scenario) -> RigidObject:

@@ -7,6 +7,7 @@ the value that `feasigrasp.scenario.presets` has for the control mode.
 
 import dataclasses as dc
 import typing
+from enum import StrEnum
 
 import numpy as np
 from pydrake.common.schema import Rotation, Uniform
@@ -79,6 +80,13 @@ class MotionConfig:
     spin: float = 0.2
 
 
+class Segmentation(StrEnum):
+    """By what the object's pixels are told."""
+
+    LABELS = "labels"
+    DEPTH = "depth"
+
+
 @dc.dataclass
 class BezierPath:
     """A path of Bezier curves with stops and turns, drawn from the seed; see `BezierMotion`.
@@ -106,6 +114,8 @@ class PerceptionConfig:
 
     Attributes:
         camera: Name of the camera that is used.
+        segmentation: By what its pixels of the object are told: ``labels``, the label image of the
+            simulation, or ``depth``, its depth image alone, see `ForegroundSegmentation`.
         period: Time between views [s].
         latency: Time from a view to its grasps [s]; by default that of the mode.
         preset: ``default``, or ``paper`` for the paper's field, see `complete_shape`; by default
@@ -123,6 +133,7 @@ class PerceptionConfig:
     """
 
     camera: str = "wrist_camera"
+    segmentation: str = Segmentation.LABELS.value
     period: float = 0.5
     latency: float = _of_the_mode()
     preset: str = _of_the_mode()
@@ -270,7 +281,8 @@ class Scenario:
         directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``.
         cameras: Cameras by name.
         camera_noise: By camera, errors of its depth image; ``{wrist_camera: {}}`` gives it those of
-            a RealSense D435, entries as in `DepthNoise` change them. A camera not named has none,
+            a RealSense D435, entries as in `DepthNoise` change them, and those of `HandEyeError`
+            move the camera from where it is believed to be. A camera not named has no errors,
             and ``{}`` takes away those of a scenario that it is applied to.
         q_start: Joint positions at the start [deg].
         object: The object.

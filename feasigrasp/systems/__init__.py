@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
     from feasigrasp.systems.reachability_filter import ReachabilityFilter
     from feasigrasp.systems.rmm_task_controller import RMMTaskController
-    from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
+    from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
     from feasigrasp.systems.station.station import Station, StationConfig
     from feasigrasp.systems.velocity_drive import VelocityDrive
 
@@ -40,7 +40,7 @@ __getattr__ = hand_on(
     {
         "Station": "station.station",
         "StationConfig": "station.station",
-        "SegmentPointCloud": "segment_point_cloud",
+        "SegmentPointCloud": "segmentation.segment_point_cloud",
         "PointCloudToGPDF": "point_cloud_to_gpdf",
         "GraspSampler": "grasp_sampler",
         "ReachabilityFilter": "reachability_filter",

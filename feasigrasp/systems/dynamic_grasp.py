@@ -13,13 +13,15 @@ from pydrake.systems.primitives import LogVectorOutput, PassThrough, ZeroOrderHo
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import make_hand_error
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.carry_filter import CarryFilter
 from feasigrasp.systems.faults.injection import FaultInjection
 from feasigrasp.systems.from_scenario import (
     make_controller,
+    make_foreground_segmentation,
     make_reachability_filter,
     make_scenario_sampler,
     make_station,
@@ -34,7 +36,7 @@ from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.scene_filter import SceneFilter
-from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
+from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.meshcat_scene import add_scene
 from feasigrasp.systems.station.object_contact import ObjectContact
@@ -184,9 +186,13 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
         station.GetOutputPort(f"{config.camera}.{name}")
         for name in ("point_cloud", "label_image", "pose")
     )
-    label = station.object_label
-    cloud, labels = cell.faults.images(cloud, labels, camera_pose, label)
-    images = {"point_cloud": cloud, "label_image": labels}
+    label, no_scene = station.object_label, station.robot_and_object_labels()
+    cloud = cell.faults.cloud(cloud, labels, camera_pose, label)
+    if config.segmentation == Segmentation.DEPTH:
+        label, no_scene = Label.OBJECT, [Label.OBJECT, Label.ROBOT, Label.UNCLEAR]
+        foreground = make_foreground_segmentation(cell.scenario, cell.gripper)
+        labels = cell.builder.AddNamedSystem("foreground", foreground).get_output_port()
+    images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, label)}
     segmentation = cell.add("segmentation", SegmentPointCloud(label), **images)
     field = PointCloudToGPDF(
         config.period,
@@ -199,6 +205,17 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
     seen_pose = _pose_at_view(cell)
     cell.add("perception", field, segmentation, camera_pose=camera_pose, object_pose=seen_pose)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
+    if config.segmentation == Segmentation.DEPTH:
+        cell.connect(
+            foreground,
+            cell["tracker"],
+            object_pose=seen_pose,
+            point_cloud=cloud,
+            camera_pose=camera_pose,
+            position=station.GetOutputPort("iiwa.position_measured"),
+            gripper_state=station.GetOutputPort("gripper.state_measured"),
+            gpdf=gpdf,
+        )
     checks = cell.gripper if config.filter else None
     sampling = GraspSampler(sampler, checks, mass=cell.scenario.object.mass)
     grasps = cell.add("sampler", sampling, gpdf=gpdf)
@@ -206,7 +223,7 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
     cell.add("latency", latency, u=grasps.get_output_port())
     if scene_config.enabled:
         scene = PointCloudToScene(
-            station.robot_and_object_labels(),
+            no_scene,
             period=scene_config.period,
             resolution=scene_config.resolution,
         )

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.search import SolutionOptions
 from feasigrasp.models.control.mode import ControlSpace
@@ -21,12 +22,15 @@ from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.segmentation.camera_view import CameraModel
+from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
     make_camera_noise,
     make_hand_error,
+    make_hand_eye,
     make_motion,
 )
 from feasigrasp.scenario.schema import Scenario
@@ -34,6 +38,9 @@ from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
+from feasigrasp.systems.station.camera import pixel_centred_intrinsics
+from feasigrasp.systems.station.cell_boxes import cell_boxes
 from feasigrasp.systems.station.station import Station, StationConfig
 
 
@@ -60,12 +67,34 @@ def station_config(scenario: Scenario) -> StationConfig:
         directives=scenario.directives,
         cameras=scenario.cameras,
         camera_noise=make_camera_noise(scenario),
+        hand_eye=make_hand_eye(scenario),
         noise_seed=scenario.random_seed,
         q_start=np.deg2rad(scenario.q_start),
         friction=scenario.object.friction,
         enforce_constraints=safe,
         touch_object=safe or scenario.grasp.close,
         pulls=[fault for fault in scenario.faults if isinstance(fault, ObjectPulled)],
+    )
+
+
+def make_foreground_segmentation(
+    scenario: Scenario, gripper: ParallelGripper
+) -> ForegroundSegmentation:
+    """The segmentation of the images of the scenario's camera by their depth."""
+    name = scenario.perception.camera
+    noise = make_camera_noise(scenario).get(name, DepthNoise())
+    info = pixel_centred_intrinsics(scenario.cameras[name])
+    camera = CameraModel(
+        info.width(),
+        info.height(),
+        info.focal_x(),
+        info.focal_y(),
+        info.center_x(),
+        info.center_y(),
+        noise.subpixel / (info.focal_x() * noise.baseline),
+    )
+    return ForegroundSegmentation(
+        camera, KnownBodies(gripper, cell_boxes(station_config(scenario)))
     )
 
 

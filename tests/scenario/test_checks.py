@@ -12,6 +12,7 @@ from pydrake.multibody.parsing import ModelDirective
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario, numbers
@@ -172,6 +173,7 @@ def numeric_keys(kind, path=()):
         name, entry = "any", typing.get_args(kind)[1]
         if path == ("camera_noise",):
             yield from numeric_keys(DepthNoise, (*path, name))
+            yield from numeric_keys(HandEyeError, (*path, name))
         else:
             yield from numeric_keys(entry, (*path, name))
     elif typing.get_origin(kind) is list:

@@ -8,7 +8,12 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
-from feasigrasp.scenario.sampling import load_scenario_object, make_camera_noise, make_motion
+from feasigrasp.scenario.sampling import (
+    load_scenario_object,
+    make_camera_noise,
+    make_hand_eye,
+    make_motion,
+)
 from feasigrasp.scenario.schema import Scenario
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -19,6 +24,9 @@ NAMES = (
     "ReachBezier",
     "ReachObstacle",
     "Static",
+    "ReachCircularCamera",
+    "ReachLinearCamera",
+    "ReachSinusoidalCamera",
     "PaperCircular",
     "PaperLinear",
     "PaperSinusoidal",
@@ -154,11 +162,27 @@ def test_every_default_is_written():
 
 @pytest.mark.parametrize("name", scenario_names(FILE))
 def test_the_conditions_are_those_of_a_real_cell(name):
-    """A D435's errors, friction 0.6 and a tenth of a second from a view to its grasps."""
+    """A camera's errors, friction 0.6 and a tenth of a second from a view to its grasps."""
     scenario = load_scenario(FILE, name)
-    assert make_camera_noise(scenario) == {"wrist_camera": DepthNoise()}
+    noise = make_camera_noise(scenario)["wrist_camera"]
+    assert noise == DepthNoise() or name.endswith("Camera") and noise.baseline == 0.018
     assert scenario.object.friction == 0.6
     assert scenario.perception.latency == 0.1
+
+
+def test_a_camera_of_ones_own_is_as_a_d405():
+    """Least depth and baseline; calibration and correlated noise as a real camera has them."""
+    for name in ("ReachCircular", "ReachLinear", "ReachSinusoidal"):
+        plain, seen = load_scenario(FILE, name), load_scenario(FILE, f"{name}Camera")
+        moved = [poses(scenario) for scenario in (plain, seen)]
+        np.testing.assert_array_equal(*moved)
+        assert (plain.perception.segmentation, seen.perception.segmentation) == ("labels", "depth")
+        assert seen.cameras["wrist_camera"].z_near == 0.07
+        noise = make_camera_noise(seen)["wrist_camera"]
+        assert min(noise.correlation, noise.motion_blur, noise.dropped) > 0.0
+        error = make_hand_eye(seen)["wrist_camera"]
+        assert min(error.hand_eye_position, error.hand_eye_angle_deg) > 0.0
+        assert make_hand_eye(plain) == {}
 
 
 def test_camera_noise_is_off_where_no_camera_is_named():
@@ -178,6 +202,8 @@ def test_camera_noise_is_off_where_no_camera_is_named():
         ("{head: {}}", "names 'head', but cameras has wrist_camera"),
         ("{wrist_camera: {sigma: 1}}", "has sigma; it may have baseline, subpixel"),
         ("{wrist_camera: {subpixel: -1}}", "wrist_camera: DepthNoise.subpixel = -1"),
+        ("{wrist_camera: {hand_eye_position: -1}}", "HandEyeError.hand_eye_position = -1"),
+        ("{wrist_camera: {dropped: 2}}", "dropped = 2.* is a share; give 1 at most"),
     ],
 )
 def test_wrong_camera_noise_is_refused(noise, message):

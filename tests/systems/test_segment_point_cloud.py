@@ -7,7 +7,7 @@ from pydrake.perception import DepthImageToPointCloud, PointCloud
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, PixelType
 
-from feasigrasp.systems.segment_point_cloud import SegmentPointCloud
+from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 
 LABEL = 7
 

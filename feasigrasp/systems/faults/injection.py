@@ -34,19 +34,22 @@ class FaultInjection:
     builder: DiagramBuilder
     scenario: Scenario
 
-    def images(
+    def cloud(
         self, cloud: OutputPort, labels: OutputPort, camera_pose: OutputPort, label: int
-    ) -> tuple[OutputPort, OutputPort]:
-        """Point cloud and label image of a camera that sees the object under ``label``."""
-        true_labels = labels
+    ) -> OutputPort:
+        """The point cloud of a camera that sees the object under ``label`` in true ``labels``."""
         for number, fault in self._of(CloudFault):
             system = FaultyCloud(fault, label, self._seed(number))
             cloud = self._insert(
-                number, system, point_cloud=cloud, label_image=true_labels, camera_pose=camera_pose
+                number, system, point_cloud=cloud, label_image=labels, camera_pose=camera_pose
             )
-        for number, mask_fault in self._of(MaskFault):
-            labels = self._insert(number, FaultyMask(mask_fault, label), label_image=labels)
-        return cloud, labels
+        return cloud
+
+    def mask(self, labels: OutputPort, label: int) -> OutputPort:
+        """The label image by which the object is told, under ``label``."""
+        for number, fault in self._of(MaskFault):
+            labels = self._insert(number, FaultyMask(fault, label), label_image=labels)
+        return labels
 
     def pose(self, pose: OutputPort) -> OutputPort:
         """The pose that the tracker measures."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.lcm import DrakeLcm
 from pydrake.multibody.plant import MultibodyPlant
@@ -10,7 +11,12 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
 
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.hand_eye import HandEyeError
+from feasigrasp.systems.station.believed_pose import BelievedPose
 from feasigrasp.systems.station.noisy_depth import NoisyDepth
+
+#: Makes the seed of a calibration another than those of the images.
+_HAND_EYE = 2**40
 
 
 def export_camera(
@@ -20,12 +26,13 @@ def export_camera(
     scene_graph: SceneGraph,
     *,
     noise: DepthNoise | None = None,
+    hand_eye: HandEyeError | None = None,
     seed: int = 0,
 ) -> None:
     """Adds a camera and exports its outputs as ``<name>.<output>``.
 
     These are ``point_cloud`` (world frame, pixel by pixel), ``color_image``, ``depth_image``,
-    ``label_image`` and ``pose`` X_WC.
+    ``label_image`` and ``pose`` X_WC. Pose and cloud are as the camera's calibration has them.
 
     Args:
         builder: The builder of the station.
@@ -33,6 +40,7 @@ def export_camera(
         plant: The plant whose frames the camera is mounted on.
         scene_graph: What it sees.
         noise: Errors of its depth image, and of the point cloud made from it; None for none.
+        hand_eye: Error of its calibration; None for none.
         seed: Seed of those errors.
     """
     name = config.name
@@ -51,12 +59,18 @@ def export_camera(
         f"{name}_point_cloud", DepthImageToPointCloud(info, PixelType.kDepth32F)
     )
     builder.Connect(depth, cloud.depth_image_input_port())
-    builder.Connect(sensor.body_pose_in_world_output_port(), cloud.camera_pose_input_port())
+    pose = sensor.body_pose_in_world_output_port()
+    if hand_eye is not None:
+        X_CB = hand_eye.draw(np.random.default_rng([seed, _HAND_EYE]))
+        believed = builder.AddNamedSystem(f"{name}_believed_pose", BelievedPose(X_CB))
+        builder.Connect(pose, believed.get_input_port())
+        pose = believed.get_output_port()
+    builder.Connect(pose, cloud.camera_pose_input_port())
     builder.ExportOutput(cloud.point_cloud_output_port(), f"{name}.point_cloud")
     builder.ExportOutput(sensor.color_image_output_port(), f"{name}.color_image")
     builder.ExportOutput(depth, f"{name}.depth_image")
     builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
-    builder.ExportOutput(sensor.body_pose_in_world_output_port(), f"{name}.pose")
+    builder.ExportOutput(pose, f"{name}.pose")
 
 
 def pixel_centred_intrinsics(config: CameraConfig) -> CameraInfo:

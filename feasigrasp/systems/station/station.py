@@ -29,6 +29,7 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import ObjectMotion, ObjectPulled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.carrying import body_pose_kernel
@@ -65,6 +66,7 @@ class StationConfig:
         touch_object: Whether robot and object touch. The paper's dynamic test puts the object back
             on its path at every step, whatever touches it.
         camera_noise: Errors of the depth images, by camera; a camera not named has none.
+        hand_eye: Errors of where cameras are believed to be, by camera, likewise.
         noise_seed: Seed of those errors.
         hand_error: Where the hand truly is, in the frame of the one that is planned with, shape
             (4, 4) [m].
@@ -79,6 +81,7 @@ class StationConfig:
     enforce_constraints: bool = True
     touch_object: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
+    hand_eye: dict[str, HandEyeError] = field(default_factory=dict)
     noise_seed: int = 0
     hand_error: np.ndarray = field(default_factory=lambda: np.eye(4))
     pulls: list[ObjectPulled] = field(default_factory=list)
@@ -171,7 +174,7 @@ class Station(Diagram):
 
     def robot_instances(self) -> list[ModelInstanceIndex]:
         """Model instances of the arm and of what it carries."""
-        return _robot_instances(self.plant)
+        return robot_instances(self.plant)
 
     def contact_friction(self) -> float:
         """The Coulomb friction of contacts between gripper and object."""
@@ -268,9 +271,15 @@ class Station(Diagram):
         for index, (name, camera) in enumerate(config.cameras.items()):
             camera = copy.deepcopy(camera)  # the caller's stays as it is
             camera.name = name
-            noise = config.camera_noise.get(name)
-            seed = config.noise_seed + 2**32 * index  # cameras err differently
-            export_camera(builder, camera, twin, scene_graph, noise=noise, seed=seed)
+            export_camera(
+                builder,
+                camera,
+                twin,
+                scene_graph,
+                noise=config.camera_noise.get(name),
+                hand_eye=config.hand_eye.get(name),
+                seed=config.noise_seed + 2**32 * index,  # cameras err differently
+            )
 
 
 def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
@@ -306,7 +315,7 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
         joint = plant.GetJointByName(name, gripper)
         joint.set_default_positions(joint.position_upper_limits())
     # The real arm compensates its own weight and its tool's.
-    for instance in _robot_instances(plant):
+    for instance in robot_instances(plant):
         plant.set_gravity_enabled(instance, False)
 
 
@@ -326,6 +335,7 @@ def _with_hand_error(config: StationConfig, packages: PackageMap) -> ModelDirect
     return directives
 
 
-def _robot_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+def robot_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+    """Model instances of the arm and of what it carries."""
     names = filter(plant.HasModelInstanceNamed, ("iiwa", "gripper", "camera"))
     return [plant.GetModelInstanceByName(name) for name in names]

@@ -1,5 +1,7 @@
 """The sensor model against its formulas: axial noise, steps, edges, grazing angles."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -227,3 +229,56 @@ def test_a_wrong_image_or_camera_is_refused():
         DepthNoise().apply(np.ones(4), K, rng())
     with pytest.raises(CameraError, match="positive focal lengths"):
         DepthNoise().apply(np.ones(SHAPE), (0.0, 1.0, 2.0, 3.0), rng())
+
+
+def test_correlated_noise_is_as_large_and_resembles_its_neighbours():
+    """Two Gaussian windows overlap by exp(-d^2 / (4 w^2)): the autocorrelation, by hand."""
+    depth = np.full((480, 640), 0.5)
+    plain = {"disparity_step": 0.0, "depth_step": 0.0}
+    errors = {}
+    for width in (0.0, 2.0):
+        noise = DepthNoise(correlation=width, **plain)
+        errors[width] = 1.0 / noise.apply(depth, INTRINSICS, rng()) - 2.0
+    assert np.std(errors[2.0]) == pytest.approx(np.std(errors[0.0]), rel=0.05)
+    for apart in (1, 3, 6):
+        for width, expected in ((0.0, 0.0), (2.0, np.exp(-(apart**2) / 16.0))):
+            one, other = errors[width][:, :-apart], errors[width][:, apart:]
+            found = np.corrcoef(one.ravel(), other.ravel())[0, 1]
+            assert found == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.parametrize("blur", [1.0, 3.0])
+def test_motion_blur_widens_the_edges(blur):
+    """Pixels lost or flying reach so much farther from the square's rim, and no farther."""
+    depth = step_image()
+    sure = DepthNoise(
+        subpixel=0.0, disparity_step=0.0, depth_step=0.0, flying=0.0, edge_missing=1.0
+    )
+    lost = {b: np.isinf(noise_of(sure, b).apply(depth, INTRINSICS, rng())) for b in (0.0, blur)}
+    inside = np.s_[80:160, 100:200]
+    widths = {b: np.flatnonzero(~lost[b][inside][40])[0] for b in lost}
+    assert widths == {0.0: 1, blur: 1 + blur}
+    row = np.flatnonzero(~lost[blur][40, :300])  # the wall, out of the square's rows
+    assert row[0] == 0 and row[-1] == 299 - 1 - blur
+
+
+def noise_of(noise, blur):
+    return dataclasses.replace(noise, motion_blur=blur)
+
+
+def test_smeared_pixels_fly_between_the_two_surfaces():
+    flies = DepthNoise(0.05, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, motion_blur=2.0)
+    image = flies.apply(step_image(), INTRINSICS, rng())
+    band = image[100:140, 100:103]
+    assert ((band > 0.4) & (band < 0.8)).all()
+    np.testing.assert_allclose(image[100:140, 103:110], 0.4)
+
+
+def test_images_are_dropped_whole():
+    depth, noise = np.full((4, 5), 0.5), DepthNoise(dropped=0.3)
+    dropped = [np.isinf(noise.apply(depth, INTRINSICS, rng(seed))).all() for seed in range(400)]
+    assert np.mean(dropped) == pytest.approx(0.3, abs=0.07)
+    kept = [seed for seed in range(400) if not dropped[seed]]
+    for seed in kept[:5]:  # the others are as they are without
+        plain = DepthNoise().apply(depth, INTRINSICS, rng(seed))
+        np.testing.assert_array_equal(noise.apply(depth, INTRINSICS, rng(seed)), plain)

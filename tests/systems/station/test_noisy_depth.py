@@ -68,3 +68,38 @@ def test_in_the_station_cloud_and_depth_image_carry_the_same_noise():
     focal = true.shape[1] / 2 / np.tan(np.deg2rad(87.0 / 2))
     in_sigmas = (depth[near] - true[near]) / (true[near] ** 2 * 0.08 / (focal * 0.05))
     assert 0.95 < 1.4826 * np.median(np.abs(in_sigmas)) < 1.1
+
+
+def test_a_calibration_error_moves_cloud_and_pose_alike():
+    """What is seen stays in the camera's picture, and the cloud is off in the world."""
+    file = diagram_path("dynamic.scenarios.yaml")
+    off = "{camera_noise: {wrist_camera: {hand_eye_position: 0.01, hand_eye_angle_deg: 1}}}"
+    seen = []
+    for text in ("{camera_noise: {wrist_camera: {}}}", off):
+        station = make_station(load_scenario(file, "ReachLinear", text))
+        context = station.CreateDefaultContext()
+        pose = station.GetOutputPort("wrist_camera.pose").Eval(context)
+        cloud = station.GetOutputPort("wrist_camera.point_cloud").Eval(context).xyzs()
+        finite = np.isfinite(cloud).all(axis=0)
+        seen.append((pose, pose.inverse() @ cloud[:, finite].astype(float)))
+    (true, true_points), (believed, points) = seen
+    np.testing.assert_allclose(points, true_points, atol=1e-5)
+    error = true.inverse() @ believed
+    assert np.linalg.norm(error.translation()) == pytest.approx(0.01)
+    assert error.rotation().ToAngleAxis().angle() == pytest.approx(np.deg2rad(1.0), rel=1e-6)
+
+
+def test_the_camera_of_its_own_looks_towards_the_pads():
+    file = diagram_path("dynamic.scenarios.yaml")
+    station = make_station(load_scenario(file, "ReachLinearCamera", "{camera_noise: {}}"))
+    context = station.CreateDefaultContext()
+    z_C = station.GetOutputPort("wrist_camera.pose").Eval(context).rotation().col(2)
+    inside = station.plant.GetMyContextFromRoot(context)
+    X_WG = station.plant.GetFrameByName("grasp_frame").CalcPoseInWorld(inside)
+    X_WC = station.GetOutputPort("wrist_camera.pose").Eval(context)
+    assert np.rad2deg(np.arccos(z_C @ X_WG.rotation().col(2))) == pytest.approx(25.0, abs=1e-3)
+    # The pads' centre and the tips are in the picture, 58 degrees high, and farther than 0.07 m.
+    for p in ([0.0, 0.0, 0.0], [0.0, 0.0, 0.025]):
+        x, y, z = X_WC.inverse() @ (X_WG @ np.array(p))
+        assert z > 0.1 and abs(x) < 1e-6
+        assert abs(np.rad2deg(np.arctan2(y, z))) < 16.0

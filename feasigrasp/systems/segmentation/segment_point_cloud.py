@@ -7,6 +7,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
+from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.systems.ports import declare_input, declare_output
 
@@ -54,13 +55,23 @@ class SegmentPointCloud(LeafSystem):
                 f"SegmentPointCloud: {xyz.shape[1]} points but {labels.size} labels; the cloud and "
                 "the label image must come from the same camera, pixel by pixel."
             )
-        of_body = labels == self._label
-        seen = np.isfinite(xyz).all(axis=0).reshape(labels.shape)
+        around = _box_about(labels == self._label)
+        of_body = labels[around] == self._label
+        points = xyz.reshape(3, *labels.shape)[:, *around]
+        seen = np.isfinite(points).all(axis=0)
         keep = of_body & seen
         if self._edge_jump is not None:
-            points = xyz.reshape(3, *labels.shape)
             keep &= ~edge_pixels(points, seen, of_body, self._edge_jump)
-        chosen = xyz[:, np.flatnonzero(keep)]
+        chosen = points[:, keep]
         cloud = PointCloud(chosen.shape[1])
         cloud.mutable_xyzs()[:] = chosen
         return cloud
+
+
+def _box_about(mask: Mask) -> tuple[slice, slice]:
+    """Rows and columns that show a mask, and one more on each side: it looks no further."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    if len(rows) == 0:
+        return slice(0), slice(0)
+    a, b = (slice(max(at[0] - 1, 0), at[-1] + 2) for at in (rows, columns))
+    return a, b

@@ -1,0 +1,81 @@
+"""``feasigrasp evaluate segmentation``: judge the first mask of objects, found by depth alone."""
+
+from __future__ import annotations
+
+import argparse
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from feasigrasp.evaluation.measures.first_mask import first_mask_iou
+from feasigrasp.resources import diagram_path
+from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.results.rows import Row, report_rows, write_csv
+from feasigrasp.results.statistics import grouped
+from feasigrasp.scenario.files import load_scenario
+
+SCENARIOS = "ReachCircularCamera,ReachLinearCamera,ReachSinusoidalCamera"
+#: Bottles, cans, tools, thin walls, fruit: of each kind of the built-in objects.
+OBJECTS = (
+    "mustard_bottle,soup_can,small_box,mug,drill,bowl,banana,screwdriver,hammer,apple,cup,l_block"
+)
+#: What ``--quick`` looks at.
+_QUICK = ("drill", "mug", "small_box")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/segmentation", objects=OBJECTS)
+    parser.add_argument(
+        "--scenarios", type=names, default=names(SCENARIOS), help=f"default: {SCENARIOS}"
+    )
+    parser.add_argument("--seeds", type=positive, default=3, help="starts of each object")
+
+
+def first_masks(
+    objects: dict[str, str], scenarios: list[str], seeds: range
+) -> list[dict[str, Any]]:
+    """The first mask of every object from every seed; the scenarios take turns.
+
+    Args:
+        objects: By name, what is loaded.
+        scenarios: Names of packaged scenarios.
+        seeds: Seeds of the starts.
+    """
+    filename = diagram_path("dynamic.scenarios.yaml")
+    raw = []
+    starts = [(name, seed) for name in objects for seed in seeds]
+    for name, seed in tqdm(starts, unit="start", desc="first masks"):
+        scenario_name = scenarios[seed % len(scenarios)]
+        text = f"{{random_seed: {seed}, object: {{model: {objects[name]!r}}}}}"
+        iou = first_mask_iou(load_scenario(filename, scenario_name, text))
+        raw.append({"scenario": scenario_name, "object": name, "seed": seed, "iou": iou})
+    return raw
+
+
+def mask_rows(raw: list[dict[str, Any]]) -> list[Row]:
+    """The rows ``tracking.first_mask_iou.*``, of all starts and of each object."""
+    groups = {
+        "all": raw,
+        **{name: group for name, group in grouped(raw, itemgetter("object")).items()},
+    }
+    rows = []
+    for preset, group in groups.items():
+        ious = [start["iou"] for start in group]
+        for figure, value in (("median", np.median(ious)), ("least", min(ious))):
+            name = f"tracking.first_mask_iou.{figure}"
+            rows.append(Row.plain(name, preset, value, "", len(ious)))
+    return rows
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    objects = select_objects(args.objects)
+    if args.quick:
+        objects = {name: path for name, path in objects.items() if name in _QUICK} or objects
+    raw = first_masks(objects, args.scenarios, range(args.seed, args.seed + args.seeds))
+    write_csv(args.out / "first_masks.csv", raw)
+    report_rows(args, "evaluate segmentation", mask_rows(raw))
+    return 0

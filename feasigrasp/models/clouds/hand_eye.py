@@ -1,0 +1,47 @@
+"""A camera that is not quite where it is believed to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feasigrasp.errors import CameraError
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
+
+
+@dataclass(frozen=True)
+class HandEyeError:
+    """What calibration leaves over: a constant error of the camera's pose, in its own frame.
+
+    Attributes:
+        hand_eye_position: How far off its place is [m].
+        hand_eye_angle_deg: By which angle its orientation is off [deg].
+    """
+
+    hand_eye_position: float = 0.0
+    hand_eye_angle_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Checks the sizes.
+
+        Raises:
+            CameraError: One is negative or not finite.
+        """
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value >= 0.0):
+                raise CameraError(f"HandEyeError.{name} = {value}; give 0 or more")
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """The believed pose in the frame of the true camera, X_CB, (4, 4).
+
+        Args:
+            rng: Draws the directions of both errors; the sizes are what they are.
+        """
+        axes = rng.standard_normal((2, 3))
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        X_CB = np.eye(4)
+        X_CB[:3, :3] = se3.so3_exp(np.deg2rad(self.hand_eye_angle_deg) * axes[0])
+        X_CB[:3, 3] = self.hand_eye_position * axes[1]
+        return X_CB

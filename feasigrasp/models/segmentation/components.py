@@ -1,0 +1,141 @@
+"""Pixels that hang together, and groups of them that are one body.
+
+A surface is a component of the picture: pixels side by side whose points are near each other. A
+body may show more than one, where a part of it hides another; components that come near each other
+in space are grouped.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from feasigrasp.models.arrays import Array, Floats, Indices, Mask
+from feasigrasp.models.clouds.edges import EDGE_JUMP
+from feasigrasp.models.segmentation.camera_view import CameraModel
+
+#: Fewer pixels are no surface.
+MIN_PIXELS = 30
+#: Components nearer to each other than this are of one body [m]: the two sides of a bowl, between
+#: which pixels were lost or fly, are.
+JOINED = 0.045
+#: Points of neighbouring pixels on one surface differ by so many standard deviations at most.
+_JUMP_SIGMAS = 4.0
+#: Points of each component that are looked at, at most.
+_SAMPLE = 400
+
+
+class Components(NamedTuple):
+    """Surfaces of a picture.
+
+    Attributes:
+        number: The component of each pixel, -1 for pixels of none, shape (height * width,).
+        pixels: How many pixels each component has, shape (k,).
+        samples: Some of the points of each, at most `_SAMPLE`; k arrays (m, 3) [m].
+    """
+
+    number: NDArray[np.int32]
+    pixels: Indices
+    samples: list[Array]
+
+    def mask(self, chosen: Indices | list[int]) -> Mask:
+        """The pixels of some of them."""
+        among = np.zeros(len(self.pixels) + 1, dtype=bool)  # the last entry is that of number -1
+        among[np.asarray(chosen, dtype=np.int64)] = True
+        return np.asarray(among[self.number])
+
+    def groups(self) -> list[Indices]:
+        """The components of each body, by `JOINED`."""
+        count = len(self.pixels)
+        if count < 2:
+            return [np.arange(count)] if count else []
+        links = np.zeros((count, count), dtype=bool)
+        trees = [cKDTree(sample) for sample in self.samples]
+        for k, tree in enumerate(trees):
+            for j in range(k):
+                links[k, j] = tree.count_neighbors(trees[j], JOINED) > 0
+        _, group = connected_components(csr_matrix(links), directed=False)
+        return [np.flatnonzero(group == g) for g in range(group.max() + 1)]
+
+
+def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: CameraModel) -> Components:
+    """The components of the chosen pixels, those of fewer than `MIN_PIXELS` left out.
+
+    Args:
+        points: By pixel, row by row, shape (n, 3) [m].
+        chosen: Which pixels, shape (n,); their points are finite.
+        p_WC: Position of the camera, shape (3,) [m].
+        camera: The camera.
+    """
+    number = np.empty(len(points), dtype=np.int32)
+    count = _link(
+        np.ascontiguousarray(points, dtype=np.float32),
+        chosen,
+        camera.width,
+        np.ascontiguousarray(p_WC, dtype=float),
+        _JUMP_SIGMAS * camera.noise,
+        number,
+    )
+    pixels = np.bincount(number + 1, minlength=count + 1)[1:]
+    large = np.flatnonzero(pixels >= MIN_PIXELS)
+    renumbered = np.full(count + 1, -1, dtype=np.int32)
+    renumbered[large] = np.arange(len(large))
+    number = renumbered[number]
+    where = np.flatnonzero(number >= 0)
+    samples = []
+    for k in range(len(large)):
+        of = where[number[where] == k]
+        samples.append(points[of[:: -(-len(of) // _SAMPLE)]].astype(float))
+    return Components(number, pixels[large], samples)
+
+
+@njit(cache=True, nogil=True)
+def _link(points, chosen, width, p_WC, spread, number):
+    """Numbers the components of the chosen pixels, the others -1; returns how many there are."""
+    n = len(points)
+    parent = np.empty(n, dtype=np.int32)
+    for i in range(n):
+        parent[i] = i
+        if not chosen[i]:
+            continue
+        far = 0.0
+        for c in range(3):
+            far += (points[i, c] - p_WC[c]) ** 2
+        jump = max(EDGE_JUMP, spread * far)
+        for back in (1, width):
+            j = i - back
+            if j < 0 or not chosen[j] or (back == 1 and i % width == 0):
+                continue
+            square = 0.0
+            for c in range(3):
+                square += (points[i, c] - points[j, c]) ** 2
+            if square < jump * jump:
+                a, b = _root(parent, i), _root(parent, j)
+                if a < b:
+                    parent[b] = a
+                else:
+                    parent[a] = b
+    count = 0
+    for i in range(n):  # a root comes before all others of its component
+        if not chosen[i]:
+            number[i] = -1
+        elif parent[i] == i:
+            number[i] = count
+            count += 1
+        else:
+            number[i] = number[_root(parent, i)]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _root(parent, i):
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i

@@ -1,0 +1,73 @@
+"""Cuts an object out of the cloud of a table that it stands on, knowing nothing else.
+
+For clouds of real cameras, where neither arm nor cell nor an earlier image is known. The plane that
+holds most points is the table; of what stands on it, the largest body is the object.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
+
+#: Points within so much of the plane are the table's [m]; what stands on it starts higher.
+_THICKNESS, _STANDS = 0.005, 0.006
+#: Resolution at which bodies are told apart, and how near their parts are to each other [m].
+_RESOLUTION, _JOINED = 0.004, 0.02
+#: The plane is sought with so many draws of three points.
+_DRAWS = 1000
+#: Fewer points than this of the resolution are no object.
+_LEAST = 20
+
+
+def object_on_table(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Mask:
+    """Which points of a cloud are of the object on the table.
+
+    Args:
+        points: Finite points of table, object and what else is in view, shape (n, 3) [m].
+        viewpoint: Where the camera was, shape (3,) [m]; above the table.
+
+    Returns:
+        Shape (n,).
+
+    Raises:
+        PointCloudError: Nothing stands on the largest plane.
+    """
+    import open3d as o3d  # a slow import that most clouds do not need
+
+    cloud = np.asarray(points, dtype=float)
+    keys = voxel_keys(cloud, _RESOLUTION)
+    thin, _ = grouped_means(cloud, keys, np.ones(len(cloud)))
+    o3d.utility.random.seed(0)
+    plane, _ = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(thin)).segment_plane(
+        _THICKNESS, 3, _DRAWS
+    )
+    normal, offset = _facing(plane, np.asarray(viewpoint, dtype=float))
+    standing = np.flatnonzero(thin @ normal + offset > _STANDS)
+    if len(standing) < _LEAST:
+        raise PointCloudError(
+            "nothing stands on the largest plane of the cloud; is the object in it? For a cloud of "
+            "the object alone leave --on_table out"
+        )
+    pairs = cKDTree(thin[standing]).query_pairs(_JOINED, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(standing),) * 2)
+    _, body = connected_components(links, directed=False)
+    largest = standing[body == np.argmax(np.bincount(body))]
+    of_object = np.zeros(len(thin), dtype=bool)
+    of_object[largest] = True
+    _, voxel = np.unique(keys, return_inverse=True)  # in the order of grouped_means
+    above = cloud @ normal + offset > _STANDS
+    return np.asarray(of_object[voxel] & above)
+
+
+def _facing(plane: Array, viewpoint: Array) -> tuple[Array, float]:
+    """Unit normal and offset of a plane, the camera on its positive side."""
+    normal, offset = np.asarray(plane[:3]), float(plane[3])
+    sign = 1.0 if normal @ viewpoint + offset > 0.0 else -1.0
+    return sign * normal, sign * offset

@@ -1,0 +1,1 @@
+"""Which pixels of the camera show the object."""

@@ -1,0 +1,114 @@
+"""Finds the object in a depth image without being told which pixels show it."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.perception import PointCloud
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.systems.sensors import ImageLabel16I
+
+from feasigrasp.models.arrays import Frozen
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.segmentation.camera_view import CameraModel, CameraView
+from feasigrasp.models.segmentation.foreground import Known, segment
+from feasigrasp.models.segmentation.known_bodies import KnownBodies
+from feasigrasp.systems.ports import declare_input, declare_output
+
+
+class _FirstView(Frozen):
+    """The view at the start, which tells what has moved since; None before."""
+
+    def __init__(self, view: CameraView | None) -> None:
+        self.view = view
+
+
+class ForegroundSegmentation(LeafSystem):
+    """Labels the pixels of a depth camera's point cloud: object, robot, surroundings.
+
+    .. pydrake_system::
+
+        name: ForegroundSegmentation
+        input_ports:
+        - point_cloud
+        - camera_pose
+        - position
+        - gripper_state
+        - object_pose
+        - tracking
+        - gpdf
+        - box
+        output_ports:
+        - label_image
+
+    ``point_cloud`` is pixel-ordered and in the world frame W, ``camera_pose`` X_WC,
+    ``position`` V7 the measured joints [rad], ``gripper_state`` V2 the measured distance between
+    the pads [m] and its rate. ``object_pose`` X_WO and ``tracking`` come from the tracker, ``gpdf``
+    is the object's field in O, or None before there is one. ``box`` V4, which may stay unconnected,
+    is what somebody drew about the object: first column and row, last ones; for a click the same
+    twice [px]. ``label_image`` holds a `Label` for each pixel: it fits the port of the same name of
+    `SegmentPointCloud` and `PointCloudToScene` as a label image of the simulation does. What is
+    told apart how is said in `models.segmentation.foreground`.
+    """
+
+    def __init__(self, camera: CameraModel, bodies: KnownBodies) -> None:
+        """A segmentation of the images of ``camera``, by what is known of robot and cell."""
+        super().__init__()
+        self._camera, self._bodies = camera, bodies
+        self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
+        self._object_pose = declare_input(self, "object_pose", RigidTransform())
+        self._tracking = declare_input(
+            self, "tracking", Tracking(TrackingState.SEARCHING, float("inf"))
+        )
+        self._gpdf = declare_input(self, "gpdf")
+        self._box = self.DeclareVectorInputPort("box", 4)
+        self._first = self.DeclareAbstractState(AbstractValue.Make(_FirstView(None)))
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
+        declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
+        _compile(camera, bodies)
+
+    def _view(self, context: Context) -> CameraView:
+        points = self._cloud.Eval(context).xyzs().T
+        camera = self._camera
+        if len(points) != camera.width * camera.height:
+            raise ValueError(
+                f"ForegroundSegmentation: {len(points)} points, but the camera has {camera.width} "
+                f"x {camera.height} pixels; the cloud must have one point for each"
+            )
+        return CameraView(points, self._camera_pose.Eval(context).GetAsMatrix4())
+
+    def _remember(self, context: Context, state: State) -> EventStatus:
+        view = self._view(context)
+        first = _FirstView(view._replace(points=view.points.copy()))
+        state.get_mutable_abstract_state(int(self._first)).set_value(first)
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context) -> ImageLabel16I:
+        first: _FirstView = context.get_abstract_state(int(self._first)).get_value()
+        known = Known(
+            q=self._position.Eval(context),
+            opening=float(self._gripper.Eval(context)[0]),
+            field=self._gpdf.Eval(context),
+            X_WO=self._object_pose.Eval(context).GetAsMatrix4(),
+            lost=self._tracking.Eval(context).lost,
+            before=first.view,
+            box=self._box.Eval(context) if self._box.HasValue(context) else None,
+        )
+        labels = segment(self._view(context), known, self._bodies, self._camera)
+        image = ImageLabel16I(self._camera.width, self._camera.height)
+        image.mutable_data[:, :, 0] = labels
+        return image
+
+
+def _compile(camera: CameraModel, bodies: KnownBodies) -> None:
+    """Segments an image of a wall once, so that no kernel is compiled at the first image."""
+    points = np.zeros((camera.width * camera.height, 3), dtype=np.float32)
+    points[:, 0] = np.arange(len(points)) % camera.width * 1e-3
+    points[:, 1] = np.arange(len(points)) // camera.width * 1e-3
+    points[:, 2] = 0.5
+    segment(CameraView(points, np.eye(4)), Known(np.zeros(IIWA_7.joints), 0.0), bodies, camera)

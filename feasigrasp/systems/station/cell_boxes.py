@@ -1,0 +1,45 @@
+"""The cell that stands still as boxes, for those who need to know where it is."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.geometry import HalfSpace
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+from feasigrasp.models.segmentation.known_bodies import Boxes
+from feasigrasp.systems.station.station import StationConfig, add_cell, robot_instances
+
+#: Half the size of a box that stands for a half space [m].
+_HALF_SPACE = 10.0
+
+
+def cell_boxes(config: StationConfig) -> Boxes:
+    """A box about each collision geometry that is fixed to the world and not the arm's base.
+
+    Of a box that is the box itself, of anything else Drake's oriented bounding box.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(config.plant, builder)
+    add_cell(plant, config)
+    plant.Finalize()
+    context = builder.Build().CreateDefaultContext()
+    query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context))
+    inspector, robot = scene_graph.model_inspector(), robot_instances(plant)
+    poses, halves = [], []
+    for body in plant.GetBodiesWeldedTo(plant.world_body()):
+        if body.model_instance() in robot:
+            continue
+        for geometry in plant.GetCollisionGeometriesForBody(body):
+            if isinstance(inspector.GetShape(geometry), HalfSpace):
+                below = RigidTransform([0.0, 0.0, -_HALF_SPACE])
+                poses.append((query.GetPoseInWorld(geometry) @ below).GetAsMatrix4())
+                halves.append(np.full(3, _HALF_SPACE))
+                continue
+            box = query.ComputeObbInWorld(geometry)
+            poses.append(box.pose().GetAsMatrix4())
+            halves.append(box.half_width())
+    if not poses:
+        return Boxes.none()
+    return Boxes(np.array(poses), np.array(halves))

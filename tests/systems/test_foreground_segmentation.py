@@ -1,0 +1,113 @@
+"""The segmentation as a system: its ports, in place of the label image, the object in the cell."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from pydrake.perception import PointCloud
+
+from feasigrasp.evaluation.measures.first_mask import first_mask_iou, intersection_over_union
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.segmentation.camera_view import CameraModel
+from feasigrasp.models.segmentation.foreground import Label
+from feasigrasp.models.segmentation.known_bodies import KnownBodies
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
+from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+CAMERA = CameraModel(64, 48, 60.0, 60.0, 31.5, 23.5, 0.007)
+DEPTH = "{perception: {segmentation: depth}}"
+
+
+@pytest.fixture(scope="module")
+def dut():
+    return ForegroundSegmentation(CAMERA, KnownBodies(ParallelGripper()))
+
+
+def plate(at=0.4, first_column=10):
+    """A square plate before the camera, nothing behind it."""
+    u, v = np.meshgrid(np.arange(64), np.arange(48))
+    points = np.stack([(u - 31.5) / 60.0, (v - 23.5) / 60.0, np.ones_like(u, float)]) * at
+    points[:, :, :first_column] = np.inf
+    points[:, :, first_column + 20 :] = np.inf
+    cloud = PointCloud(64 * 48)
+    cloud.mutable_xyzs()[:] = points.reshape(3, -1)
+    return cloud, np.isfinite(points[0])
+
+
+def inputs(cloud):
+    return {
+        "point_cloud": cloud,
+        "camera_pose": RigidTransform(),
+        "position": np.zeros(7),
+        "gripper_state": np.array([0.085, 0.0]),
+        "object_pose": RigidTransform(np.full((3, 4), np.nan)),
+        "tracking": Tracking(TrackingState.SEARCHING, np.inf),
+        "gpdf": None,
+    }
+
+
+def test_ports_are_those_of_the_docstring(dut, ports, documented_ports):
+    given, outputs = ports(dut)
+    assert (list(given), list(outputs)) == documented_ports(ForegroundSegmentation)
+    assert given["position"] == 7 and given["gripper_state"] == 2 and given["box"] == 4
+
+
+def test_its_label_image_fits_the_port_of_the_point_cloud(dut, fixed_context):
+    # An arm at zero stands along the z axis, through which the camera looks up: beside it is free.
+    cloud, shown = plate(at=0.9, first_column=42)
+    context = fixed_context(dut, **inputs(cloud))
+    labels = dut.get_output_port().Eval(context)
+    assert set(np.unique(labels.data)) <= {int(label) for label in Label}
+    segment = SegmentPointCloud(Label.OBJECT, edge_jump=None)
+    of_object = fixed_context(segment, point_cloud=cloud, label_image=labels)
+    kept = segment.get_output_port().Eval(of_object)
+    assert kept.size() == np.count_nonzero(labels.data[:, :, 0] == Label.OBJECT)
+    assert kept.size() > 0.5 * shown.sum()
+
+
+def test_a_cloud_of_another_size_is_refused(dut, fixed_context):
+    context = fixed_context(dut, **inputs(PointCloud(5)))
+    with pytest.raises(ValueError, match="5 points.*64 x 48 pixels"):
+        dut.get_output_port().Eval(context)
+
+
+def test_without_any_depth_nothing_is_the_object(dut, fixed_context):
+    cloud = PointCloud(64 * 48)
+    cloud.mutable_xyzs()[:] = np.inf
+    labels = dut.get_output_port().Eval(fixed_context(dut, **inputs(cloud)))
+    assert (labels.data == Label.SURROUNDINGS).all()
+
+
+@pytest.mark.parametrize(("name", "seed"), [("ReachLinear", 0), ("ReachObstacle", 1)])
+def test_the_first_mask_in_the_cell(name, seed):
+    """Of a drill, whose first view is in pieces; a wall beside it is known."""
+    text = f"{{random_seed: {seed}, object: {{model: drill}}}}"
+    assert first_mask_iou(load_scenario(FILE, name, DEPTH, text)) > 0.85
+
+
+def test_intersection_over_union():
+    one, other = np.zeros((2, 4), dtype=bool), np.zeros((2, 4), dtype=bool)
+    assert intersection_over_union(one, other) == 1.0
+    one[0], other[:, 0] = True, True
+    assert intersection_over_union(one, other) == pytest.approx(1 / 5)
+    assert intersection_over_union(one, one) == 1.0
+
+
+def test_in_the_diagram_it_takes_the_place_of_the_label_image():
+    diagram = make_dynamic_grasp(load_scenario(FILE, "ReachLinear", DEPTH))
+    context = diagram.CreateDefaultContext()
+    foreground, station = map(diagram.GetSubsystemByName, ("foreground", "station"))
+    of_station = station.GetMyContextFromRoot(context)
+    points = diagram.GetSubsystemByName("segmentation").get_output_port()
+    seen = points.Eval(diagram.GetSubsystemByName("segmentation").GetMyContextFromRoot(context))
+    labels = foreground.get_output_port().Eval(foreground.GetMyContextFromRoot(context))
+    truth = station.GetOutputPort("wrist_camera.label_image").Eval(of_station)
+    mask = truth.data == int(station.object_body.index())
+    assert intersection_over_union(labels.data == Label.OBJECT, mask) > 0.8
+    middle = station.GetOutputPort("object.pose").Eval(of_station).translation()
+    assert seen.size() > 500
+    assert np.linalg.norm(seen.xyzs().mean(axis=1) - middle) < 0.06
