@@ -27,9 +27,10 @@ class CarryFilter(LeafSystem):
         - grasps
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
-    ``RigidTransform``; while it is not finite, the worst direction of gravity counts. Scores are
-    multiplied by the probability that a grasp carries, see `carried`; what is dropped is counted as
-    "too heavy there". Grasps whose `GraspSet.load` nobody has told pass as they are.
+    ``RigidTransform``; while it is not finite, the worst direction of gravity counts, and nothing
+    is dropped. Scores are multiplied by the probability that a grasp carries, see `carried`; what
+    is dropped is counted as "too heavy there". Grasps whose `GraspSet.load` nobody has told pass as
+    they are.
     """
 
     def __init__(self) -> None:

@@ -22,8 +22,8 @@ RIM_DEPTHS = (0.0, 0.4)
 def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
     """How deep points lie in space known to be free: a lower bound of their distance to the object.
 
-    Beside the silhouette that is the distance to its rim, in front of the seen surface the depth
-    to it; of several views the largest counts.
+    Beside the silhouette that is the distance to its rim, if it is whole, in front of the seen
+    surface the depth to it; of several views the largest counts.
 
     Args:
         views: Views of the object.
@@ -37,12 +37,12 @@ def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
     for view in views:
         edge = EDGE_PIXELS * view.pitch
         picture = (view.mask, view.front, view.beside)
-        _raise_to_free(points, view.X_OC, view.pixel, edge, picture, best)
+        _raise_to_free(points, view.X_OC, view.pixel, edge, view.whole, picture, best)
     return best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _raise_to_free(points, X_OC, pixel, edge, picture, best):
+def _raise_to_free(points, X_OC, pixel, edge, whole, picture, best):
     """Raises ``best`` (n,) to how deep the points (n, 3) lie in the free space of one view."""
     mask, front, beside = picture
     for i in range(len(points)):
@@ -56,6 +56,8 @@ def _raise_to_free(points, X_OC, pixel, edge, picture, best):
         row = int(min(max(np.rint(v_at), 0.0), SIDE - 1.0))
         if mask[row, column]:
             free = front[row, column] - z
+        elif not whole:
+            continue
         else:
             du, dv = u_at - column, v_at - row
             if max(abs(du), abs(dv)) > 0.5:  # outside the picture, which has a margin
@@ -80,8 +82,10 @@ def rim_points(view: ViewImage, count: int) -> Array:
         count: Number of points, at most.
 
     Returns:
-        Shape (n, 3) [m].
+        Shape (n, 3) [m]; none where the silhouette is not whole.
     """
+    if not view.whole:
+        return np.zeros((0, 3))
     at = EDGE_PIXELS * view.pitch / view.pixel + 1.5
     row, column = np.nonzero((view.beside >= at) & (view.beside < at + 1.0))
     if len(row) == 0:

@@ -14,6 +14,7 @@ from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.clouds.smoothing import smooth_view
 from feasigrasp.models.clouds.view_image import ViewImage, view_image
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.points import farthest_points
 
 #: Pictures of earlier views that are kept, for the free space in them.
 MAX_IMAGES = 6
@@ -117,7 +118,8 @@ class FusedCloud(Frozen):
             at, towards, normals = _turn(X, at, True), _turn(X, towards), _turn(X, normals)
             image = image.moved(X)
         known = np.concatenate([old.points, at])
-        images = _kept([i for i in (*old.images, image) if _agrees(i, known)])
+        agreeing = (_agreeing(each, known) for each in (*old.images, image))
+        images = _kept([each for each in agreeing if each is not None])
         return old._with(at, towards, normals, images)
 
     def _moved(self, X: Array) -> FusedCloud:
@@ -159,13 +161,21 @@ class FusedCloud(Frozen):
 
 
 def _kept(images: Sequence[ViewImage]) -> tuple[ViewImage, ...]:
-    """The latest pictures, one per direction."""
+    """The latest pictures, one per direction of those that are whole and of the others.
+
+    Of too many those that differ most: what a camera once looked into, the inside of a cup above
+    all, is not forgotten for many views of other sides.
+    """
     chosen: list[ViewImage] = []
     for image in reversed(images):
         z = image.X_OC[:3, 2]
-        if all(z @ other.X_OC[:3, 2] < _SAME_DIRECTION for other in chosen):
+        like = (other for other in chosen if other.whole == image.whole)
+        if all(z @ other.X_OC[:3, 2] < _SAME_DIRECTION for other in like):
             chosen.append(image)
-    return tuple(chosen[:MAX_IMAGES][::-1])
+    if len(chosen) > MAX_IMAGES:
+        directions = np.array([image.X_OC[:3, 2] for image in chosen])
+        chosen = [chosen[i] for i in np.sort(farthest_points(directions, MAX_IMAGES))]
+    return tuple(chosen[::-1])
 
 
 def _seen_through(image: ViewImage, points: Array) -> float:
@@ -185,13 +195,17 @@ def _seen_through(image: ViewImage, points: Array) -> float:
     return float(np.mean(through))
 
 
-def _agrees(image: ViewImage, points: Array) -> bool:
-    """Whether a picture leaves room for what was seen.
+def _agreeing(image: ViewImage, points: Array) -> ViewImage | None:
+    """What a picture shows that leaves room for what was seen; None if that is nothing.
 
     Where a hand hides a part of the object, or the picture ends, the silhouette is not the
-    object's; then points that other views have shown lie in what looks like free space.
+    object's; then points that other views have shown lie in what looks like free space beside it.
     """
-    return float(np.mean(free_distance((image,), points) > _IN_FREE_SPACE)) < _MAX_IN_FREE_SPACE
+    for shown in (image, replace(image, whole=False)):
+        in_free_space = free_distance((shown,), points) > _IN_FREE_SPACE
+        if float(np.mean(in_free_space)) < _MAX_IN_FREE_SPACE:
+            return shown
+    return None
 
 
 def _turn(X: Array, vectors: Array, positions: bool = False) -> Array:

@@ -38,6 +38,8 @@ class ViewImage:
         depth: Mean depth along z, shape (SIDE, SIDE) [m]; 0 outside the mask.
         front: Depth where the surface begins that a pixel shows, less than the mean where it is
             steep or has steps, shape (SIDE, SIDE) [m]; 0 outside the mask.
+        whole: Whether the object ends where the silhouette does. If the picture ends there, or
+            something hides the rest, only what is before the seen surface is known to be free.
     """
 
     X_OC: Array
@@ -46,6 +48,7 @@ class ViewImage:
     mask: Mask
     depth: Array
     front: Array
+    whole: bool = True
 
     @cached_property
     def beside(self) -> Array:

@@ -56,7 +56,8 @@ def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
 
     Args:
         grasps: Grasps in O with their loads; without them all are taken to carry.
-        down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
+        down: Direction of gravity in O, shape (3,). Without it the worst one for each grasp counts,
+            and none is dropped: it may yet be lifted another way.
 
     Returns:
         Best first, their scores multiplied by the probability that the pads bear the load. Those
@@ -68,7 +69,7 @@ def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
     carries = grasps.load.probability(down)
     ranked = replace(grasps, score=grasps.score * carries)
     kept = np.flatnonzero(carries >= LEAST_CARRY)
-    if len(kept) == 0:
+    if down is None or len(kept) == 0:
         kept = np.arange(len(grasps))
     best_first = kept[np.argsort(-ranked.score[kept], kind="stable")]
     return ranked.select(best_first, Rejection.TOO_HEAVY)

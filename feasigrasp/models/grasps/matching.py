@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from feasigrasp.models.arrays import Frozen, Indices
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
+from feasigrasp.models.grasps.hand_clearance import THIN_WALL
 from feasigrasp.models.grasps.thinning import distinct, grasp_distance
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -104,9 +105,27 @@ def match_grasps(first: GraspSet, second: GraspSet) -> tuple[Indices, Indices]:
 
 
 def recheck_grasps(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> GraspSet:
-    """The grasps that pass the filter on another field, with their ids and new scores."""
-    passed = filter_grasps(gpdf, grasps.X_OG, grasps.width, gripper)
-    return replace(passed, id=grasps.id[passed.id])
+    """The grasps that pass the filter on another field, with their ids and new scores.
+
+    Of thin walls the field tells neither whether contacts oppose each other nor whether a finger
+    has room behind them (`filter_grasps`): there the score, a product of both probabilities, says
+    what was known.
+    """
+    thin = grasps.width < THIN_WALL
+    thick, walls = grasps.select(~thin), grasps.select(thin)
+    known = np.sqrt(walls.score)
+    passed = (
+        (thick, filter_grasps(gpdf, thick.X_OG, thick.width, gripper)),
+        (
+            walls,
+            filter_grasps(
+                gpdf, walls.X_OG, walls.width, gripper, prior=np.column_stack([known, known])
+            ),
+        ),
+    )
+    first, second = (replace(good, id=old.id[good.id]) for old, good in passed)
+    both = first.joined(second)
+    return both.select(np.argsort(-both.score, kind="stable"))
 
 
 def _merged(kept: GraspSet, new: GraspSet, count: int) -> GraspSet:

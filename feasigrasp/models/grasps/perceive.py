@@ -69,7 +69,7 @@ def perceive(
         gripper: The hand; the default one unless given. A sampler of your own has its own.
         seed: Of a sampler that draws, see `make_sampler`.
         mass: Mass of the object, if it is known [kg]; else it is estimated from its volume.
-        down: Direction of gravity, shape (3,); None for the worst one for each grasp.
+        down: Direction of gravity, shape (3,); see `carried`.
 
     Returns:
         The field and the grasps in the frame of the points; `GraspSet.rejected` counts by

@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 
+from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.geometry import se3
@@ -200,15 +201,33 @@ def test_the_sides_of_a_thin_wall_stay_apart():
     np.testing.assert_array_equal(np.sign(fused.points[:, 2]), np.sign(fused.normals[:, 2]))
 
 
-def test_pictures_that_contradict_what_was_seen_are_forgotten():
-    """A hand hides half of the object: what it hides is not free."""
+def half_hidden():
+    """A pear seen whole, and then from nearly there while a hand hides half of it."""
     whole = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT), FRONT)
-    assert len(whole.images) == 1
-    camera = np.array([0.1, 0.0, 0.49])  # near the first: it would replace its picture
+    camera = np.array([0.1, 0.0, 0.49])
     half = pear_view(camera, seed=1)
-    after = whole.merged(half[half[:, 1] > 0.0], camera)
-    assert [image is whole.images[0] for image in after.images] == [False]
+    return whole, whole.merged(half[half[:, 1] > 0.0], camera), camera
+
+
+def test_of_a_picture_that_ends_in_the_object_only_the_front_counts():
+    whole, after, camera = half_hidden()
+    assert [image.whole for image in whole.images] == [True]
+    assert [image.whole for image in after.images] == [True, False]
     np.testing.assert_allclose(after.images[0].X_OC, whole.images[0].X_OC, atol=5e-3)
+    surface = pear_view(camera)
+    hidden, shown = surface[surface[:, 1] < -0.01], surface[surface[:, 1] > 0.01]
+    part = after.images[1:]
+    assert free_distance(part, hidden).max() <= 0.0  # hidden is not free
+    before = shown + 0.2 * (camera - shown)
+    assert np.mean(free_distance(part, before) > 0.05) > 0.95
+
+
+def test_a_picture_that_sees_through_the_object_is_forgotten():
+    whole, _, camera = half_hidden()
+    behind = pear_view(FRONT) - [0.0, 0.0, 0.05]
+    after = whole.merged(behind, FRONT)
+    for image in after.images:
+        assert np.mean(free_distance((image,), after.points) > 6e-3) < 0.03
 
 
 def ball_seen_from(angle, radius=0.04):
@@ -216,6 +235,18 @@ def ball_seen_from(angle, radius=0.04):
     camera = 0.5 * np.array([np.cos(angle), np.sin(angle), 0.3])
     points = radius * sphere_points(4000, 1.0)
     return points[points @ camera > 1.2 * radius**2], camera
+
+
+def test_of_too_many_pictures_those_that_differ_most_are_kept():
+    """Six of nine all round, so that every direction has one within one step of it."""
+    fused = FusedCloud.empty(0.004, smooth=True)
+    for k in range(9):
+        fused = fused.merged(*ball_seen_from(k * np.deg2rad(40.0)))
+    assert len(fused.images) == 6
+    towards = -np.array([image.X_OC[:3, 2] for image in fused.images])
+    angles = np.sort(np.arctan2(towards[:, 1], towards[:, 0]))
+    gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
+    assert gaps.max() < np.deg2rad(85.0)
 
 
 @pytest.mark.parametrize(("step", "kept"), [(5.0, 1), (40.0, 3)])
