@@ -24,7 +24,7 @@ def conditions_text(found: Mapping[str, Any]) -> str:
         f"camera: {_either(found['camera'])}",
         f"from a view to its grasps {latency}",
         f"tracking: {_either(found['tracking'])}",
-        f"segmentation: {found['segmentation']}",
+        f"segmentation: {_either(found['segmentation'])}",
         f"object frame: {found['object_frame']}",
         f"friction {_either(found['friction'], '{:.3g}')}",
         *(f"{key}: {_either(found[key])}" for key in ("mass", "execution") if key in found),

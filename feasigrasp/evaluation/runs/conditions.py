@@ -11,10 +11,15 @@ import numpy as np
 from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.scenario.sampling import lap, make_motion
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import Scenario, Segmentation
 
 #: What the pipeline is given by the simulation whatever a scenario says.
-_GIVEN = {"segmentation": "label image of the simulation", "object_frame": "given, with the pose"}
+_GIVEN = {"object_frame": "given, with the pose"}
+#: By what the object's pixels are told.
+_SEGMENTATION = {
+    Segmentation.LABELS: "label image of the simulation",
+    Segmentation.DEPTH: "depth image, arm and cell known",
+}
 #: The errors of a tracker's measurements, and how they are told.
 _ERRORS = {
     "latency": "{:g} s late",
@@ -45,6 +50,7 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
         "camera": _common(runs, _camera),
         "perception_latency_s": _common(runs, lambda s: s.perception.latency),
         "tracking": _common(runs, lambda s: _tracking(s.tracker)),
+        "segmentation": _common(runs, lambda s: _SEGMENTATION[s.perception.segmentation]),
         **_GIVEN,
         "friction": _common(runs, lambda s: s.object.friction),
         "mass": _common(runs, _mass),
