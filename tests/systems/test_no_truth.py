@@ -21,7 +21,7 @@ def is_truth(port):
 def readers(diagram):
     """By port of truth, the systems that read it, and those that read a judge."""
     found = {}
-    for (system, index), (source, output) in diagram.connection_map().items():
+    for (system, _), (source, output) in diagram.connection_map().items():
         port = source.get_output_port(output).get_name()
         if source.get_name() == "station" and is_truth(port):
             found.setdefault(port, set()).add(system.get_name())
