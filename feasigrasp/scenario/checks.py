@@ -20,7 +20,7 @@ from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.sampling import camera_errors
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import ControlConfig, Scenario
 
 #: Renderers that Drake knows by their name; the empty word is its default.
 _RENDERERS = ("", "RenderEngineVtk", "RenderEngineGl", "RenderEngineGltfClient")
@@ -148,9 +148,20 @@ def _check_law(scenario: Scenario) -> None:
             "control.resample is true, but closed_form draws nothing; give control.source: flow or "
             "dls"
         )
+    if not config.density and config.controller == ControlSpace.JOINT:
+        raise ScenarioError(
+            "control.density is False, but the joint-space field has no density of grasps; give "
+            "control.controller: task"
+        )
+    for name in () if config.safe else ("density", "score", "look_ahead"):
+        value, ours = getattr(config, name), getattr(ControlConfig(), name)
+        if value != ours:
+            raise ScenarioError(
+                f"control.{name} is {value}, but only safe mode plans; give control.mode: safe"
+            )
     if not config.safe or config.controller == ControlSpace.JOINT:
         return
-    for name in ("law", "damping", "feed_forward", "targets"):
+    for name in ("law", "damping", "targets"):
         value, ours = getattr(config, name), PRESETS[f"control.{name}"][0]
         if value != ours:
             raise ScenarioError(

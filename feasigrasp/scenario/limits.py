@@ -12,6 +12,7 @@ from pydrake.systems.analysis import GetIntegrationSchemes
 
 from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
+from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
@@ -145,6 +146,7 @@ CHOICES: dict[str, Sequence[str]] = {
     "control.law": tuple(Law),
     "control.targets": tuple(Targets),
     "control.source": tuple(Source),
+    "control.look_ahead": tuple(LookAhead),
     "perception.segmentation": tuple(Segmentation),
     "perception.preset": tuple(Preset),
     "perception.sampler": tuple(SamplerName),

@@ -19,6 +19,7 @@ from pydrake.systems.sensors import CameraConfig
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
+from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -123,6 +124,7 @@ class PerceptionConfig:
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
+        hidden_side: Whether what lies behind the seen surface is guessed; not by the paper's field.
         views: How many views are merged at most, 0 for all; by default that of the mode.
         filter: Whether what the sampler proposes is judged on the field; if not, it is taken as it
             comes.
@@ -140,6 +142,7 @@ class PerceptionConfig:
     max_points: int = 320
     length_scale: float = 0.3
     voxel_size: float = 0.003
+    hidden_side: bool = True
     views: int = _of_the_mode()
     filter: bool = True
     sampler: str = _of_the_mode()
@@ -203,6 +206,10 @@ class ControlConfig:
         damping: Of the task-space pseudo-inverse, 0 for none; not for ``safe`` mode, which solves a
             QP.
         feed_forward: Whether the object's own motion is added to the law.
+        density: Whether the density of grasps decides in ``safe`` mode, in task space.
+        score: Whether the scores of grasps decide in ``safe`` mode.
+        look_ahead: What plans of ``safe`` mode take the object to do: ``predicted``, to go on as
+            the tracker predicts; ``twist``, to keep its twist; ``none``, to stay where it is.
         targets: What the task-space law goes for, in the modes that enforce nothing: ``medoids`` of
             the mixture's components, or their ``means``.
         length_scale: Of the joint-space field [rad]; 0 follows the spacing of the solutions.
@@ -220,6 +227,9 @@ class ControlConfig:
     gain: float = _of_the_mode()
     damping: float = _of_the_mode()
     feed_forward: bool = _of_the_mode()
+    density: bool = True
+    score: bool = True
+    look_ahead: str = LookAhead.PREDICTED.value
     targets: str = _of_the_mode()
     length_scale: float = _of_the_mode()
     n_solutions: int = _of_the_mode()

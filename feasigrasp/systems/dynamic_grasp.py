@@ -200,6 +200,7 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
         max_points=config.max_points,
         length_scale=config.length_scale,
         voxel_size=config.voxel_size,
+        hidden_side=config.hidden_side,
         max_views=config.views,
     )
     seen_pose = _pose_at_view(cell)

@@ -33,7 +33,7 @@ from feasigrasp.scenario.sampling import (
     make_hand_eye,
     make_motion,
 )
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import ControlConfig, Scenario
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
@@ -142,17 +142,22 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
             gain=config.gain,
             feed_forward=config.feed_forward,
             solutions=solutions,
-            prices=Prices.of_a_field(1.5 if scenario.grasp.close else 3.0),
+            prices=_prices(config, Prices.of_a_field(1.5 if scenario.grasp.close else 3.0)),
+            look_ahead=config.look_ahead,
             safety=safety,
         )
         return GPJointController(reachability, joint_options, period=period, mode=config.mode)
+    prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
+    choice = ChoiceOptions(_prices(config, prices), config.look_ahead)
+    if not config.density:
+        choice = replace(choice, neighbourhood=0.0)
     options = TaskControlOptions(
         gain=config.gain,
         law=config.law,
         damping=config.damping,
         feed_forward=config.feed_forward,
         targets=config.targets,
-        choice=ChoiceOptions(Prices.to_grasp_soon() if scenario.grasp.close else Prices()),
+        choice=choice,
         safety=safety,
     )
     return RMMTaskController(
@@ -161,4 +166,13 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
         period=period,
         mode=config.mode,
         seed=scenario.random_seed,
+    )
+
+
+def _prices(config: ControlConfig, prices: Prices) -> Prices:
+    """The prices, without those that the scenario switches off."""
+    return replace(
+        prices,
+        score=prices.score if config.score else 0.0,
+        density=prices.density if config.density else 0.0,
     )

@@ -48,7 +48,7 @@ class GPJointController(GraspController):
         return self._control.update(
             memory,
             inputs.time,
-            inputs.grasps.X_OG,
+            inputs.grasps,
             inputs.X_WO,
             inputs.V_WO,
             inputs.q,

@@ -102,6 +102,7 @@ class PointCloudToGPDF(LeafSystem):
         max_points: int = PerceptionConfig.max_points,
         length_scale: float = PerceptionConfig.length_scale,
         voxel_size: float = PerceptionConfig.voxel_size,
+        hidden_side: bool = True,
         max_views: int = 0,
         views_per_side: int = 3,
         revisit: float = 5.0,
@@ -116,6 +117,7 @@ class PointCloudToGPDF(LeafSystem):
             max_points: Surface points that the field is fitted to.
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which views are merged [m].
+            hidden_side: Whether what lies behind the seen surface is guessed (default preset only).
             max_views: So many views are merged at most; 0 for all.
             views_per_side: So many views from one direction suffice, see `ViewRecord`.
             revisit: A side not merged for so long is merged again [s].
@@ -132,6 +134,7 @@ class PointCloudToGPDF(LeafSystem):
             "preset": preset,
             "max_points": max_points,
             "length_scale": length_scale,
+            "learnt": hidden_side,
         }
         self._max_views = max_views
         self._views_per_side, self._revisit, self._check = views_per_side, revisit, check

@@ -6,10 +6,10 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.planning.outlook import poses_ahead
 from feasigrasp.models.control.task.memory import TaskMemory
 from feasigrasp.models.control.task.paper_law import paper_task_space_velocity
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
-from feasigrasp.models.objects.prediction import future_poses
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import ReachabilityConfig
@@ -55,7 +55,9 @@ class RMMTaskController(GraspController):
         if self.safety is None:
             return memory
         choice = self._options.choice
-        ahead = future_poses(inputs.motion, inputs.X_WO, inputs.V_WO, choice.prices.instants)
+        ahead = poses_ahead(
+            choice.look_ahead, inputs.motion, inputs.X_WO, inputs.V_WO, choice.prices.instants
+        )
         return memory.with_choice(inputs.time, inputs.q, ahead, self.reachability, choice)
 
     def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:

@@ -88,7 +88,16 @@ def test_a_key_that_is_given_wins():
         ("{perception: {views: -1}}", "perception.views is -1"),
         ("{control: {resample: true}}", "control.resample .* closed_form .* flow or dls"),
         ("{control: {law: gradient}}", "control.law is gradient .*corrected or paper"),
-        ("{control: {feed_forward: false}}", "control.feed_forward is False .*corrected or paper"),
+        ("{control: {look_ahead: far}}", "control.look_ahead is 'far'; .* predicted, twist, none"),
+        (
+            "{control: {mode: corrected, density: false}}",
+            "control.density is False, but only safe mode plans",
+        ),
+        (
+            "{control: {mode: paper, look_ahead: none}}",
+            "control.look_ahead is none, but only safe mode plans",
+        ),
+        ("{control: {controller: joint, density: false}}", "control.density .*controller: task"),
     ],
 )
 def test_wrong_values_are_refused(text, message):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from feasigrasp.evaluation.report.ablation import ablation_report, is_ablation
 from feasigrasp.evaluation.report.curves import curve_report
 from feasigrasp.evaluation.report.table_2 import (
     SPEEDS,
@@ -68,6 +69,8 @@ def dynamic_report(rows: Sequence[Row], folder: Path, conditions: str = "") -> s
     found: Rows = {(row.preset, row.name.removeprefix("dynamic.")): row for row in rows}
     parts = _paper_parts(found, folder, conditions) if speeds_of(found) else []
     parts += curve_report(found, folder, conditions)
+    parts += [ablation_report(found, conditions)]
+    found = {key: row for key, row in found.items() if not is_ablation(key[0])}
     presets = [p for p in _presets(found) if (p, "held_percent") in found]
     if presets:
         parts += ["### Grasping moving objects", _metric_table(found, presets, _HELD), conditions]

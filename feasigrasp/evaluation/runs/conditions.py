@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from feasigrasp.evaluation.protocols.ablations import without_ablation
 from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.scenario.sampling import lap, make_motion
@@ -43,7 +44,7 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
     runs = plan.runs
     by_name: dict[str, Scenario] = {}
     for planned in runs:
-        by_name.setdefault(planned.name, planned.scenario)
+        by_name.setdefault(without_ablation(planned.name), planned.scenario)
     return {
         "split": split,
         "speeds": {name: _speeds(scenario) for name, scenario in by_name.items()},

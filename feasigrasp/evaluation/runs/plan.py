@@ -14,6 +14,7 @@ from pathlib import Path
 
 from feasigrasp.errors import FeasigraspError, MeshError
 from feasigrasp.evaluation.runs.studies import STUDIES, Study, study_of
+from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import names, positive, print_notes, select_objects
 from feasigrasp.results.workers import Shard
@@ -144,6 +145,7 @@ def plan(args: argparse.Namespace) -> Plan:
             made = [
                 _quick(args, plan_run(args, name, study, (what, objects[what]), *how))
                 for how in itertools.product(study.variants, args.controllers, modes, repeats)
+                if how[1] == ControlSpace.TASK or how[0] not in study.task_only
             ]
             try:
                 # A wrong mesh is told now, not run by run.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from feasigrasp.evaluation.protocols.ablations import ABLATIONS, NO_DENSITY
 from feasigrasp.evaluation.protocols.degradations import (
     DEGRADATIONS,
     SPEED,
@@ -49,6 +50,7 @@ class Study:
         modes: Modes of the controllers.
         variants: What it changes in every scenario, by what the names of the runs have behind the
             scenario's, so that they are not taken for those of another study.
+        task_only: Those of the variants that mean nothing to the joint-space controller.
         generated: Whether it can run on generated objects, with ``--split test``.
     """
 
@@ -57,6 +59,7 @@ class Study:
     seeds: int = 1
     modes: tuple[str, ...] = ("safe",)
     variants: Mapping[str, Change] = field(default_factory=lambda: {"": _as_it_is})
+    task_only: tuple[str, ...] = ()
     generated: bool = True
 
 
@@ -67,7 +70,8 @@ _PAPER = ("PaperCircular", "PaperLinear", "PaperSinusoidal")
 #: the same with perfect sensors, ``tracking`` with the errors of motion capture; ``obstacle``
 #: grasps beside a wall; ``paper`` is the paper's dynamic test, slowly and four times as fast;
 #: ``speed`` and ``spin`` are the curves of success over how fast the object moves and turns;
-#: ``degradations`` is what errors of sensors and other objects cost, each alone and all together.
+#: ``degradations`` is what errors of sensors and other objects cost, each alone and all together;
+#: ``ablation`` what each part of the system is worth.
 STUDIES = {
     "reach": Study(_REACH, seeds=3),
     "ideal": Study(_REACH, variants={"-ideal": perfect_sensors}),
@@ -83,6 +87,7 @@ STUDIES = {
     "speed": Study(tuple(MOTIONS.values()), variants=AT_SPEEDS),
     "spin": Study((MOTIONS["circle"],), variants=AT_SPINS),
     "degradations": Study((MOTIONS["circle"],), variants=_at_one_speed(DEGRADATIONS)),
+    "ablation": Study(_REACH, variants=ABLATIONS, task_only=(NO_DENSITY,)),
 }
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, Metric
+from feasigrasp.evaluation.protocols.ablations import ablation_rows
 from feasigrasp.evaluation.protocols.speed import curve_point
 from feasigrasp.evaluation.runs.studies import suffix_of
 from feasigrasp.results.rows import Row
@@ -80,7 +81,8 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
     runs are put together, ``<motion>/<m/s>`` for the points of the speed curve, and
     ``<scenario>/<controller>/<mode>/<object>`` for single objects if there are several. In means
     and shares every object counts once, and their intervals come from drawing the objects anew; a
-    figure that no run of a group has is left out.
+    figure that no run of a group has is left out. Ablations are compared with the runs of the whole
+    (`ablation_rows`).
 
     Args:
         records: Records of runs.
@@ -95,7 +97,7 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             rows += _share_rows(preset, group)
             for name in _PER_OBJECT:
                 rows += _mean_row(name, preset, group)
-    return rows
+    return rows + ablation_rows(records)
 
 
 def _groups(records: Sequence[Record], *presets: str) -> dict[str, list[Record]]:

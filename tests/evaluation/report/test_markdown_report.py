@@ -192,3 +192,21 @@ def test_tables_of_the_paper_are_complete():
 
 def test_a_table_in_markdown():
     assert markdown_table(["a", "b"], [["1", "2"]]) == "| a | b |\n| --- | --- |\n| 1 | 2 |"
+
+
+def test_ablations_have_a_table_of_their_own(tmp_path):
+    rows = [
+        row("dynamic.held_percent", "all-full/task/safe", 97.0, 90.0, 100.0),
+        row("dynamic.held_percent", "ReachLinear-full/task/safe", 96.0),
+        row("dynamic.held_percent", "all-no-density/task/safe", 91.0, 85.0, 96.0),
+        row("dynamic.held_change_percent", "all-no-density/task/safe", -6.0, -9.0, -2.0),
+        row("dynamic.held_after_s", "all-no-density/task/safe", 4.25),
+    ]
+    write(tmp_path, rows)
+    assert cli.main(["report", str(tmp_path)]) == 0
+    text = (tmp_path / "report.md").read_text()
+    assert "| everything | task | 97.0 [90.0, 100.0] | - | - | - | - | 5 |" in text
+    assert (
+        "| no density | task | 91.0 [85.0, 96.0] | -6.0 [-9.0, -2.0] | 4.25 | - | - | 5 |" in text
+    )
+    assert "ReachLinear-full" not in text and "Grasping moving objects" not in text

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
+from feasigrasp.evaluation.protocols.ablations import ABLATIONS
 from feasigrasp.evaluation.runs import isolated
 from feasigrasp.evaluation.runs import run as run_module
 from feasigrasp.evaluation.runs.plan import plan
@@ -137,6 +138,42 @@ def test_motion_capture_errs_anew_with_every_seed():
     np.testing.assert_allclose([t.rotation_noise for t in trackers], np.deg2rad(1.0))
     assert [t.seed for t in trackers] == [run.scenario.random_seed for run in runs]
     assert {t.seed for t in trackers} == {0, 1}
+
+
+def test_every_ablation_changes_what_it_names_and_nothing_else():
+    runs = planned("--study", "ablation", "--objects", "mug", "--scenarios", "ReachLinear")
+    assert len({run.id for run in runs}) == len(runs) == 2 * len(ABLATIONS) - 1
+    by_name = {(run.name, run.scenario.control.controller): run.scenario for run in runs}
+    for controller in ("task", "joint"):
+        full = vars_of(by_name["ReachLinear-full", controller])
+        headline = planned("--objects", "mug", "--scenarios", "ReachLinear", "--seeds", "1",
+                           "--controllers", controller)  # fmt: skip
+        assert vars_of(headline[0].scenario) == full
+        for suffix, key in (
+            ("no-density", {"control.density"}),
+            ("no-score", {"control.score"}),
+            ("no-look-ahead", {"control.look_ahead", "reachability.horizon"}),
+            ("no-prediction", {"control.look_ahead"}),
+            ("no-feed-forward", {"control.feed_forward"}),
+            ("no-hidden-side", {"perception.hidden_side"}),
+            ("one-view", {"perception.views"}),
+            ("paper-network", {"perception.sampler"}),
+            ("antipodal", {"perception.sampler"}),
+        ):
+            scenario = by_name.get((f"ReachLinear-{suffix}", controller))
+            if (suffix, controller) == ("no-density", "joint"):  # it has none
+                assert scenario is None
+                continue
+            assert {k for k, value in vars_of(scenario).items() if value != full[k]} == key
+
+
+def vars_of(scenario):
+    sections = ("control", "perception", "reachability", "tracker", "grasp")
+    return {
+        f"{section}.{name}": value
+        for section in sections
+        for name, value in vars(getattr(scenario, section)).items()
+    }
 
 
 def test_beside_the_wall_the_scene_is_looked_at():

@@ -26,12 +26,14 @@ from feasigrasp.models.control.joint.field import (
 from feasigrasp.models.control.joint.search import SolutionOptions, SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
 from feasigrasp.models.control.mode import ControlMode, Law
+from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel
-from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -50,6 +52,7 @@ class JointControlOptions:
         feed_forward: Whether the solutions' own velocity is added; not in the paper.
         solutions: Which solutions the field is fitted to.
         prices: What they cost, and how far is looked ahead.
+        look_ahead: What the object is taken to do meanwhile, a `LookAhead`.
         funnel: The way into a grasp.
         safety: Margins of the QP.
     """
@@ -60,16 +63,18 @@ class JointControlOptions:
     feed_forward: bool = True
     solutions: SolutionOptions = field(default_factory=SolutionOptions)
     prices: Prices = field(default_factory=Prices.of_a_field)
+    look_ahead: str = LookAhead.PREDICTED
     funnel: Funnel = field(default_factory=lambda: Funnel(closing_axis_share=0.3))
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
     def __post_init__(self) -> None:
-        """Checks the law.
+        """Checks the words.
 
         Raises:
-            ControlError: There is no such law.
+            ControlError: There is no such law or look-ahead.
         """
         parse_choice(Law, self.law, "law", ControlError)
+        parse_choice(LookAhead, self.look_ahead, "look_ahead", ControlError)
 
     def unplanned(self) -> JointControlOptions:
         """All solutions are worth the same, go straight to the grasps, and do not glide.
@@ -194,7 +199,7 @@ class JointSpaceControl:
         self,
         previous: Solutions,
         time: float,
-        X_OG: Array,
+        grasps: GraspSet,
         X_WO: Array,
         V_WO: Array,
         q: Array,
@@ -205,7 +210,7 @@ class JointSpaceControl:
         Args:
             previous: Those until now.
             time: Now [s].
-            X_OG: Grasps on offer now, in the object frame, shape (n, 4, 4).
+            grasps: Grasps on offer now, in the object frame.
             X_WO: Object pose, shape (4, 4).
             V_WO: Object twist [angular; linear], shape (6,).
             q: Joint positions [rad], shape (7,).
@@ -217,9 +222,9 @@ class JointSpaceControl:
         if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
             return previous
         times = self.options.prices.instants
-        ahead = np.ascontiguousarray(future_poses(motion, X_WO, V_WO, times))
+        ahead = poses_ahead(self.options.look_ahead, motion, X_WO, V_WO, times)
         q = np.ascontiguousarray(q, dtype=float)
-        return self.search.update(previous, time, np.asarray(X_OG), ahead, q)
+        return self.search.update(previous, time, grasps, ahead, q)
 
     def requested_velocity(
         self, q: Array, solutions: Solutions, time: float, X_WO: Array, V_WO: Array

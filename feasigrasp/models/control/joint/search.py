@@ -33,6 +33,7 @@ from feasigrasp.models.control.planning.transfers import way_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
+from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.reach.reachability import Reachability
@@ -139,7 +140,21 @@ class _Items(NamedTuple):
 
 @njit(cache=True)
 def _judge(
-    q_now, X_FG, X_WO, X_OG, standoffs, branch, psi, times, search, prices, q, reached, cost, better
+    q_now,
+    X_FG,
+    X_WO,
+    X_OG,
+    grasp_rates,
+    standoffs,
+    branch,
+    psi,
+    times,
+    search,
+    prices,
+    q,
+    reached,
+    cost,
+    better,
 ):
     """Writes configuration now, cost [s], and the way to a better arm angle, of every solution.
 
@@ -160,8 +175,8 @@ def _judge(
             continue
         for j in range(3):
             values[j] = strand_cost_kernel(
-                *(X_WO, times, X_OG[i], standoffs[i], X_GF, branch[i], psi[i] + (j - 1) * _STEP),
-                *(search, price, X_WF, scratch),
+                *(X_WO, times, X_OG[i], grasp_rates[i], standoffs[i], X_GF),
+                *(branch[i], psi[i] + (j - 1) * _STEP, search, price, X_WF, scratch),
             )
         travel = travel_time_kernel(q_now, q[i]) / price.speed_share
         way = way_kernel(
@@ -196,7 +211,7 @@ class SolutionSearch:
         self,
         previous: Solutions,
         time: float,
-        X_OG: Array,
+        grasps: GraspSet,
         X_WO: Array,
         q: Array,
     ) -> Solutions:
@@ -205,10 +220,11 @@ class SolutionSearch:
         Args:
             previous: Those until now.
             time: Now [s].
-            X_OG: Grasps on offer, in the object frame, shape (m, 4, 4).
+            grasps: Grasps on offer, in the object frame, m of them.
             X_WO: Poses of the object at the prices' instants, now first, shape (k, 4, 4).
             q: Joint positions [rad], shape (7,).
         """
+        X_OG, rates = grasps.X_OG, self.prices.grasp_rates(grasps)
         if self.options.resample:
             most, X_WF = self.options, self._flange_poses(X_OG, X_WO[0], q)
             return resampled_solutions(
@@ -216,8 +232,10 @@ class SolutionSearch:
             )
         angles, costs, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
         grasp = matches(previous.X_OG, X_OG)
+        of_grasp = np.append(rates, 0.0)[grasp]
         old = self._items(
-            previous.X_OG, grasp, previous.branch, angles[:, 0], angles[:, 1], costs, X_WO, q
+            *(previous.X_OG, grasp, of_grasp, previous.branch, angles[:, 0], angles[:, 1]),
+            *(costs, X_WO, q),
         )
         old.target[grasp < 0] = np.inf
         old = old.select(old.reached)
@@ -226,7 +244,7 @@ class SolutionSearch:
         looked_at = np.arange(len(X_OG))
         if len(old.q) and len(X_OG) > GRASPS_AT_ONCE:
             looked_at = (previous.turn + np.arange(GRASPS_AT_ONCE)) % len(X_OG)
-        new = self._new_items(old, X_OG, looked_at, X_WO, q)
+        new = self._new_items(old, X_OG, rates, looked_at, X_WO, q)
         if len(old.q):
             # Where they have no influence on what the arm does.
             np.maximum(new.cost, best + IRRELEVANT * scale - _apart(new.q, q), out=new.cost)
@@ -265,6 +283,7 @@ class SolutionSearch:
         self,
         X_OG: Array,
         grasp: Indices,
+        grasp_rates: Array,
         branch: Indices,
         psi: Array,
         rate: Array,
@@ -278,7 +297,7 @@ class SolutionSearch:
         configurations, reached = np.empty((n, IIWA_7.joints)), np.zeros(n, dtype=bool)
         target, better = np.zeros(n), np.zeros(n)
         _judge(
-            *(q, X_FG, X_WO, X_OG, standoffs, branch, psi, self.prices.instants),
+            *(q, X_FG, X_WO, X_OG, grasp_rates, standoffs, branch, psi, self.prices.instants),
             *(self.reachability.search, self.prices.record),
             *(configurations, reached, target, better),
         )
@@ -287,7 +306,13 @@ class SolutionSearch:
         return _Items(X_OG, grasp, branch, psi, rate, cost, target, better, configurations, reached)
 
     def _new_items(
-        self, old: _Items, X_OG: Array, looked_at: Indices, X_WO: Array, q: Array
+        self,
+        old: _Items,
+        X_OG: Array,
+        grasp_rates: Array,
+        looked_at: Indices,
+        X_WO: Array,
+        q: Array,
     ) -> _Items:
         """Solutions of some of the grasps that are apart from those there are."""
         X_WF = self._flange_poses(X_OG[looked_at], X_WO[0], q)
@@ -305,7 +330,10 @@ class SolutionSearch:
         configurations = np.concatenate([*found, np.empty((0, IIWA_7.joints))])
         psi = np.array([arm_angle_kernel(one) for one in configurations])
         branch = np.array([branch_kernel(one) for one in configurations], dtype=np.int64)
-        items = self._items(X_OG[grasp], grasp, branch, psi, np.zeros(len(psi)), None, X_WO, q)
+        items = self._items(
+            *(X_OG[grasp], grasp, grasp_rates[grasp], branch, psi, np.zeros(len(psi))),
+            *(None, X_WO, q),
+        )
         return items.select(items.reached)
 
     def _ranked(self, old: _Items, new: _Items, q: Array, relevant: float) -> tuple[_Items, int]:

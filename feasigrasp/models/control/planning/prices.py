@@ -17,8 +17,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, record
+from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import manipulability_kernel
+
+#: Scores below this count as this, and a grasp counts as rarer than the densest by no more [nat].
+LEAST_SCORE, RAREST = 0.05, 15.0
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,8 @@ class Prices:
     Attributes:
         times: Instants that are looked at, from now on [s].
         lost: Distance of hand and object that costs a second per second [m].
+        score: Of a grasp whose score is less by a factor of e, per second.
+        density: Of a grasp at which the density of the grasps is less by a factor of e, per second.
         manipulability: Manipulability below which there is a price [m^3].
         manipulability_price: Of no manipulability at all, per second.
         limit_zone: Distance to a joint limit below which there is a price [rad].
@@ -43,6 +49,8 @@ class Prices:
 
     times: tuple[float, ...] = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0, 9.0)
     lost: float = 0.1
+    score: float = 1.0
+    density: float = 0.05
     manipulability: float = 0.12
     manipulability_price: float = 0.5
     limit_zone: float = 0.2
@@ -74,6 +82,26 @@ class Prices:
         """
         return cls(times=tuple(np.linspace(0.0, horizon, 9).tolist()), outlook=horizon)
 
+    def grasp_rates(self, grasps: GraspSet, log_density: Array | None = None) -> Array:
+        """What a second at a grasp costs by the grasp itself, however the arm holds it.
+
+        Times a temperature, ``exp(-rate)`` is the weight ``density * score`` of a grasp: prices of
+        logarithms are exponents of weights.
+
+        Args:
+            grasps: The grasps, n of them.
+            log_density: Log density of all grasps at each, shape (n,); without it none is rarer.
+
+        Returns:
+            Shape (n,); that of a certain grasp at the object's middle, where grasps are densest, is
+            zero.
+        """
+        rates = np.linalg.norm(grasps.X_OG[:, :3, 3], axis=1) / self.lost
+        rates += self.score * -np.log(np.clip(grasps.score, LEAST_SCORE, 1.0))
+        if log_density is not None and len(grasps):
+            rates += self.density * np.minimum(log_density.max() - log_density, RAREST)
+        return np.asarray(rates)
+
     @cached_property
     def instants(self) -> Array:
         """``times`` as an array."""
@@ -86,10 +114,10 @@ class Prices:
 
 
 @njit(cache=True)
-def rate_kernel(q, offset, prices):
-    """What it costs per second to hold a grasp ``offset`` from the middle in a configuration."""
+def rate_kernel(q, grasp_rate, prices):
+    """What a second in a configuration costs, at a grasp that costs ``grasp_rate`` by itself."""
     lack = max(0.0, 1.0 - manipulability_kernel(q) / prices.manipulability)
-    rate = offset / prices.lost + prices.manipulability_price * lack
+    rate = grasp_rate + prices.manipulability_price * lack
     for i in range(IIWA_7.joints):
         inside = (IIWA_7.position_limits[i] - abs(q[i])) / prices.limit_zone
         if inside < 1.0:

@@ -39,7 +39,7 @@ class Strands(NamedTuple):
 
 
 @njit(cache=True)
-def _write_nodes(q, X_WF, offset, search, lanes, ends, prices, Q, rate):
+def _write_nodes(q, X_WF, grasp_rate, search, lanes, ends, prices, Q, rate):
     """Writes configurations (8, P, 7) of one grasp at one instant, and what they cost."""
     rate[:] = np.inf
     circle = arm_circle_kernel(X_WF)
@@ -60,7 +60,7 @@ def _write_nodes(q, X_WF, offset, search, lanes, ends, prices, Q, rate):
             if inside_limits_kernel(node, search.limit_margin) and is_clear_kernel(
                 node, search.open, search.clearance, search.table_height
             ):
-                rate[branch, lane % P] = rate_kernel(node, offset, prices)
+                rate[branch, lane % P] = rate_kernel(node, grasp_rate, prices)
 
 
 @njit(cache=True)
@@ -108,8 +108,11 @@ def _go_backwards(strands, times, prices):
 
 
 @njit(cache=True)
-def strands_kernel(q, X_WO, times, X_OG, X_GF, search, prices):
-    """The `Strands` of grasps (n, 4, 4) for an object at poses (K + 1, 4, 4)."""
+def strands_kernel(q, X_WO, times, X_OG, grasp_rates, X_GF, search, prices):
+    """The `Strands` of grasps (n, 4, 4) for an object at poses (K + 1, 4, 4).
+
+    ``grasp_rates`` (n,) is what a second at each costs by itself.
+    """
     K, n, P = len(times) - 1, len(X_OG), len(search.psis)
     strands = Strands(
         np.empty((K + 1, n, 8, P, IIWA_7.joints)),
@@ -121,22 +124,22 @@ def strands_kernel(q, X_WO, times, X_OG, X_GF, search, prices):
     ends = np.empty(search.fixed.shape)
     for i in range(n):
         X_OF = X_OG[i] @ X_GF
-        offset = np.sqrt(X_OG[i, 0, 3] ** 2 + X_OG[i, 1, 3] ** 2 + X_OG[i, 2, 3] ** 2)
         for k in range(K + 1):
             X_WF, Q, rate = X_WO[k] @ X_OF, strands.q[k, i], strands.rate[k, i]
-            _write_nodes(q, X_WF, offset, search, lanes, ends, prices[0], Q, rate)
+            _write_nodes(q, X_WF, grasp_rates[i], search, lanes, ends, prices[0], Q, rate)
     _go_backwards(strands, times, prices[0])
     return strands
 
 
 @njit(cache=True)
-def strand_cost_kernel(X_WO, times, X_OG, standoff, X_GF, branch, psi, search, prices, X_WF, q):
+def strand_cost_kernel(
+    X_WO, times, X_OG, grasp_rate, standoff, X_GF, branch, psi, search, prices, X_WF, q
+):
     """Cost of a strand that keeps its arm angle; ``X_WF`` (4, 4) and ``q`` (7,) are scratch.
 
     It is followed along the object's poses ``X_WO`` (k, 4, 4), ``standoff`` behind its grasp.
     """
     n, past, rates = len(X_WO), 0, 0.0
-    offset = np.sqrt(X_OG[0, 3] ** 2 + X_OG[1, 3] ** 2 + X_OG[2, 3] ** 2)
     for k in range(n):
         flange_pose_kernel(X_WO[k], X_OG, standoff, X_GF, X_WF)
         if not (
@@ -145,7 +148,7 @@ def strand_cost_kernel(X_WO, times, X_OG, standoff, X_GF, branch, psi, search, p
             and is_clear_kernel(q, search.capsules, search.clearance, search.table_height)
         ):
             break
-        rates += rate_kernel(q, offset, prices)
+        rates += rate_kernel(q, grasp_rate, prices)
         past += 1
     horizon = times[n - 1]
     return horizon * rates / max(past, 1) + end_kernel(horizon * past / n, prices)

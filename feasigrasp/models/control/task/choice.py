@@ -8,12 +8,16 @@ angles) are followed along it until they end at a joint limit, a collision or th
 minimised is the distance of hand and object, added up over the time that is looked ahead:
 
 - of going to a strand: the way there, at the joints' speed limits, to where its grasp will be;
-- of being there: the grasp's own distance from the object's centre, and prices for low
-  manipulability and for being close to a joint limit;
+- of being there: the grasp's own distance from the object's centre, prices for a low score and for
+  a low density of the mixture of all grasps, for low manipulability and for being close to a joint
+  limit;
 - of its end: a price that falls with the time until then.
 
 The present strand may also be left later, for what will then be best. So the arm changes grasps in
 time, takes the way round that is shorter in the long run, and unwinds before a limit stops it.
+
+The grasps round the chosen one are weighed by the same costs, ``exp(-cost / temperature)``; what
+the hand goes for follows from that (`feasigrasp.models.control.task.target`).
 """
 
 from __future__ import annotations
@@ -22,15 +26,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.planning.strands import strands_kernel
 from feasigrasp.models.control.planning.transfers import Plan, stay_kernel, transfer_kernel
+from feasigrasp.models.control.task.target import neighbours
 from feasigrasp.models.grasps.funnel import Funnel, grasp_errors
 from feasigrasp.models.reach.reachability import Reachability
 
 #: A grasp this close to the chosen one is taken for it when grasps are sampled anew [m, rad].
 SAME_GRASP = np.array([0.012, 0.25])
+#: Of a grasp that is better than the chosen one by far, the weight is e to this.
+_MOST = 50.0
 
 
 @dataclass(frozen=True)
@@ -39,19 +49,33 @@ class ChoiceOptions:
 
     Attributes:
         prices: How far is looked ahead, and what is charged.
+        look_ahead: What the object is taken to do meanwhile, a `LookAhead`.
         hysteresis: A grasp is kept at least so long [s].
         advantage: Another strand must be better by this much [s].
         commitment: The same, on the way to a strand [s].
+        temperature: Grasps near the chosen one weigh e times less per so much cost [s].
+        neighbourhood: How near that is [m], see `neighbours`; 0 for none but the chosen one.
         smoothing: Share of the way to a new arm angle that is gone when a choice is confirmed.
         funnel: The way into a grasp.
     """
 
     prices: Prices = field(default_factory=Prices)
+    look_ahead: str = LookAhead.PREDICTED
     hysteresis: float = 0.3
     advantage: float = 0.2
     commitment: float = 1.0
+    temperature: float = 0.2
+    neighbourhood: float = 0.04
     smoothing: float = 0.25
     funnel: Funnel = field(default_factory=Funnel)
+
+    def __post_init__(self) -> None:
+        """Checks the word.
+
+        Raises:
+            ControlError: There is no such look-ahead.
+        """
+        parse_choice(LookAhead, self.look_ahead, "look_ahead", ControlError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +91,9 @@ class GraspChoice(Frozen):
         since: When this strand was chosen [s].
         count: How many times another strand was chosen.
         cost: Of the plan [s].
+        rate: What a second at the grasp costs by itself.
+        around: Grasps near it that can be held in its branch, itself first, shape (m, 4, 4) [m].
+        weights: Theirs, shape (m,).
     """
 
     X_OG: Array = field(default_factory=lambda: np.eye(4))
@@ -76,10 +103,14 @@ class GraspChoice(Frozen):
     since: float = -np.inf
     count: int = 0
     cost: float = np.inf
+    rate: float = 0.0
+    around: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    weights: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Freezes the grasp."""
-        self._freeze(X_OG=np.array(self.X_OG))
+        """Freezes the arrays."""
+        around, weights = np.array(self.around), np.array(self.weights)
+        self._freeze(X_OG=np.array(self.X_OG), around=around, weights=weights)
 
     def __bool__(self) -> bool:
         """Whether there is a choice."""
@@ -91,6 +122,7 @@ def choose_grasp(
     t: float,
     q: Array,
     X_OG: Array,
+    grasp_rates: Array,
     X_WO: Array,
     reachability: Reachability,
     options: ChoiceOptions,
@@ -102,6 +134,8 @@ def choose_grasp(
         t: Time [s].
         q: Joint positions [rad], shape (7,).
         X_OG: Hand poses to choose from, flips included, in the object frame, shape (n, 4, 4) [m].
+        grasp_rates: What a second at each of them costs by itself, shape (n,), see
+            `Prices.grasp_rates`.
         X_WO: Predicted poses of the object at the instants of the prices, shape (K + 1, 4, 4).
         reachability: Tells which configurations are admissible.
         options: Horizon and prices.
@@ -116,7 +150,7 @@ def choose_grasp(
     times, prices, search = options.prices.instants, options.prices.record, reachability.search
     # Copies, so that no kernel is compiled twice, for arrays that may and may not be written.
     poses, grasps = np.array(X_WO, dtype=float), np.array(X_OG, dtype=float)
-    strands = strands_kernel(q, poses, times, grasps, X_GF, search, prices)
+    strands = strands_kernel(q, poses, times, grasps, grasp_rates, X_GF, search, prices)
     ways = Plan(strands, poses, times, grasps, X_FG, options.funnel.parameters, search, prices)
     nobody, present = (-1, -1), _present(choice, grasps)
     plan, margin = None, 0.0
@@ -138,6 +172,8 @@ def choose_grasp(
             t,
             choice.count + 1,
             other.cost,
+            grasp_rates[other.grasp],
+            *_weighed(q, other.grasp, other.branch, ways, options),
         )
     # The arm angles are a grid: a part of the way each time makes a smooth path of it.
     change = (_arm_angle(reachability, plan.angle) - choice.psi + np.pi) % (2.0 * np.pi) - np.pi
@@ -149,7 +185,21 @@ def choose_grasp(
         choice.since,
         choice.count,
         plan.cost,
+        grasp_rates[present],
+        *_weighed(q, present, choice.branch, ways, options),
     )
+
+
+def _weighed(
+    q: Array, index: int, branch: int, ways: Plan, options: ChoiceOptions
+) -> tuple[Array, Array]:
+    """The grasps round one that can be held in its branch, and their weights."""
+    some = neighbours(ways.X_OG, index, options.neighbourhood)
+    cost = np.array([transfer_kernel(q, 0, (i, branch), (-1, -1), ways).cost for i in some])
+    if not np.isfinite(cost[0]):
+        return ways.X_OG[some[:1]], np.ones(1)
+    weights = np.exp(np.minimum((cost[0] - cost) / options.temperature, _MOST))
+    return ways.X_OG[some], weights
 
 
 def _present(choice: GraspChoice, X_OG: Array) -> int:

@@ -23,12 +23,14 @@ class TaskMemory(Frozen):
 
     Attributes:
         mixture: None without grasps.
+        grasps: Those it was fitted to.
         choice: False if no grasp can be reached.
         last: The last mixture there was, so that grasps that come back find it again.
         seen: When the grasp followed was last among the grasps [s].
     """
 
     mixture: GraspMixture | None = None
+    grasps: GraspSet = field(default_factory=GraspSet.empty)
     choice: GraspChoice = field(default_factory=GraspChoice)
     last: GraspMixture | None = None
     seen: float = -np.inf
@@ -42,13 +44,13 @@ class TaskMemory(Frozen):
             seed: Of a fit from scratch.
         """
         if len(grasps) == 0:
-            return replace(self, mixture=None)
+            return replace(self, mixture=None, grasps=grasps)
         mixture = self.mixture or self.last
         if mixture is None or mixture.X_OG is not grasps.X_OG:
             mixture = fit_grasp_mixture(
                 grasps, max_components, np.random.default_rng(seed), mixture
             )
-        return replace(self, mixture=mixture, last=mixture)
+        return replace(self, mixture=mixture, grasps=grasps, last=mixture)
 
     def with_choice(
         self,
@@ -67,14 +69,16 @@ class TaskMemory(Frozen):
             reachability: Tells which configurations are admissible.
             options: Horizon and prices of a choice.
         """
-        X_OG = np.zeros((0, 4, 4)) if self.mixture is None else self.mixture.X_OG
-        seen = self.seen
+        X_OG, rates, seen = self.grasps.X_OG, np.zeros(0), self.seen
+        if self.mixture is not None:
+            rates = options.prices.grasp_rates(self.grasps, self.mixture.mixture.log_density(X_OG))
         if self.choice:
             if np.any(np.abs(X_OG - self.choice.X_OG).max(axis=(1, 2), initial=0.0) < 1e-9):
                 seen = time
             elif time <= seen + GRACE:
                 X_OG = np.concatenate([X_OG, self.choice.X_OG[None]])
-        choice = choose_grasp(self.choice, time, q, X_OG, X_WO_ahead, reachability, options)
+                rates = np.append(rates, self.choice.rate)
+        choice = choose_grasp(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options)
         if choice.count != self.choice.count:
             seen = time
         return replace(self, choice=choice, seen=seen)

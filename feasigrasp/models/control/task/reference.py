@@ -19,6 +19,7 @@ from feasigrasp.models.control.planning.continuation import (
     strand_velocity_kernel,
 )
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
+from feasigrasp.models.control.task.target import target_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
@@ -63,8 +64,9 @@ def strand_reference(
 ) -> StrandReference | None:
     """Configuration and velocity that follow the choice, at the control rate (10 us).
 
-    The hand is led into the grasp through the funnel; it stays back less where a joint limit does
-    not allow more.
+    The hand is led to its target, far away the middle of the grasps round the chosen one and at
+    last the grasp itself (`target_kernel`), through the funnel; it stays back less where a joint
+    limit does not allow more.
 
     Args:
         choice: What was chosen.
@@ -87,6 +89,8 @@ def strand_reference(
         np.ascontiguousarray(X_WO, dtype=float),
         np.ascontiguousarray(V_WO, dtype=float),
         choice.X_OG,
+        choice.around,
+        choice.weights,
         choice.branch,
         choice.psi,
         choice.due - t,
@@ -101,8 +105,38 @@ def strand_reference(
 
 
 @njit(cache=True)
+def _stand_behind(X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q):
+    """Writes flange pose (4, 4) and configuration (7,) on the way into a grasp.
+
+    Returns how far it is back [m], and whether it is in reach.
+    """
+    standoff, back, reached = standoff_kernel(X_OG, X_OH, funnel), 0.0, False
+    for step in range(_BACKS + 1):
+        back = standoff * (1.0 - step / _BACKS)
+        flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
+        reached = solve_kernel(X_WF, branch, angle, q)
+        if reached and inside_limits_kernel(q, margin):
+            break
+    return back, reached
+
+
+@njit(cache=True)
 def _reference_kernel(
-    q, X_WO, V_WO, X_OG, branch, psi, remaining, X_FG, margin, funnel, q_ref, qd_ref, X_OT
+    q,
+    X_WO,
+    V_WO,
+    chosen,
+    around,
+    weights,
+    branch,
+    psi,
+    remaining,
+    X_FG,
+    margin,
+    funnel,
+    q_ref,
+    qd_ref,
+    X_OT,
 ):
     """Writes what `strand_reference` returns: 1 on the strand, 0 on the way, -1 if nowhere."""
     if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
@@ -117,14 +151,15 @@ def _reference_kernel(
         angle = arm_angle_kernel(q)
         change = (psi - angle + np.pi) % (2.0 * np.pi) - np.pi
         rate = min(max(change / max(remaining, _SHORTEST), -_ARM_ANGLE_SPEED), _ARM_ANGLE_SPEED)
-    standoff = standoff_kernel(X_OG, X_OH, funnel)
-    reached = False
-    for step in range(_BACKS + 1):
-        back = standoff * (1.0 - step / _BACKS)
-        flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
-        reached = solve_kernel(X_WF, branch, angle, q_ref)
-        if reached and inside_limits_kernel(q_ref, margin):
-            break
+    X_OG = target_kernel(chosen, around, weights, X_OH)
+    back, reached = _stand_behind(
+        X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
+    )
+    if not reached:  # between grasps in reach there may be a pose that is not
+        X_OG = chosen
+        back, reached = _stand_behind(
+            X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
+        )
     if not reached:
         return -1
     X_OT[:] = X_OG

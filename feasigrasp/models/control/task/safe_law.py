@@ -45,8 +45,8 @@ class TaskControlOptions:
             the velocity per gradient.
         max_linear: Largest speed relative to the object [m/s]; only for `task_space_velocity`.
         max_angular: Largest angular speed relative to the object [rad/s]; likewise.
-        law: Of `paper_task_space_velocity`, as are the next three: which velocity leads up the
-            density.
+        law: Of `paper_task_space_velocity`, as are the next and ``targets``: which velocity leads
+            up the density.
         damping: Of the pseudo-inverse; it matters where singular values of the Jacobian are not far
             above it.
         feed_forward: Whether the object's twist is added.
@@ -155,6 +155,8 @@ def task_space_velocity(
         of the object is not.
     """
     moving = None if surface is None else MovingObject(surface, X_WO, V_WO)
+    if not options.feed_forward:
+        V_WO = np.where(np.isfinite(V_WO), 0.0, V_WO)  # an unknown twist still stops the arm
     reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
     if reference is None:
         return safety.velocity(

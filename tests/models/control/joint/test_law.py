@@ -64,7 +64,7 @@ class Controller:
     def __call__(self, t, q, X_WO, V_WO):
         if self.ticks % 10 == 0:
             offered = self.grasps(t) if callable(self.grasps) else self.grasps
-            self.solutions = self.control.update(self.solutions, t, offered.X_OG, X_WO, V_WO, q)
+            self.solutions = self.control.update(self.solutions, t, offered, X_WO, V_WO, q)
         self.ticks += 1
         self.requests.append(self.control.requested_velocity(q, self.solutions, t, X_WO, V_WO))
         last = self.qd if self.limit_acceleration else None
@@ -74,7 +74,7 @@ class Controller:
 
 def solutions_of(grasps, options=OPTIONS, X_WO=X_WO, q=HOME, mode="safe"):
     control = JointSpaceControl(REACHABILITY, options, PERIOD, mode)
-    return control, control.update(Solutions.empty(), 0.0, grasps.X_OG, X_WO, STILL, q)
+    return control, control.update(Solutions.empty(), 0.0, grasps, X_WO, STILL, q)
 
 
 def in_reach(grasps, X_WO=X_WO, V_WO=STILL):
@@ -142,7 +142,7 @@ def test_an_object_that_is_nowhere_stops_the_arm_and_is_taken_up_again(ring_of_g
     (X if part == "pose" else V)[1] = bad
     qd = control.velocity(HOME, solutions, 0.01, X, V)
     np.testing.assert_allclose(qd, 0.0, atol=1e-9)
-    kept = control.update(solutions, PERIOD, grasps.X_OG, X, V, HOME)
+    kept = control.update(solutions, PERIOD, grasps, X, V, HOME)
     assert kept is solutions
     assert np.linalg.norm(control.velocity(HOME, kept, PERIOD, X_WO, STILL)) > 0.1
     # A moving arm brakes within its accelerations.
@@ -229,7 +229,7 @@ def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
             V = rng.normal(scale=0.5, size=6)
             V[rng.integers(6)] = np.nan if rng.random() < 0.1 else 0.0
             X = np.full((4, 4), np.nan) if rng.random() < 0.1 else np.where(np.isnan(X), X_WO, X)
-            some = grasps.X_OG[rng.random(len(grasps)) < 0.2 * rng.integers(0, 3)]
+            some = grasps.select(rng.random(len(grasps)) < 0.2 * rng.integers(0, 3))
             solutions = control.update(solutions, t, some, X, V, q)
         last, qd = qd, control.velocity(q, solutions, t, X, V, qd)
         assert np.isfinite(qd).all()
@@ -300,11 +300,11 @@ def test_solutions_are_drawn_anew_from_the_same_seed(ring_of_grasps):
     assert first.length_scale[0] == 0.3
     moved = X_WO.copy()
     moved[1, 3] += 0.002
-    again = control.update(first, PERIOD, grasps.X_OG, moved, STILL, HOME)
+    again = control.update(first, PERIOD, grasps, moved, STILL, HOME)
     _, fresh = solutions_of(grasps, PRINTED, moved, mode="paper")
     np.testing.assert_array_equal(again.arm_angle, fresh.arm_angle)
     before, after = field(first, X_WO, 0.3)[0], field(again, moved, 0.3)[0]
     nearest = np.linalg.norm(after[:, None] - before[None], axis=2).min(axis=1)
     assert np.median(nearest) < 0.1
-    gone = control.update(first, PERIOD, grasps.X_OG[:0], X_WO, STILL, HOME)
+    gone = control.update(first, PERIOD, GraspSet.empty(), X_WO, STILL, HOME)
     assert len(gone) == 0

@@ -22,6 +22,7 @@ from feasigrasp.models.control.planning.continuation import (
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -48,6 +49,11 @@ def reachable(grasps, X_WO=X_WO):
     return X_OG[REACHABILITY.reachable(X_WO @ X_OG)]
 
 
+def offer(X_OG):
+    """Grasps that are all as certain."""
+    return GraspSet(X_OG, np.full(len(X_OG), 0.05), np.ones(len(X_OG)))
+
+
 def configurations(solutions, X_WO, elapsed=0.0):
     q, X_WF, X_GF = np.empty((len(solutions), 7)), np.empty((4, 4)), se3.inverse(X_FG)
     angles = solutions.at(elapsed)[0]
@@ -60,7 +66,7 @@ def configurations(solutions, X_WO, elapsed=0.0):
 @pytest.mark.parametrize("source", Source)
 def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, source):
     X_OG = reachable(ring_of_grasps)
-    found = search(source=source).update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
+    found = search(source=source).update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     q = configurations(found, X_WO)
     assert len(found) > 10
     assert (matches(found.X_OG, X_OG) >= 0).all()
@@ -79,7 +85,9 @@ def test_what_other_sources_reach_the_closed_form_reaches(ring_of_grasps, source
     """Every grasp of theirs is one of its; and most of its are theirs, though they only draw."""
     X_OG = reachable(ring_of_grasps)
     whole, drawn = (
-        search(source=name, n_solutions=200).update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
+        search(source=name, n_solutions=200).update(
+            Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME
+        )
         for name in ("closed_form", source)
     )
     of_whole, of_drawn = (set(matches(found.X_OG, X_OG)) for found in (whole, drawn))
@@ -90,9 +98,9 @@ def test_what_other_sources_reach_the_closed_form_reaches(ring_of_grasps, source
 def test_the_best_solution_of_every_grasp_comes_before_the_second_of_any(ring_of_grasps):
     X_OG = reachable(ring_of_grasps)
     options = {"n_solutions": len(X_OG), "funnel": None}
-    found = search(**options).update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
+    found = search(**options).update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     assert sorted(matches(found.X_OG, X_OG)) == list(range(len(X_OG)))
-    few = search(n_solutions=5).update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
+    few = search(n_solutions=5).update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     assert len(few) == 5
 
 
@@ -101,11 +109,13 @@ def test_matching_keeps_identity_while_the_object_moves(ring_of_grasps):
     rng = np.random.default_rng(0)
     X_OG, V = reachable(ring_of_grasps), np.array([0.1, -0.1, 0.1, 0.05, 0.1, 0.0])
     keep = search(glide=0.0, n_solutions=400)
-    first = keep.update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
+    first = keep.update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     solutions, before, followed = first, configurations(first, X_WO), 0
     for k in range(1, 6):
         moved = se3.extrapolate(X_WO, V, k * PERIOD)
-        solutions = keep.update(solutions, k * PERIOD, rng.permutation(X_OG), ahead(moved), HOME)
+        solutions = keep.update(
+            solutions, k * PERIOD, offer(rng.permutation(X_OG)), ahead(moved), HOME
+        )
         q = configurations(solutions, moved)
         for X, branch, angle, was in zip(
             first.X_OG, first.branch, first.arm_angle[:, 0], before, strict=True
@@ -132,11 +142,14 @@ def test_nothing_that_counts_appears_or_vanishes_at_an_update(ring_of_grasps):
     """Just before and just after an update the solutions that count have the same cost."""
     rng = np.random.default_rng(1)
     X_OG, keep = reachable(ring_of_grasps), search(n_solutions=20)
-    solutions, q = keep.update(Solutions.empty(), 0.0, X_OG[:10], ahead(X_WO), HOME), HOME.copy()
+    solutions, q = (
+        keep.update(Solutions.empty(), 0.0, offer(X_OG[:10]), ahead(X_WO), HOME),
+        HOME.copy(),
+    )
     for k in range(1, 20):
         offered = X_OG[rng.random(len(X_OG)) < 0.5]
         time, moved = k * PERIOD, se3.extrapolate(X_WO, np.full(6, 0.1), k * PERIOD)
-        after = keep.update(solutions, time, offered, ahead(moved), q)
+        after = keep.update(solutions, time, offer(offered), ahead(moved), q)
         if len(after) == 0:
             continue
         angles, cost, scale = solutions.at(PERIOD)
@@ -161,14 +174,14 @@ def test_nothing_that_counts_appears_or_vanishes_at_an_update(ring_of_grasps):
 
 def test_a_grasp_that_is_gone_rises_in_cost_until_it_is_left_out(ring_of_grasps):
     X_OG, keep = reachable(ring_of_grasps)[:6], search()
-    solutions = keep.update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
+    solutions = keep.update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     nearest = configurations(solutions, X_WO)
     q = nearest[0]
     lost = matches(solutions.X_OG[:1], X_OG)[0]
     rest = np.delete(X_OG, lost, axis=0)
     costs = []
     for k in range(1, 60):
-        solutions = keep.update(solutions, k * PERIOD, rest, ahead(X_WO), q)
+        solutions = keep.update(solutions, k * PERIOD, offer(rest), ahead(X_WO), q)
         mine = matches(solutions.X_OG, X_OG[[lost]]) == 0
         if not mine.any():
             break
@@ -180,10 +193,10 @@ def test_a_grasp_that_is_gone_rises_in_cost_until_it_is_left_out(ring_of_grasps)
 def test_arm_angles_glide_to_where_the_outlook_is_better_and_stay_there(ring_of_grasps):
     X_OG = reachable(ring_of_grasps)[:4]
     keep = search(prices=replace(PRICES, lost=1e3, collision=0.0, end=0.0))
-    solutions = keep.update(Solutions.empty(), 0.0, X_OG, ahead(X_WO), HOME)
+    solutions = keep.update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     before = solutions
     for k in range(1, 120):
-        after = keep.update(solutions, k * PERIOD, X_OG, ahead(X_WO), HOME)
+        after = keep.update(solutions, k * PERIOD, offer(X_OG), ahead(X_WO), HOME)
         assert (np.abs(after.arm_angle[:, 1]) <= keep.options.glide + 1e-9).all()
         solutions = after
     assert solutions.cost[:, 0].sum() < before.cost[:, 0].sum() - 0.1
@@ -191,17 +204,36 @@ def test_arm_angles_glide_to_where_the_outlook_is_better_and_stay_there(ring_of_
     assert REACHABILITY.admissible(configurations(solutions, X_WO)).all()
 
 
+def test_a_solution_costs_what_its_grasp_and_its_score_cost(ring_of_grasps):
+    """Half the score costs `score` ln 2 per second of the horizon; the rest stays the same."""
+    X_OG = reachable(ring_of_grasps)[:4]
+    certain, doubtful = (
+        search(radians_per_second=0.5).update(
+            Solutions.empty(), 0.0, replace(offer(X_OG), score=score), ahead(X_WO), HOME
+        )
+        for score in (np.ones(4), np.full(4, 0.5))
+    )
+    assert len(certain) == len(doubtful) > 4
+    horizon = PRICES.times[-1] * PRICES.score * np.log(2.0)
+    np.testing.assert_allclose(doubtful.cost[:, 0] - certain.cost[:, 0], 0.5 * horizon, atol=1e-9)
+    free = replace(PRICES, score=0.0)
+    indifferent = search(prices=free, radians_per_second=0.5).update(
+        Solutions.empty(), 0.0, replace(offer(X_OG), score=np.full(4, 0.5)), ahead(X_WO), HOME
+    )
+    np.testing.assert_allclose(indifferent.cost, certain.cost, atol=1e-9)
+
+
 def test_without_grasps_there_are_no_solutions():
-    nothing = search().update(Solutions.empty(), 0.3, np.zeros((0, 4, 4)), ahead(X_WO), HOME)
+    nothing = search().update(Solutions.empty(), 0.3, offer(np.zeros((0, 4, 4))), ahead(X_WO), HOME)
     assert len(nothing) == 0 and nothing.time == 0.3
 
 
 def test_grasps_out_of_reach_have_none(ring_of_grasps):
     far = ahead(se3.make_pose(np.eye(3), [2.0, 0.0, 0.5]))
     keep = search()
-    assert len(keep.update(Solutions.empty(), 0.0, ring_of_grasps.X_OG, far, HOME)) == 0
-    some = keep.update(Solutions.empty(), 0.0, reachable(ring_of_grasps), ahead(X_WO), HOME)
-    assert len(keep.update(some, PERIOD, ring_of_grasps.X_OG, far, HOME)) == 0
+    assert len(keep.update(Solutions.empty(), 0.0, offer(ring_of_grasps.X_OG), far, HOME)) == 0
+    some = keep.update(Solutions.empty(), 0.0, offer(reachable(ring_of_grasps)), ahead(X_WO), HOME)
+    assert len(keep.update(some, PERIOD, offer(ring_of_grasps.X_OG), far, HOME)) == 0
 
 
 def test_random_configurations_and_objects_give_finite_solutions(ring_of_grasps):
@@ -212,7 +244,9 @@ def test_random_configurations_and_objects_give_finite_solutions(ring_of_grasps)
         X[:3, 3] = rng.uniform(-0.8, 0.8, 3)
         q = rng.uniform(-1, 1, 7) * IIWA_7.position_limits
         offered = ring_of_grasps.X_OG[rng.random(len(ring_of_grasps)) < rng.random()]
-        solutions = keep.update(solutions, k * PERIOD, offered, ahead(X, rng.normal(size=6)), q)
+        solutions = keep.update(
+            solutions, k * PERIOD, offer(offered), ahead(X, rng.normal(size=6)), q
+        )
         for array in (solutions.arm_angle, solutions.cost, solutions.length_scale):
             assert np.isfinite(array).all()
 

@@ -33,6 +33,7 @@ def ring_of_grasps(tilts=(0.0, 0.5), turns=3):
 
 
 GRASPS = ring_of_grasps()
+FREE = np.zeros(len(GRASPS))
 
 
 def test_the_nodes_of_all_strands_are_admissible_and_reach_their_grasps():
@@ -50,7 +51,7 @@ def test_the_nodes_of_all_strands_are_admissible_and_reach_their_grasps():
     poses = np.array([motion.pose(1.0 + t) for t in PRICES.times])
     X_GF = np.linalg.inv(X_FG)
     strands = strands_kernel(
-        START, poses, PRICES.instants, GRASPS, X_GF, REACHABILITY.search, PRICES.record
+        START, poses, PRICES.instants, GRASPS, FREE, X_GF, REACHABILITY.search, PRICES.record
     )
     k, i, branch, angle = np.nonzero(np.isfinite(strands.rate))
     q = strands.q[k, i, branch, angle]
@@ -73,10 +74,11 @@ def test_an_arm_angle_that_is_kept_costs_no_less_than_the_best_way_through_the_a
     still = dataclasses.replace(PRICES, times=tuple(np.linspace(0.0, 1.5, 9)), motion=0.0)
     poses = np.repeat(se3.make_pose(np.eye(3), [0.5, 0.0, 0.3])[None], len(still.times), axis=0)
     X_GF, search, checked = np.linalg.inv(X_FG), REACHABILITY.search, 0
-    strands = strands_kernel(START, poses, still.instants, GRASPS, X_GF, search, still.record)
+    own = np.linspace(0.0, 1.0, len(GRASPS))
+    strands = strands_kernel(START, poses, still.instants, GRASPS, own, X_GF, search, still.record)
     for i, b, j in np.argwhere(np.isfinite(strands.rate[0])):
         kept = strand_cost_kernel(
-            *(poses, still.instants, GRASPS[i], 0.0, X_GF, b, search.psis[j], search),
+            *(poses, still.instants, GRASPS[i], own[i], 0.0, X_GF, b, search.psis[j], search),
             *(still.record[0], np.empty((4, 4)), np.empty(7)),
         )
         # The table also asks where the joints are going beyond the horizon: nowhere, here.
@@ -94,7 +96,7 @@ def test_prices_are_seconds_without_the_object():
     lack = max(0.0, 1.0 - manipulability(good) / PRICES.manipulability)
     posture = PRICES.manipulability_price * lack
     assert rate_kernel(good, 0.0, prices) == pytest.approx(posture)
-    assert rate_kernel(good, PRICES.lost, prices) == pytest.approx(1.0 + posture)
+    assert rate_kernel(good, 1.0, prices) == pytest.approx(1.0 + posture)
     at_limit = good.copy()
     at_limit[0] = IIWA_7.position_limits[0]
     assert rate_kernel(at_limit, 0.0, prices) == pytest.approx(PRICES.limit_price + posture)

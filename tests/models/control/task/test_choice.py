@@ -51,7 +51,9 @@ def ahead(motion, t, options=OPTIONS):
 
 
 def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS):
-    return choose_grasp(choice, t, q, X_OG, ahead(motion, t, options), REACHABILITY, options)
+    grasps = GraspSet(X_OG, np.full(len(X_OG), 0.05), np.ones(len(X_OG)))
+    rates, poses = options.prices.grasp_rates(grasps), ahead(motion, t, options)
+    return choose_grasp(choice, t, q, X_OG, rates, poses, REACHABILITY, options)
 
 
 def run(duration, motion=CIRCLE, period=0.2, dt=0.02):
@@ -139,7 +141,8 @@ def test_without_grasps_or_poses_there_is_no_choice():
     assert not choose(GraspChoice(), 0.0, START, motion=far)
     lost = np.full((len(PRICES.instants), 4, 4), np.nan)
     present = choose(GraspChoice(), 0.0, START)
-    assert not choose_grasp(present, 0.1, START, GRASPS, lost, REACHABILITY, OPTIONS)
+    free = np.zeros(len(GRASPS))
+    assert not choose_grasp(present, 0.1, START, GRASPS, free, lost, REACHABILITY, OPTIONS)
 
 
 def vars_of(motion):

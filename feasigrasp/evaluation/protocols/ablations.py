@@ -1,0 +1,95 @@
+"""What each part of the system is worth: runs without it beside the same runs with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import Any
+
+from feasigrasp.models.control.planning.outlook import LookAhead
+from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.results.finished import Record
+from feasigrasp.results.rows import Row
+from feasigrasp.results.statistics import mean_of_objects
+from feasigrasp.scenario.schema import Scenario
+
+
+def _with(keys: Mapping[str, Any]) -> Callable[[Scenario], None]:
+    """Sets keys, ``section.name``, of a scenario."""
+
+    def change(scenario: Scenario) -> None:
+        for key, value in keys.items():
+            section, name = key.split(".")
+            setattr(getattr(scenario, section), name, value)
+
+    return change
+
+
+#: The system as it is, and what means something in task space only.
+FULL, NO_DENSITY = "-full", "-no-density"
+#: What is taken away, one thing at a time, by the end of the runs' names.
+ABLATIONS = {
+    FULL: _with({}),
+    NO_DENSITY: _with({"control.density": False}),
+    "-no-score": _with({"control.score": False}),
+    "-no-look-ahead": _with(
+        {"control.look_ahead": LookAhead.NONE.value, "reachability.horizon": 0.0}
+    ),
+    "-no-prediction": _with({"control.look_ahead": LookAhead.TWIST.value}),
+    "-no-feed-forward": _with({"control.feed_forward": False}),
+    "-no-hidden-side": _with({"perception.hidden_side": False}),
+    "-one-view": _with({"perception.views": 1}),
+    "-paper-network": _with({"perception.sampler": SamplerName.PAPER.value}),
+    "-antipodal": _with({"perception.sampler": SamplerName.ANTIPODAL.value}),
+}
+
+
+def ablation_of(name: str) -> str:
+    """The end of a run's or a preset's scenario that names its ablation; empty without one."""
+    return next((suffix for suffix in ABLATIONS if name.endswith(suffix)), "")
+
+
+def without_ablation(name: str) -> str:
+    """The name of a run's scenario, whatever its ablation."""
+    return name.removesuffix(ablation_of(name))
+
+
+def ablation_rows(records: Sequence[Record]) -> list[Row]:
+    """Changes by every ablation: of the share held, and of the time until an object is held.
+
+    Runs are paired by scenario, controller, object and seed; times are compared where both held.
+    Presets are those of `feasigrasp.evaluation.runs.summary.summary_rows` for all scenarios
+    together. Every object counts once, and the intervals come from drawing the objects anew.
+
+    Args:
+        records: Records of runs; those of other studies are left out, and so are those without a
+            counterpart.
+    """
+    full = {_key(run): run for run in records if ablation_of(run["scenario"]) == FULL}
+    pairs: dict[str, list[tuple[Record, Record]]] = {}
+    for run in records:
+        suffix = ablation_of(run["scenario"])
+        if suffix and suffix != FULL and _key(run) in full:
+            for controller in (run["controller"], "all"):
+                preset = f"all{suffix}/{controller}/{run['mode']}"
+                pairs.setdefault(preset, []).append((full[_key(run)], run))
+    return [row for preset, found in pairs.items() for row in _changes(preset, found)]
+
+
+def _changes(preset: str, pairs: Sequence[tuple[Record, Record]]) -> list[Row]:
+    rows = []
+    for name, metric, unit, factor in (
+        ("held_change_percent", "grasp_held", "%", 100.0),
+        ("held_after_change_s", "held_after_s", "s", 1.0),
+    ):
+        metrics = [(a["metrics"][metric], b["metrics"][metric], b["object"]) for a, b in pairs]
+        both = [(float(b) - float(a), what) for a, b, what in metrics if None not in (a, b)]
+        if both:
+            changes, objects = zip(*both, strict=True)
+            estimate = mean_of_objects(changes, objects)
+            rows.append(Row.of(f"dynamic.{name}", preset, estimate, unit, factor))
+    return rows
+
+
+def _key(run: Record) -> Hashable:
+    scenario = without_ablation(run["scenario"])
+    return scenario, run["controller"], run["mode"], run["object"], run["seed"]

@@ -1,0 +1,69 @@
+"""The pose that the hand goes for: up the density of the grasps round the chosen one.
+
+The grasps near the chosen one, X*, which the arm can hold in the same branch, have weights: of
+their score, of the density of all grasps there, and of what each costs the arm from here on
+(`feasigrasp.models.control.planning.prices`). They make a density, with a bandwidth s::
+
+    p(x) = sum_i w_i N(Log_X_i(x); 0, s^2),    s = SHARPNESS * distance of the hand to X*
+
+and the target is where the gradient of its logarithm leads from X*, one step of mean shift::
+
+    target = X* exp(sum_i r_i Log_X*(X_i)),    r_i ~ w_i exp(-|Log_X*(X_i)|^2 / (2 s^2))
+
+Far away, all of the neighbourhood counts and the hand goes for its middle, which moves little when
+another of its grasps becomes the best. As the hand nears, the density sharpens, and at last the
+target is X*, a grasp: means of grasps need not be any. So no mean can lead into the object either.
+With a single weight the target is X* throughout.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry.se3_kernels import (
+    compose_kernel,
+    exp_kernel,
+    inverse_kernel,
+    log_kernel,
+)
+
+#: Metres that count as much as one radian.
+LENGTH_PER_RADIAN = 0.1
+#: Bandwidth of the density per distance of the hand.
+SHARPNESS = 0.2
+
+
+@njit(cache=True)
+def square_kernel(v):
+    """Square of the length of a tangent vector [angular; linear], in metres."""
+    angular = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    return LENGTH_PER_RADIAN**2 * angular + v[3] * v[3] + v[4] * v[4] + v[5] * v[5]
+
+
+@njit(cache=True)
+def target_kernel(X_OG, around, weights, X_OH):
+    """The target (4, 4) of a hand at ``X_OH`` that goes for the grasp ``X_OG``.
+
+    ``around`` (m, 4, 4) are the grasps near it, itself among them, and ``weights`` (m,) theirs;
+    without any the target is the grasp.
+    """
+    X_GO = inverse_kernel(X_OG)
+    bandwidth = SHARPNESS**2 * square_kernel(log_kernel(compose_kernel(X_GO, X_OH)))
+    mean, total = np.zeros(6), 0.0
+    for i in range(len(weights)):
+        v = log_kernel(compose_kernel(X_GO, around[i]))
+        r = weights[i] * np.exp(-0.5 * square_kernel(v) / max(bandwidth, 1e-12))
+        mean += r * v
+        total += r
+    return compose_kernel(X_OG, exp_kernel(mean / total)) if total > 0.0 else X_OG.copy()
+
+
+def neighbours(X_OG: Array, index: int, radius: float) -> Array:
+    """Indices of the grasps (n, 4, 4) not farther than a radius [m] from one of them, it first."""
+    X_GO = inverse_kernel(np.ascontiguousarray(X_OG[index]))
+    square = np.array([square_kernel(log_kernel(X_GO @ X)) for X in X_OG])
+    square[index] = -1.0
+    order = np.argsort(square, kind="stable")
+    return order[square[order] <= radius**2]

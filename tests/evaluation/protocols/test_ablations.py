@@ -1,0 +1,67 @@
+"""Ablations against differences taken by hand."""
+
+import pytest
+
+from feasigrasp.evaluation.protocols.ablations import ablation_rows
+from feasigrasp.evaluation.runs.run import crash_record
+from feasigrasp.evaluation.runs.summary import summary_rows
+from feasigrasp.scenario.schema import Scenario
+
+
+def record(name, thing, held, time=None, controller="task", seed=0):
+    made = crash_record(Scenario(), name, "") | {
+        "controller": controller,
+        "object": thing,
+        "seed": seed,
+        "error": None,
+    }
+    made["metrics"] |= {"grasp_held": held, "held_after_s": time}
+    return made
+
+
+RECORDS = [
+    record("ReachLinear-full", "mug", True, 3.0),
+    record("ReachLinear-full", "mug", True, 4.0, seed=1),
+    record("ReachLinear-full", "ball", True, 2.0),
+    record("ReachLinear-full", "ball", True, 6.0, controller="joint"),
+    record("ReachLinear-no-score", "mug", False),
+    record("ReachLinear-no-score", "mug", True, 5.0, seed=1),
+    record("ReachLinear-no-score", "ball", True, 2.5),
+    record("ReachLinear-no-score", "ball", True, 5.0, controller="joint"),
+    # Without a counterpart, and of another study.
+    record("ReachLinear-no-score", "cup", False),
+    record("ReachLinear", "mug", False),
+]
+
+
+def found(records=RECORDS):
+    return {(r.preset, r.name.removeprefix("dynamic.")): r for r in ablation_rows(records)}
+
+
+@pytest.mark.parametrize(
+    ("preset", "name", "value", "n"),
+    [
+        ("all-no-score/task/safe", "held_change_percent", -25.0, 3),
+        ("all-no-score/task/safe", "held_after_change_s", 0.75, 2),
+        ("all-no-score/joint/safe", "held_change_percent", 0.0, 1),
+        ("all-no-score/joint/safe", "held_after_change_s", -1.0, 1),
+        ("all-no-score/all/safe", "held_change_percent", -25.0, 4),
+    ],
+)
+def test_runs_are_compared_with_their_own_counterparts(preset, name, value, n):
+    """The mug holds in one of two, the ball always; every object counts once."""
+    row = found()[preset, name]
+    assert row.value == pytest.approx(value)
+    assert row.n == n
+
+
+def test_there_is_nothing_else_and_no_change_of_the_whole():
+    assert {preset.split("/")[0] for preset, _ in found()} == {"all-no-score"}
+    assert found(RECORDS[4:]) == {}
+
+
+def test_they_stand_beside_the_figures_of_each_ablation():
+    rows = {(r.preset, r.name): r.value for r in summary_rows(RECORDS)}
+    assert rows["all-full/task/safe", "dynamic.held_percent"] == 100.0
+    assert rows["all-no-score/task/safe", "dynamic.held_change_percent"] == pytest.approx(-25.0)
+    assert rows["all/task/safe", "dynamic.held_percent"] == 0.0
