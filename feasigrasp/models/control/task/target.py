@@ -4,15 +4,16 @@ The grasps near the chosen one, X*, which the arm can hold in the same branch, h
 their score, of the density of all grasps there, and of what each costs the arm from here on
 (`feasigrasp.models.control.planning.prices`). They make a density, with a bandwidth s::
 
-    p(x) = sum_i w_i N(Log_X_i(x); 0, s^2),    s = SHARPNESS * distance of the hand to X*
+    p(x) = sum_i w_i N(Log_X_i(x); 0, s^2),    s = SHARPNESS * error of the hand beside X*
 
 and the target is where the gradient of its logarithm leads from X*, one step of mean shift::
 
     target = X* exp(sum_i r_i Log_X*(X_i)),    r_i ~ w_i exp(-|Log_X*(X_i)|^2 / (2 s^2))
 
 Far away, all of the neighbourhood counts and the hand goes for its middle, which moves little when
-another of its grasps becomes the best. As the hand nears, the density sharpens, and at last the
-target is X*, a grasp: means of grasps need not be any. So no mean can lead into the object either.
+another of its grasps becomes the best. As the hand lines up, the density sharpens, and the target
+is X*, a grasp: means of grasps need not be any, and none leads into the object. What is left along
+the approach direction does not count as an error: on the way in, the target must not move sideways.
 With a single weight the target is X* throughout.
 """
 
@@ -31,8 +32,8 @@ from feasigrasp.models.geometry.se3_kernels import (
 
 #: Metres that count as much as one radian.
 LENGTH_PER_RADIAN = 0.1
-#: Bandwidth of the density per distance of the hand.
-SHARPNESS = 0.2
+#: Bandwidth of the density per error of the hand.
+SHARPNESS = 0.15
 
 
 @njit(cache=True)
@@ -50,7 +51,9 @@ def target_kernel(X_OG, around, weights, X_OH):
     without any the target is the grasp.
     """
     X_GO = inverse_kernel(X_OG)
-    bandwidth = SHARPNESS**2 * square_kernel(log_kernel(compose_kernel(X_GO, X_OH)))
+    error = log_kernel(compose_kernel(X_GO, X_OH))
+    error[5] = 0.0
+    bandwidth = SHARPNESS**2 * square_kernel(error)
     mean, total = np.zeros(6), 0.0
     for i in range(len(weights)):
         v = log_kernel(compose_kernel(X_GO, around[i]))

@@ -129,13 +129,12 @@ def test_weights_are_those_of_cost_score_and_density():
     grasps = GraspSet(X_OG, np.full(2, 0.05), score)
     rates = prices.grasp_rates(grasps, np.array([-1.0, -3.0]))
     offset = np.linalg.norm(X_OG[:, :3, 3], axis=1) / prices.lost
-    np.testing.assert_allclose(rates, offset - np.log(score) + prices.density * np.array([0, 2]))
-    weights = planned(grasps).weights
-    due = planned(grasps).due
-    seconds = prices.times[-1] - due
-    assert -np.log(weights[1]) * OPTIONS.choice.temperature == pytest.approx(
-        seconds * np.log(0.9 / 0.7), abs=0.15
-    )
+    own = -prices.score * np.log(score) + prices.density * np.array([0.0, 2.0])
+    np.testing.assert_allclose(rates, offset + own)
+    choice = planned(grasps)
+    seconds = prices.times[-1] - choice.due
+    cost = prices.score * seconds * np.log(0.9 / 0.7)
+    assert -np.log(choice.weights[1]) * OPTIONS.choice.temperature == pytest.approx(cost, abs=0.05)
     # Outliers and worthless grasps have a finite price.
     hopeless = GraspSet(X_OG, np.full(2, 0.05), np.zeros(2))
     rates = prices.grasp_rates(hopeless, np.array([0.0, -1e4]))

@@ -20,8 +20,9 @@ AROUND = X_OG @ np.array([se3.exp(v) for v in NEAR])
 WEIGHTS = RNG.uniform(0.2, 2.0, 6)
 
 
-def hand_at(distance):
-    return X_OG @ se3.exp([0.0, 0.0, 0.0, 0.0, 0.6 * distance, -0.8 * distance])
+def hand_at(distance, back=0.0):
+    """Beside the chosen grasp, and behind it."""
+    return X_OG @ se3.exp([0.0, 0.0, 0.0, 0.8 * distance, 0.6 * distance, -back])
 
 
 def step(weights, distance):
@@ -60,7 +61,10 @@ def test_far_away_the_target_is_the_weighted_mean_and_near_the_grasp():
     np.testing.assert_allclose(far, WEIGHTS @ NEAR / WEIGHTS.sum(), atol=1e-6)
     lengths = [length(step(WEIGHTS, d)) for d in (0.3, 0.1, 0.05, 0.01)]
     assert np.all(np.diff(lengths) < 0.0) and lengths[-1] < 1e-3 * length(far)
-    assert np.array_equal(target_kernel(X_OG, AROUND, WEIGHTS, X_OG.copy()), X_OG)
+    # Lined up, wherever on the way in.
+    for back in (0.0, 0.1):
+        target = target_kernel(X_OG, AROUND, WEIGHTS, hand_at(0.0, back))
+        np.testing.assert_allclose(target, X_OG, atol=1e-12)
 
 
 def test_more_grasps_on_one_side_draw_the_hand_there():
