@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.se3_kernels import (
     compose_kernel,
     exp_kernel,
@@ -63,10 +63,10 @@ def target_kernel(X_OG, around, weights, X_OH):
     return compose_kernel(X_OG, exp_kernel(mean / total)) if total > 0.0 else X_OG.copy()
 
 
-def neighbours(X_OG: Array, index: int, radius: float) -> Array:
+def neighbours(X_OG: Array, index: int, radius: float) -> Indices:
     """Indices of the grasps (n, 4, 4) not farther than a radius [m] from one of them, it first."""
     X_GO = inverse_kernel(np.ascontiguousarray(X_OG[index]))
     square = np.array([square_kernel(log_kernel(X_GO @ X)) for X in X_OG])
     square[index] = -1.0
     order = np.argsort(square, kind="stable")
-    return order[square[order] <= radius**2]
+    return np.asarray(order[square[order] <= radius**2])
