@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -45,6 +46,7 @@ def check_scenario(scenario: Scenario) -> None:
         if path[0] != "faults":  # each has a table of its own
             _check_number(path, index, value)
     check_faults(scenario.faults)
+    _check_steps(scenario)
     _check_vectors(scenario)
     _check_cameras(scenario)
     _check_law(scenario)
@@ -52,6 +54,21 @@ def check_scenario(scenario: Scenario) -> None:
     if not isinstance(phase, float | int) and phase.min > phase.max:
         raise ScenarioError(
             f"motion.start_phase has min {phase.min} above max {phase.max}; swap them"
+        )
+
+
+def _check_steps(scenario: Scenario) -> None:
+    """Between two steps of the physics nothing moves, so that ticks between them see old states.
+
+    With 2 ms and ticks every 5 ms every second one would be 1 ms late, and a velocity that is taken
+    from poses alternate by a tenth.
+    """
+    period, step = scenario.control.period, scenario.plant_config.time_step
+    steps = max(1, math.ceil(period / step - 1e-6))
+    if step > 0.0 and abs(steps * step - period) > 1e-6 * period:
+        raise ScenarioError(
+            f"plant_config.time_step: {step:g} s does not divide control.period, {period:g} s; "
+            f"give {period / steps:g}"
         )
 
 

@@ -267,7 +267,7 @@ class ExecutionConfig:
 
 def _default_plant() -> MultibodyPlantConfig:
     return MultibodyPlantConfig(
-        time_step=0.002,
+        time_step=0.0025,
         # Sampled outputs would make every step an update of the whole diagram's state.
         use_sampled_output_ports=False,
         contact_model="hydroelastic_with_fallback",

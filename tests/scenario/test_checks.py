@@ -129,6 +129,10 @@ def test_bad_values_are_refused_by_name_when_they_are_read(small_file, key, valu
         ("{object: {mass: 1, mass: 2}}", "'mass' is given twice"),
         ("[1, 2]", "not a mapping"),
         ("{}: 3", "a key in line 1 is no word"),
+        (
+            "{plant_config: {time_step: 0.002}}",
+            r"time_step: 0.002 s does not divide control.period, 0.005 s; give 0.00166667",
+        ),
         ("{tracker: {period: -1}}", "tracker.period is -1; it must be from 0.0001 to 1 s"),
     ],
 )

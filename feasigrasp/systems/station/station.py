@@ -44,8 +44,10 @@ from feasigrasp.systems.station.friction import contact_friction, set_friction
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.object_servo import ObjectServo
 
-#: Gains of the joints' PD controllers, from the base to the flange; damping is 1.8 sqrt(kp).
-ARM_KP = np.array([2000.0, 2000.0, 1500.0, 1500.0, 800.0, 500.0, 300.0])
+#: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]: at or
+#: beyond critical damping with the largest inertia that a joint moves, 4.5 kg m^2 at the base.
+ARM_KP = np.array([6000.0, 6000.0, 3000.0, 3000.0, 800.0, 500.0, 300.0])
+ARM_KD = np.array([350.0, 350.0, 150.0, 150.0, 51.0, 40.0, 31.0])
 #: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.
 FINGER_KP, FINGER_KD = 3000.0, 60.0
 
@@ -300,10 +302,10 @@ def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
             f"Drake says: {error}"
         ) from error
     iiwa = plant.GetModelInstanceByName("iiwa")
-    for name, kp, q in zip(IIWA_7.joint_names, ARM_KP, config.q_start, strict=True):
+    for name, kp, kd, q in zip(IIWA_7.joint_names, ARM_KP, ARM_KD, config.q_start, strict=True):
         joint = plant.GetJointByName(name, iiwa)
         actuator = plant.GetJointActuatorByName(name, iiwa)
-        actuator.set_controller_gains(PdControllerGains(p=kp, d=1.8 * np.sqrt(kp)))
+        actuator.set_controller_gains(PdControllerGains(p=kp, d=kd))
         joint.set_default_positions([q])
         if not config.enforce_constraints:
             joint.set_position_limits([-np.inf], [np.inf])
