@@ -215,6 +215,37 @@ def browser() -> Iterator[Finding]:
         yield Finding(Health.WITHOUT, "chromium: no pictures of replays; install chromium")
 
 
+def messages() -> Iterator[Finding]:
+    """Whether messages of the size of an image come back over multicast on the loopback."""
+    from pydrake.lcm import DrakeLcm
+
+    from feasigrasp.systems.hardware.channels import LCM_URL
+
+    mend = (
+        "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo. Only 'feasigrasp sim' and "
+        "'run --hardware' need it"
+    )
+    try:
+        sender, receiver = DrakeLcm(LCM_URL), DrakeLcm(LCM_URL)
+    except RuntimeError as error:
+        yield Finding(Health.WITHOUT, f"messages: no bus at {LCM_URL} ({error}): {mend}")
+        return
+    came: list[int] = []
+    subscription = receiver.Subscribe("FEASIGRASP_DOCTOR", lambda data: came.append(len(data)))
+    size = 200_000
+    for _ in range(10):
+        sender.Publish("FEASIGRASP_DOCTOR", bytes(size))
+        receiver.HandleSubscriptions(100)
+    del subscription
+    if came == [size] * 10:
+        yield Finding(Health.OK, f"messages: multicast on the loopback works ({LCM_URL})")
+    elif came:
+        text = f"messages: {len(came)} of 10 images come over the loopback: raise net.core.rmem_max"
+        yield Finding(Health.WITHOUT, text)
+    else:
+        yield Finding(Health.WITHOUT, f"messages: none comes back over the loopback: {mend}")
+
+
 #: What is looked at, in this order.
 LOOKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     libraries,
@@ -224,4 +255,5 @@ LOOKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     compiled_code,
     files,
     browser,
+    messages,
 )

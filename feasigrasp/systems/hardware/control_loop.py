@@ -47,16 +47,8 @@ class ControlLoop:
         self.started = False
         self._first: int | None = None
 
-    @property
-    def time(self) -> float:
-        """Time of the newest status message, in the diagram's clock [s]."""
-        utime = self.intake.utime(channels.IIWA_STATUS)
-        since = 0.0 if utime is None else 1e-6 * (utime - self.intake.zero)
-        # Whole periods: the driver's jitter is none of the control's.
-        return self._period * round(since / self._period)
-
     def step(self, timeout: float) -> None:
-        """Waits for the next status message, and answers it.
+        """Waits for the next status message, and answers it, and all that have come meanwhile.
 
         The first ones are only listened to: then the driver takes commands, and the pipeline starts
         at the measured position.
@@ -67,31 +59,40 @@ class ControlLoop:
         Raises:
             HardwareError: None came.
         """
-        newest = self._next_status(timeout)
-        if self._first is None:
-            self._first = newest
-        if not self.started:
-            if newest - self._first >= 1e6 * CommandGuard.START_AFTER:
-                self.started, self.intake.zero = True, newest
+        utime: int | None = self._wait(timeout)
+        while utime is not None:
+            if self._first is None:
+                self._first = utime
+            if self.started:
                 self.intake.hand_on()
-                self.simulator.Initialize()
-                self._publish()
-            return
-        self.intake.hand_on()
-        if self.time > self.simulator.get_context().get_time():
-            self.simulator.AdvanceTo(self.time)
-            self.simulator.AdvancePendingEvents()
+                self._advance(utime)
+            elif utime - self._first >= 1e6 * CommandGuard.START_AFTER:
+                self._begin(utime)
+            else:
+                self.intake.skip()
+            utime = self.intake.oldest()
+        if self.started:
             self._publish()
 
-    def _next_status(self, timeout: float) -> int:
+    def _begin(self, utime: int) -> None:
+        """Starts the pipeline, whose time is zero from now on."""
+        self.intake.zero, self.started = utime, True
+        self.intake.hand_on()
+        self.simulator.Initialize()
+
+    def _advance(self, utime: int) -> None:
+        """Lets the pipeline do what is due at a status."""
+        # Whole periods: the driver's jitter is none of the control's.
+        periods = round(1e-6 * (utime - self.intake.zero) / self._period)
+        if periods * self._period > self.simulator.get_context().get_time():
+            self.simulator.AdvanceTo(periods * self._period)
+            self.simulator.AdvancePendingEvents()
+
+    def _wait(self, timeout: float) -> int:
         """Time stamp of the next status [us], as soon as there is one."""
-        last = self.intake.utime(channels.IIWA_STATUS)
         deadline = time.monotonic() + timeout
-        while True:
-            self.intake.receive(min(0.05, timeout))
-            utime = self.intake.utime(channels.IIWA_STATUS)
-            if utime is not None and utime != last:
-                return utime
+        self.intake.receive(0.0)
+        while (utime := self.intake.oldest()) is None:
             if time.monotonic() >= deadline:
                 dropped = self.intake.dropped[channels.IIWA_STATUS]
                 of_no_use = f"; {dropped} came that were of no use" if dropped else ""
@@ -100,6 +101,8 @@ class ControlLoop:
                     "arm's driver, or 'feasigrasp sim', on the same --lcm-url, and see 'feasigrasp "
                     "doctor'"
                 )
+            self.intake.receive(min(0.05, timeout))
+        return utime
 
     def _publish(self) -> None:
         request = self._station.request

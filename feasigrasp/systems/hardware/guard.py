@@ -23,9 +23,9 @@ class Guard:
     def __init__(self, lcm: DrakeLcm, period: float = channels.IIWA_PERIOD) -> None:
         """A guard on a bus, for a driver with that period [s]."""
         self._lcm = lcm
-        self._guard = CommandGuard(period)
-        self._guard.command(0.0, np.zeros(IIWA_7.joints))  # compiles
-        self._guard.command(1.0, np.zeros(IIWA_7.joints))
+        rehearsed = CommandGuard(period)
+        for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, period):
+            rehearsed.command(time_, np.zeros(IIWA_7.joints))  # nothing is compiled later on
         self._guard = CommandGuard(period)
         self._utime = -1
         self._heard_at = self._answered_at = time.monotonic()

@@ -35,7 +35,8 @@ def tell(bus, *messages, channel=channels.IIWA_STATUS):
     for message in messages:
         outside.Publish(channel, message)
         intake.receive(0.0)
-        intake.hand_on()
+        while intake.oldest() is not None:
+            intake.hand_on()
     return seen
 
 
@@ -54,17 +55,33 @@ def test_nor_those_that_cannot_be_used(bus):
     broken = [status(5, (np.nan,) * 7), status(6, (0.0,) * 6), status(-1), command.encode(), b""]
     assert tell(bus, *broken) == []
     assert bus[2].dropped[channels.IIWA_STATUS] == len(broken)
-    assert bus[2].utime(channels.IIWA_STATUS) is None
+    assert bus[2].oldest() is None
 
 
-def test_only_the_newest_is_handed_on(bus):
+def test_all_statuses_are_handed_on_one_after_the_other(bus):
     outside, _, intake, seen = bus
     for utime in (5, 10, 15):
         outside.Publish(channels.IIWA_STATUS, status(utime))
         intake.receive(0.0)
     intake.hand_on()
+    assert seen == [5] and intake.oldest() == 10
+    intake.skip()
     intake.hand_on()
-    assert seen == [15]
+    assert seen == [5, 15] and intake.oldest() is None
+
+
+def test_of_images_only_the_newest(bus):
+    outside, inside, intake, _ = bus
+    stamps = []
+    inside.Subscribe("images", lambda data: stamps.append(lcmt_image_array.decode(data)))
+    for utime in (5, 10, 15):
+        message = lcmt_image_array()
+        message.header.utime, message.header.frame_name = utime, "camera"
+        outside.Publish("images", message.encode())
+        intake.receive(0.0)
+    tell(bus, status(20))
+    tell(bus, status(25))
+    assert [message.header.utime for message in stamps] == [15]
 
 
 def test_stamps_are_relative_to_zero(bus):

@@ -21,22 +21,38 @@ TRUTH = {"object.velocity", "contact_results", "query_object", "object.hold"}
 
 @pytest.fixture(scope="module")
 def wire():
-    """What was sent on every channel in the first 1.5 s, by channel; the cell; the control."""
+    """What was sent on every channel in the first 1.5 s; cell; control; errors of the pose [m]."""
     scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None)
     lcm, sent = DrakeLcm("memq://"), {}
     simulator = Simulator(make_simulated_cell(scenario, lcm))
     loop, guard = ControlLoop(scenario, lcm), Guard(lcm)
+    station = simulator.get_system().GetSubsystemByName("station")
     listening = lcm.SubscribeAllChannels(
         lambda channel, data: sent.setdefault(channel, []).append((time, data))
     )
-    time = 0.0
+    time, errors = 0.0, []
+    tracker = loop.diagram.GetSubsystemByName("tracker")
     simulator.Initialize()
     for k in range(1, 301):
         time = k * channels.IIWA_PERIOD
         simulator.AdvanceTo(time)
         loop.step(0.0)
+        if loop.started:
+            found = pose(tracker, "object_pose", loop.simulator)
+            errors.append(np.linalg.norm(found - pose(station, "object.pose", simulator)))
     del listening, guard
-    return sent, simulator, loop
+    return sent, simulator, loop, errors
+
+
+def pose(system, port, simulator):
+    """Where a port says that the object is."""
+    context = system.GetMyContextFromRoot(simulator.get_context())
+    return system.GetOutputPort(port).Eval(context).translation()
+
+
+def test_the_object_is_where_it_is_from_the_beginning(wire):
+    """The controller's clock begins later than that of the messages."""
+    assert len(wire[3]) > 200 and max(wire[3]) < 2e-3
 
 
 def commands(wire, channel):

@@ -15,8 +15,6 @@ from feasigrasp.evaluation.metrics.motion_limits import JointTicks, limit_metric
 from feasigrasp.evaluation.runs.console import StatusLine
 from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
 from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, measured
-from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.status import STILL
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.interrupts import postponed_interrupt
@@ -99,7 +97,7 @@ def _judged(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The metrics of a run, and what was heard of the controller."""
     log = diagram.GetSubsystemByName("log(arm)").FindLog(context)
-    times, (q, v) = log.sample_times(), np.split(log.data().T, 2, axis=1)
+    q, v = np.split(log.data().T, 2, axis=1)
     _, _, metrics = measured(diagram, context, scenario, broke_off=broke_off, sent=q)
     sent = heard.positions(q[0])
     commands = limit_metrics(JointTicks(sent, sent, np.zeros_like(sent), channels.IIWA_PERIOD))
@@ -123,23 +121,19 @@ def _judged(
         "request_gap_ms_max": float(gaps.max()) if len(gaps) else None,
         "request_gap_ms_p99": float(np.percentile(gaps, 99)) if len(gaps) else None,
         "last_request_s": heard.requests[-1] if heard.requests else None,
-        "rest_s": _rest(times, v, heard.requests),
+        "rest_s": _rest(heard, context.get_time()),
     }
     return metrics, said
 
 
-def _rest(times: Array, v: Array, requests: list[float]) -> float | None:
-    """How long after the last request the arm came to rest and stayed so [s]; None if it did not.
+def _rest(heard: HeardCommands, ended: float) -> float | None:
+    """How long after the last request the arm was sent to rest [s]; None if it was not.
 
-    0 for an arm that stood still by then.
+    By the commands, since an object that is carried on may push an arm that stands.
     """
-    if not requests:
+    if not heard.requests or ended - heard.moved < 2.0 * channels.IIWA_PERIOD:
         return None
-    moving = np.any(np.abs(v) > STILL, axis=1)
-    if moving[-1]:
-        return None
-    last = times[np.flatnonzero(moving)[-1]] if moving.any() else 0.0
-    return max(0.0, float(last - requests[-1]))
+    return max(0.0, heard.moved - heard.requests[-1])
 
 
 class _Monitor:

@@ -12,6 +12,9 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 
+#: Messages that wait to be heard; none is to be missed.
+_QUEUE = 200
+
 
 class HeardCommands:
     """Every command for the arm, and when something was asked of the guard.
@@ -19,6 +22,7 @@ class HeardCommands:
     Attributes:
         first: When the first command came [s]; None before.
         requests: When each request came [s].
+        moved: When the last command came that differed from the one before [s]; 0 before.
         unusable: How many commands were none: not seven finite positions.
     """
 
@@ -32,6 +36,7 @@ class HeardCommands:
         self.first: float | None = None
         self.requests: list[float] = []
         self.unusable = 0
+        self.moved = 0.0
         self._now = now
         self._utime: list[int] = []
         self._q: list[Array] = []
@@ -39,6 +44,8 @@ class HeardCommands:
             lcm.Subscribe(channels.IIWA_COMMAND, self._command),
             lcm.Subscribe(channels.IIWA_REQUEST, lambda data: self.requests.append(now())),
         ]
+        for subscription in filter(None, self._subscriptions):
+            subscription.set_queue_capacity(_QUEUE)
 
     def _command(self, data: bytes) -> None:
         if self.first is None:
@@ -48,6 +55,8 @@ class HeardCommands:
         if q.shape != (IIWA_7.joints,) or not np.isfinite(q).all():
             self.unusable += 1
             return
+        if self._q and np.any(q != self._q[-1]):
+            self.moved = self._now()
         self._utime.append(command.utime)
         self._q.append(q)
 

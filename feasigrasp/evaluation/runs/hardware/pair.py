@@ -1,0 +1,145 @@
+"""A simulated cell and its controller as two processes, and what befalls them."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import textwrap
+import time
+import zlib
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from drake import lcmt_iiwa_status
+from pydrake.lcm import DrakeLcm
+
+from feasigrasp.errors import HardwareError
+from feasigrasp.evaluation.runs.hardware.network import Network, Relay
+from feasigrasp.systems.hardware import channels
+
+#: How long a pair of processes may take from its start to its end [s].
+PATIENCE = 900.0
+
+
+class Blow(StrEnum):
+    """What becomes of the controller."""
+
+    KILL = "kill"
+    STOP = "stop"
+
+
+_SIGNALS = {Blow.KILL: signal.SIGKILL, Blow.STOP: signal.SIGSTOP}
+
+
+def run_pair(
+    name: str, scenario_yaml: str, *, rate: float, fault: str = "", at: float = 0.0
+) -> dict[str, Any]:
+    """Runs ``feasigrasp sim`` and ``feasigrasp run --hardware``; returns what the former recorded.
+
+    Args:
+        name: A name that no other pair has at the same time; its seed is made of it.
+        scenario_yaml: What to run.
+        rate: Of the simulation, at most.
+        fault: A `Blow` or a `Network`; empty for none.
+        at: When it begins, after the first command [simulated s].
+
+    Raises:
+        HardwareError: The simulated cell came to no end; the message has its last words.
+    """
+    number = zlib.crc32(name.encode())
+    cell, control = (_url(number, k) for k in (0, 1 if fault in list(Network) else 0))
+    relay = Relay(cell, control, Network(fault), number) if cell != control else None
+    with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
+        file, results = Path(folder, "pair.yaml"), Path(folder, "sim.json")
+        file.write_text("Pair:\n" + textwrap.indent(scenario_yaml, "  "))
+        both = ["Pair", "--scenario_file", str(file)]
+        rated = ["--rate", str(rate), "--results", str(results)]
+        with Path(folder, "words").open("w+") as words:
+            sim = _start("sim", *both, *rated, "--lcm-url", cell, output=words)
+            controller = _start("run", *both, "--hardware", "--lcm-url", control, output=None)
+            try:
+                _watch(sim, controller, cell, relay, fault, at)
+            finally:
+                if relay is not None:
+                    relay.close()
+                _end(sim)
+                _end(controller)
+            if not results.exists():
+                words.seek(0)
+                raise HardwareError(
+                    f"the simulated cell of {name} ended early: {words.read()[-500:]}"
+                )
+        record: dict[str, Any] = json.loads(results.read_text())
+    return record
+
+
+def _url(number: int, side: int) -> str:
+    """A bus on this computer that nobody else uses, by all likelihood."""
+    return f"udpm://239.255.{100 + side}.{1 + number % 250}:{20000 + number // 250 % 40000}?ttl=0"
+
+
+def _start(*words: str, output: Any) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "feasigrasp.cli", *words]
+    where = subprocess.DEVNULL if output is None else output
+    # A session of its own: the guard, which outlives its controller, is ended with it.
+    return subprocess.Popen(command, stdout=where, stderr=where, start_new_session=True)
+
+
+def _watch(
+    sim: subprocess.Popen[bytes],
+    controller: subprocess.Popen[bytes],
+    url: str,
+    relay: Relay | None,
+    fault: str,
+    at: float,
+) -> None:
+    """Waits for the end of the simulation; does to the controller what is to be done, in time."""
+    lcm, times = DrakeLcm(url), _Times()
+    subscriptions = [
+        lcm.Subscribe(channels.IIWA_STATUS, times.status),
+        lcm.Subscribe(channels.IIWA_COMMAND, times.command),
+    ]
+    struck, deadline = False, time.monotonic() + PATIENCE
+    while sim.poll() is None and time.monotonic() < deadline:
+        lcm.HandleSubscriptions(20)
+        if not struck and fault and times.now >= times.first + at:
+            struck = True
+            if relay is not None:
+                relay.begun = True
+            else:
+                os.kill(controller.pid, _SIGNALS[Blow(fault)])
+        if controller.poll() not in (None, 0) and times.first == math.inf:
+            return  # it has never begun: the simulation would wait for ever
+    del subscriptions
+
+
+class _Times:
+    """The time of the simulation, and when the arm was commanded first."""
+
+    def __init__(self) -> None:
+        self.now, self.first = 0.0, math.inf
+
+    def status(self, data: bytes) -> None:
+        self.now = 1e-6 * lcmt_iiwa_status.decode(data).utime
+
+    def command(self, data: bytes) -> None:
+        self.first = min(self.first, self.now)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Ends a process and those that it has started, gently but for one that does not listen."""
+    try:
+        os.killpg(process.pid, signal.SIGCONT)
+        os.killpg(process.pid, signal.SIGTERM)
+        process.wait(20.0)
+    except ProcessLookupError:
+        process.wait()
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()

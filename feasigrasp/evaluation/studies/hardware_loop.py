@@ -1,0 +1,164 @@
+"""``feasigrasp evaluate hardware-loop``: grasps over the messages of the real drivers.
+
+A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study reach``,
+and the same with a controller that is killed or stopped at random instants, or with a bad network;
+beside them the same runs in one process. Judged in the simulator's process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.evaluation.runs.hardware.network import Network
+from feasigrasp.evaluation.runs.hardware.pair import Blow, run_pair
+from feasigrasp.evaluation.runs.isolated import run_all
+from feasigrasp.evaluation.runs.plan import PlannedRun, Split, add_scenario_arguments, plan
+from feasigrasp.results.arguments import (
+    add_common_arguments,
+    factor,
+    names,
+    positive,
+)
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.scenario.files import dump_scenario
+
+#: Instants of a fault are drawn from this time after the first command [s].
+_DURING = (0.5, 6.0)
+#: Metrics that say that a limit was broken: their share of samples or ticks [%].
+LIMITS = (
+    "joint_limit_violation_percent",
+    "velocity_limit_violation_percent",
+    "acceleration_limit_violation_percent",
+    "torque_limit_violation_percent",
+    "self_collision_percent",
+)
+#: What is kept of what was heard of the controller.
+_HEARD = (
+    *("request_gap_ms_max", "request_gap_ms_p99", "rest_s", "commands_missing"),
+    *("commands_clamped", "driver_stopped_by_joint"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/hardware", objects=None)
+    parser.add_argument("--seeds", type=positive, default=1, help="repeats of every run")
+    parser.add_argument(
+        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+    )
+    parser.add_argument(
+        "--rate", type=factor, default=1.0, help="simulated seconds per second, at most"
+    )
+    parser.add_argument("--blows", type=positive, default=100, help="kills and stops, all told")
+    parser.add_argument(
+        "--networks", type=positive, default=6, help="runs for everything that is wrong with one"
+    )
+    add_scenario_arguments(parser)
+    parser.set_defaults(study="reach", split=Split.DEVELOPMENT, scenarios=None, mode=["safe"])
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    runs = plan(args).runs
+    if args.quick:
+        runs, args.blows, args.networks = runs[:1], 2, 0
+    # One pair after the other by default: two processes keep two processors busy.
+    pairs = max(1, args.jobs // 2)
+    inline = run_all(runs, args.out / "inline", args.jobs, desc="one process")
+    items = planned_pairs(runs, args.blows, args.networks, args.seed)
+    rate = {"rate": args.rate}
+    folder = args.out / "pairs"
+    found = finish_all(items, folder, rate, outcome, jobs=pairs, desc="two processes")
+    outcomes = [outcome for (outcome,) in found.values()]
+    write_csv(args.out / "pairs.csv", outcomes)
+    rows = outcome_rows(outcomes)
+    held = [bool(record["metrics"]["grasp_held"]) for record in inline]
+    rows.insert(0, Row.percent("hardware.held_percent", "inline", held))
+    report_rows(args, "evaluate hardware-loop", rows, format_rows(rows))
+    return int(any(outcome["crashed"] for outcome in outcomes))
+
+
+def planned_pairs(
+    runs: Sequence[PlannedRun], blows: int, networks: int, seed: int
+) -> dict[str, dict[str, Any]]:
+    """What befalls which run, and when: every run once without, and others in turn with a fault."""
+    rng = np.random.default_rng(seed)
+    faults: list[str] = list(itertools.islice(itertools.cycle(Blow), blows))
+    faults += [network for network in Network for _ in range(networks)]
+    plain = [(run, "") for run in runs]
+    struck = list(zip(itertools.cycle(runs), faults, strict=False))
+    return {
+        f"{number}-{fault or 'none'}-{run.id}": {
+            "text": dump_scenario(run.scenario),
+            "fault": str(fault),
+            "at": float(rng.uniform(*_DURING)),
+        }
+        for number, (run, fault) in enumerate([*plain, *struck])
+    }
+
+
+def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
+    """What came of one pair of processes.
+
+    An arm that does not come to rest after a blow counts as a broken limit, and so does a driver
+    that had to stop the arm.
+
+    Args:
+        name: Name of the pair.
+        item: One of `planned_pairs`.
+        rate: Of the simulation, at most.
+    """
+    record: Record = {"name": name, "fault": item["fault"], "at": item["at"]}
+    try:
+        said = run_pair(name, item["text"], rate=rate, fault=item["fault"], at=item["at"])
+    except FeasigraspError as error:
+        empty = dict.fromkeys((*LIMITS, *_HEARD, "real_time_factor"))
+        record |= {"crashed": True, "error": str(error), "held": False, "broken": True} | empty
+        return [record]
+    metrics, heard = said["metrics"], said["hardware"]
+    restless = item["fault"] in list(Blow) and heard["rest_s"] is None
+    stopped = heard["driver_stopped_by_joint"] > 0
+    broken = restless or stopped or any((metrics[key] or 0.0) > 0.0 for key in LIMITS)
+    record |= {"crashed": False, "error": said["error"], "held": bool(metrics["grasp_held"])}
+    record |= {"broken": broken} | {key: metrics[key] for key in LIMITS}
+    record |= {key: heard[key] for key in _HEARD}
+    return [record | {"real_time_factor": said["timings"]["real_time_factor"]}]
+
+
+def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
+    """Figures of the runs without a fault, of blows, and of every network."""
+    rows = []
+    plain = [each for each in outcomes if not each["fault"]]
+    blows = [each for each in outcomes if each["fault"] in list(Blow)]
+    # The times of a controller on a good network are those of the runs without a fault.
+    groups = {"processes": plain, "blows": blows}
+    groups |= {str(n): [e for e in outcomes if e["fault"] == n] for n in Network}
+    for preset, group in groups.items():
+        if not group:
+            continue
+        n, broken = len(group), sum(each["broken"] for each in group)
+        if preset != "blows":
+            held = [each["held"] for each in group]
+            rows.append(Row.percent("hardware.held_percent", preset, held))
+        rows.append(Row.plain("hardware.limits_broken", preset, broken, "1", n))
+    for name, key, worst in (
+        ("hardware.command_gap_ms.max", "request_gap_ms_max", np.max),
+        ("hardware.command_gap_ms.p99", "request_gap_ms_p99", np.median),
+        ("hardware.real_time_factor", "real_time_factor", np.median),
+    ):
+        if values := [each[key] for each in plain if each[key] is not None]:
+            unit = "ms" if "_ms" in name else "1"
+            rows.append(Row.plain(name, "processes", float(worst(values)), unit, len(values)))
+    if blows:
+        rests = [each["rest_s"] for each in blows if each["rest_s"] is not None]
+        rows.append(Row.plain("hardware.at_rest", "blows", len(rests), "1", len(blows)))
+        if rests:
+            rows.append(Row.plain("hardware.rest_s.max", "blows", max(rests), "s", len(rests)))
+    return rows

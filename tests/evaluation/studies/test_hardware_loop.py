@@ -1,0 +1,152 @@
+"""The study of two processes: what is planned, what is counted, and a network that is bad."""
+
+import time
+from argparse import Namespace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from drake import lcmt_image, lcmt_image_array
+from pydrake.lcm import DrakeLcm
+
+from feasigrasp.evaluation.runs.hardware import network
+from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
+from feasigrasp.evaluation.runs.hardware.network import Network, Relay
+from feasigrasp.evaluation.studies import hardware_loop
+from feasigrasp.evaluation.studies.hardware_loop import outcome, outcome_rows, planned_pairs
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.hardware import channels
+
+RUNS = [SimpleNamespace(id=name, scenario=Scenario()) for name in "abc"]
+
+
+def test_every_run_is_planned_once_and_faults_in_turn():
+    pairs = planned_pairs(RUNS, 4, 2, seed=0)
+    faults = [item["fault"] for item in pairs.values()]
+    assert faults[:7] == ["", "", "", "kill", "stop", "kill", "stop"]
+    assert faults[7:] == [str(n) for n in Network for _ in range(2)]
+    assert planned_pairs(RUNS, 4, 2, seed=0) == pairs != planned_pairs(RUNS, 4, 2, seed=1)
+
+
+def one(fault="", **changes):
+    keys = dict.fromkeys(hardware_loop.LIMITS, 0.0)
+    said = {"request_gap_ms_max": 10.0, "request_gap_ms_p99": 6.0, "real_time_factor": 1.0}
+    plain = {"fault": fault, "held": True, "broken": False, "crashed": False, "rest_s": 0.1}
+    return keys | said | plain | changes
+
+
+def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
+    runs = [one(), one(held=False, request_gap_ms_max=30.0)]
+    blows = [one("kill", rest_s=0.2), one("stop", rest_s=None, broken=True)]
+    rows = {(row.name, row.preset): row.value for row in outcome_rows([*runs, *blows])}
+    assert rows["hardware.held_percent", "processes"] == 50.0
+    assert rows["hardware.limits_broken", "processes"] == 0
+    assert rows["hardware.limits_broken", "blows"] == 1
+    assert rows["hardware.command_gap_ms.max", "processes"] == 30.0
+    assert rows["hardware.rest_s.max", "blows"] == 0.2
+    assert rows["hardware.at_rest", "blows"] == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "broken"),
+    [
+        ({}, False),
+        ({"metrics": {"torque_limit_violation_percent": 0.1}}, True),
+        ({"hardware": {"driver_stopped_by_joint": 6}}, True),
+        ({"hardware": {"rest_s": None}}, True),
+    ],
+)
+def test_what_counts_as_broken(monkeypatch, change, broken):
+    record = {
+        "metrics": dict.fromkeys(hardware_loop.LIMITS, 0.0) | {"grasp_held": None},
+        "hardware": dict.fromkeys(hardware_loop._HEARD, 0.0),
+        "timings": {"real_time_factor": 0.5},
+        "error": None,
+    }
+    for part, values in change.items():
+        record[part] |= values
+    monkeypatch.setattr(hardware_loop, "run_pair", lambda *a, **k: record)
+    (found,) = outcome("x", {"fault": "kill", "at": 1.0, "text": ""}, rate=1.0)
+    assert found["broken"] is broken and not found["crashed"]
+
+
+def command(utime, q):
+    from drake import lcmt_iiwa_command
+
+    message = lcmt_iiwa_command()
+    message.utime, message.num_joints, message.joint_position = utime, len(q), list(q)
+    return message.encode()
+
+
+def test_what_was_heard_is_what_was_sent():
+    lcm, now = DrakeLcm("memq://"), Namespace(time=0.0)
+    heard = HeardCommands(lcm, lambda: now.time)
+    Q = np.arange(28.0).reshape(4, 7)
+    for k, q in zip((0, 1, 3, 4), Q, strict=True):
+        now.time = 1.0 + 0.005 * k
+        lcm.Publish(channels.IIWA_COMMAND, command(5000 * k, q))
+        lcm.Publish(channels.IIWA_REQUEST, command(5000 * k, q))
+        lcm.HandleSubscriptions(0)
+    lcm.Publish(channels.IIWA_COMMAND, command(30000, [np.nan] * 7))
+    lcm.HandleSubscriptions(0)
+    assert heard.first == 1.0 and heard.missing == 1 and heard.unusable == 1
+    np.testing.assert_array_equal(heard.positions(np.zeros(7)), np.vstack([np.zeros(7), Q]))
+    np.testing.assert_allclose(heard.gaps(), [0.005, 0.010, 0.005])
+
+
+@pytest.fixture
+def bus(monkeypatch):
+    """Buses inside this process, the same for the same URL."""
+    buses: dict[str, DrakeLcm] = {}
+
+    def lcm(url):
+        return buses.setdefault(url, DrakeLcm("memq://"))
+
+    lcm.forget = buses.clear
+    monkeypatch.setattr(network, "DrakeLcm", lcm)
+    return lcm
+
+
+def carried(bus, fault, messages, *, channel="A", begun=True):
+    """What arrives at the other end, in its order."""
+    relay, came = Relay("one", "other", fault, seed=0), []
+    relay.close()
+    relay.begun = begun
+    for message in messages:
+        relay._take(1, channel, message)
+    subscription = bus("other").Subscribe(channel, came.append)
+    end = time.monotonic() + 2.0 * network.LATE
+    relay._over.clear()
+    while time.monotonic() < end:
+        relay._step()
+        bus("other").HandleSubscriptions(0)
+    bus.forget()
+    del subscription
+    return came
+
+
+def test_networks_are_as_bad_as_they_say(bus):
+    sent = [bytes([k]) for k in range(100)]
+    assert carried(bus, Network.LATE, sent, begun=False) == sent
+    late = carried(bus, Network.LATE, sent)
+    assert sorted(late) == sent != late
+    doubled = carried(bus, Network.DOUBLED, sent)
+    assert set(doubled) == set(sent) and 105 < len(doubled) < 140
+    disordered = carried(bus, Network.DISORDERED, sent)
+    assert sorted(disordered) == sent != disordered
+    images = "DRAKE_RGBD_CAMERA_IMAGES_c"
+    assert carried(bus, Network.NO_IMAGES, sent, channel=images) == []
+    assert carried(bus, Network.NO_IMAGES, sent) == sent
+
+
+def test_a_depth_that_is_not_a_number(bus):
+    image = lcmt_image()
+    image.width, image.height, image.pixel_format = 4, 3, lcmt_image.PIXEL_FORMAT_DEPTH
+    message = lcmt_image_array()
+    message.num_images, message.images = 1, [image]
+    for each in (message, image):
+        each.header.frame_name = "camera"
+    channel = "DRAKE_RGBD_CAMERA_IMAGES_c"
+    (data,) = carried(bus, Network.DEPTH_NAN, [message.encode()], channel=channel)
+    (found,) = lcmt_image_array.decode(data).images
+    assert np.isnan(np.frombuffer(bytes(found.data), "<f4")).all() and found.size == 48
