@@ -52,7 +52,13 @@ def test_the_commands_are_those_that_users_rely_on():
     assert found == {
         "evaluate": [
             *("capability", "dynamic", "faults", "gallery", "grasp-labels", "grasp-targets"),
-            *("joint-field-figures", "kinematics", "length-scale", "mixture-figures"),
+            *(
+                "hardware-loop",
+                "joint-field-figures",
+                "kinematics",
+                "length-scale",
+                "mixture-figures",
+            ),
             *("prediction", "reachability", "rollout", "sampler"),
             *("sampler-figures", "segmentation", "shape", "shape-figures", "static"),
         ],

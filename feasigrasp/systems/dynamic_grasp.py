@@ -213,7 +213,7 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
             object_pose=seen_pose,
             point_cloud=cloud,
             camera_pose=camera_pose,
-            position=station.GetOutputPort("iiwa.position_measured"),
+            position=cell.port(f"{config.camera}.position") or cell.port("iiwa.position_measured"),
             gripper_state=station.GetOutputPort("gripper.state_measured"),
             gpdf=gpdf,
         )

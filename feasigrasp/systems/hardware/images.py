@@ -25,19 +25,23 @@ from feasigrasp.systems.station.station import Station
 
 
 def publish_images(
-    builder: DiagramBuilder, station: Station, name: str, camera: CameraConfig, lcm: DrakeLcm
+    builder: DiagramBuilder,
+    station: Station,
+    name: str,
+    camera: CameraConfig,
+    lcm: DrakeLcm,
+    *,
+    mask: bool,
 ) -> None:
-    """Publishes a camera's depth and mask at its frame rate."""
+    """Publishes a camera's depth at its frame rate, and a mask if there is to be one."""
     images = builder.AddNamedSystem(f"{name}_message", ImageToLcmImageArrayT(do_compress=True))
     depth = builder.AddNamedSystem(f"{name}_depth", _Millimetres(camera))
-    mask = builder.AddNamedSystem(
-        f"{name}_mask",
-        _Mask(camera, station.object_label, station.robot_and_object_labels()),
-    )
-    for system, output, kind in (
-        (depth, "depth_image", PixelType.kDepth16U),
-        (mask, "label_image", PixelType.kLabel16I),
-    ):
+    sources = [(depth, "depth_image", PixelType.kDepth16U)]
+    if mask:
+        labels = _Mask(camera, station.object_label, station.robot_and_object_labels())
+        builder.AddNamedSystem(f"{name}_mask", labels)
+        sources.append((labels, "label_image", PixelType.kLabel16I))
+    for system, output, kind in sources:
         builder.Connect(station.GetOutputPort(f"{name}.{output}"), system.get_input_port())
         port = images.DeclareImageInputPort[kind](output)
         builder.Connect(system.get_output_port(), port)

@@ -30,7 +30,7 @@ from pydrake.systems.primitives import (
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.images import publish_images
@@ -59,8 +59,9 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     builder.Connect(station.GetOutputPort("object.pose"), pose.get_input_port())
     _publish(builder, channels.OBJECT_POSE, lcmt_robot_state, pose.get_output_port(), bus,
              scenario.tracker.period, native=False)  # fmt: skip
+    mask = scenario.perception.segmentation == Segmentation.LABELS
     for name, camera in scenario.cameras.items():
-        publish_images(builder, station, name, camera, bus)
+        publish_images(builder, station, name, camera, bus, mask=mask)
     _add_judges(builder, station, scenario)
     diagram = builder.Build()
     diagram.set_name("simulated_cell")

@@ -47,7 +47,7 @@ from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
 from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
-from feasigrasp.systems.station.pose_at import PoseAt
+from feasigrasp.systems.station.pose_at import PositionAt
 from feasigrasp.systems.station.station import add_cell
 
 
@@ -70,12 +70,14 @@ class HardwareStation(Diagram):
         - <camera>.depth_image
         - <camera>.label_image
         - <camera>.pose
+        - <camera>.position
         - <camera>.stamp
 
     Of ``iiwa.desired_state`` (V14) the positions are sent, and nothing else: to the guard, which
     commands the arm. ``iiwa.torque_external`` is V7 [Nm], as the driver estimates it.
     ``object.pose`` is a measurement, made at ``object.stamp``. ``<camera>.pose`` X_WC follows from
-    the measured joints at the instant of the image, ``<camera>.stamp``. Stamps are V1 [s], of the
+    the measured joints at the instant of the image, ``<camera>.position`` (V7); that instant is
+    ``<camera>.stamp``. Stamps are V1 [s], of the
     clock of the arm's status messages, which the diagram's time has to follow.
 
     Attributes:
@@ -190,11 +192,11 @@ class HardwareStation(Diagram):
         channel = channels.image_channel(name)
         messages = self._messages(builder, channel, lcmt_image_array, native=False)
         builder.Connect(messages, receiver.get_input_port())
-        now = builder.AddNamedSystem(f"{name}_pose_now", _CameraPose(self.plant, name, camera))
-        builder.Connect(position, now.get_input_port())
-        pose = builder.AddNamedSystem(f"{name}_pose", PoseAt(period))
-        builder.Connect(now.get_output_port(), pose.GetInputPort("pose"))
-        builder.Connect(receiver.GetOutputPort("stamp"), pose.GetInputPort("stamp"))
+        then = builder.AddNamedSystem(f"{name}_position", PositionAt(period, IIWA_7.joints))
+        builder.Connect(position, then.GetInputPort("position"))
+        builder.Connect(receiver.GetOutputPort("stamp"), then.GetInputPort("stamp"))
+        pose = builder.AddNamedSystem(f"{name}_pose", _CameraPose(self.plant, name, camera))
+        builder.Connect(then.get_output_port(), pose.get_input_port())
         cloud = DepthImageToPointCloud(pixel_centred_intrinsics(camera), PixelType.kDepth32F)
         builder.AddNamedSystem(f"{name}_point_cloud", cloud)
         builder.Connect(receiver.GetOutputPort("depth_image"), cloud.depth_image_input_port())
@@ -203,6 +205,7 @@ class HardwareStation(Diagram):
         for port in ("depth_image", "label_image", "stamp"):
             builder.ExportOutput(receiver.GetOutputPort(port), f"{name}.{port}")
         builder.ExportOutput(pose.get_output_port(), f"{name}.pose")
+        builder.ExportOutput(then.get_output_port(), f"{name}.position")
 
 
 class _CameraPose(LeafSystem):

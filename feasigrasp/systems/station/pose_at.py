@@ -1,4 +1,4 @@
-"""Where something was when an image was taken, which is a while before the image is there."""
+"""Where object and arm were when an image was taken, a while before the image is there."""
 
 from __future__ import annotations
 
@@ -57,6 +57,49 @@ class PoseAt(LeafSystem):
         if len(known) == 0 or stamp > known[0, 0]:
             return RigidTransform(self._pose.Eval(context))
         return RigidTransform(_interpolated(known, stamp))
+
+
+class PositionAt(LeafSystem):
+    """As `PoseAt`, of joint positions.
+
+    .. pydrake_system::
+
+        name: PositionAt
+        input_ports:
+        - position
+        - stamp
+        output_ports:
+        - position
+
+    Positions are V``n`` [rad], ``stamp`` is V1 [s]; in between positions change evenly.
+    """
+
+    def __init__(self, period: float, n: int) -> None:
+        """Remembers ``n`` positions every ``period`` seconds."""
+        super().__init__()
+        self._size = 1 + n
+        self._position = self.DeclareVectorInputPort("position", n)
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
+        rows = np.full((round(REMEMBERED / period), self._size), np.nan)
+        state = self.DeclareDiscreteState(rows.ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._position.ticket()}
+        self.DeclareVectorOutputPort("position", n, self._calc, sources)
+
+    def _remember(self, context: Context, state) -> EventStatus:
+        rows = context.get_discrete_state_vector().value()
+        row = np.concatenate([[context.get_time()], self._position.Eval(context)])
+        state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[: -self._size]]))
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context, output) -> None:
+        rows = context.get_discrete_state_vector().value().reshape(-1, self._size)
+        known = rows[np.isfinite(rows).all(axis=1)][::-1]
+        position, stamp = self._position.Eval(context), self._stamp.Eval(context)[0]
+        if len(known) > 0 and not stamp > known[-1, 0]:
+            at = known[0, 0] if np.isnan(stamp) else stamp
+            position = [np.interp(at, known[:, 0], values) for values in known[:, 1:].T]
+        output.SetFromVector(position)
 
 
 def _interpolated(rows: Array, stamp: float) -> Array:

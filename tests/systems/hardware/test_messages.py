@@ -20,7 +20,7 @@ from feasigrasp.systems.hardware.object_pose import (
     pose_message,
 )
 from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
-from feasigrasp.systems.station.pose_at import PoseAt
+from feasigrasp.systems.station.pose_at import PoseAt, PositionAt
 
 SIZE = (6, 4)
 
@@ -111,6 +111,21 @@ def test_a_pose_that_is_none_is_unknown(fixed_context):
     for message in (strange, other):
         context = fixed_context(receiver, message=Value(message))
         assert np.isnan(receiver.GetOutputPort("pose").Eval(context).GetAsMatrix4()[0, 0])
+
+
+def test_the_joints_at_an_image_are_those_of_its_time():
+    system, rates = PositionAt(0.005, 2), np.array([0.4, -1.0])
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    for k in range(150):
+        system.GetInputPort("position").FixValue(context, 0.005 * k * rates)
+        system.GetInputPort("stamp").FixValue(context, [0.0])
+        simulator.AdvanceTo(0.005 * k)
+        simulator.AdvancePendingEvents()
+    for stamp, then in ((0.5123, 0.5123), (9.0, 0.745), (0.0, 0.25), (np.nan, 0.25)):
+        system.GetInputPort("stamp").FixValue(context, [stamp])
+        found = system.get_output_port().Eval(context)
+        np.testing.assert_allclose(found, then * rates, atol=1e-9)
 
 
 def test_the_pose_at_an_image_is_that_of_its_time():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drake import lcmt_iiwa_command
+from drake import lcmt_iiwa_command, lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
@@ -70,6 +70,19 @@ def test_only_what_drivers_and_sensors_say_goes_over_the_wire(wire):
     }
 
 
+def test_where_depth_tells_the_object_no_mask_is_sent():
+    text = "{perception: {segmentation: depth}}"
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
+    lcm, images = DrakeLcm("memq://"), []
+    simulator = Simulator(make_simulated_cell(scenario, lcm))
+    channel = channels.image_channel("wrist_camera")
+    lcm.Subscribe(channel, lambda data: images.extend(lcmt_image_array.decode(data).images))
+    simulator.AdvanceTo(0.11)
+    lcm.HandleSubscriptions(0)
+    assert images
+    assert {image.pixel_format for image in images} == {lcmt_image.PIXEL_FORMAT_DEPTH}
+
+
 def test_the_station_has_no_ports_of_truth(wire):
     station = wire[2].diagram.GetSubsystemByName("station")
     ports = [station.get_output_port(i).get_name() for i in range(station.num_output_ports())]
@@ -82,8 +95,8 @@ def test_the_same_ports_as_a_simulated_station(wire, documented_ports):
     simulated = wire[1].get_system().GetSubsystemByName("station")
     station = wire[2].diagram.GetSubsystemByName("station")
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
-    stamps = {name for name in names if name.endswith(".stamp")}
-    assert all(simulated.HasOutputPort(name) for name in names - stamps)
+    at_image = {"object.stamp", "wrist_camera.stamp", "wrist_camera.position"}
+    assert all(simulated.HasOutputPort(name) for name in names - at_image)
     assert names == {
         name.replace("<camera>", "wrist_camera") for name in documented_ports(type(station))[1]
     }
