@@ -9,6 +9,12 @@ WIDTH, HEIGHT, FOCAL = 320, 240, 280.0
 CAMERA = Camera((FOCAL, FOCAL, WIDTH / 2 - 0.5, HEIGHT / 2 - 0.5), WIDTH, HEIGHT, 0.07, 0.005)
 
 
+def camera_at(p):
+    z = -np.asarray(p) / np.linalg.norm(p)
+    x, y = se3.perpendiculars(z)
+    return se3.make_pose(np.column_stack([x, y, z]), p)
+
+
 def look(surface, X_WO, X_WC, rng=None):
     """An image of a mesh at a pose, before a wall that is far away; 1 mm of noise."""
     K = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1.0]])

@@ -14,6 +14,7 @@ from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -50,6 +51,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "motion.start_phase": (-1e3, 1e3, "rad"),
     "motion.spin_axis": (-1e3, 1e3, ""),
     "motion.spin": (-20.0, 20.0, "rad/s"),
+    "tracker.image_period": (0.005, 1.0, "s"),
     "tracker.period": (1e-4, 1.0, "s"),
     "tracker.latency": (0.0, 2.0, "s"),
     "tracker.position_noise": (0.0, 0.1, "m"),
@@ -141,6 +143,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
 
 #: Words that a key may be.
 CHOICES: dict[str, Sequence[str]] = {
+    "tracker.kind": tuple(TrackerKind),
     "control.controller": tuple(ControlSpace),
     "control.mode": tuple(ControlMode),
     "control.law": tuple(Law),

@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, Outpu
 from pydrake.systems.primitives import LogVectorOutput, PassThrough, ZeroOrderHold
 
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.foreground import Label
@@ -21,6 +22,7 @@ from feasigrasp.systems.carry_filter import CarryFilter
 from feasigrasp.systems.faults.injection import FaultInjection
 from feasigrasp.systems.from_scenario import (
     make_controller,
+    make_field_tracker,
     make_foreground_segmentation,
     make_reachability_filter,
     make_scenario_sampler,
@@ -43,6 +45,7 @@ from feasigrasp.systems.station.object_contact import ObjectContact
 from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
 from feasigrasp.systems.station.pose_at import PoseAt
 from feasigrasp.systems.station.station import Station
+from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 
@@ -167,9 +170,12 @@ def add_dynamic_grasp(
     station = builder.AddNamedSystem("station", station or make_station(scenario))
     check_cell(station.plant, gripper, hand_error=hand_error)
     cell = _Cell(builder, scenario, gripper, station)
-    measured = cell.faults.pose(station.GetOutputPort("object.pose"))
-    stamp = cell.port("object.stamp")
-    cell.add("tracker", ObjectTracker(scenario.tracker), pose=measured, **_given(stamp=stamp))
+    if scenario.tracker.kind == TrackerKind.CAMERA:
+        builder.AddNamedSystem("tracker", make_field_tracker(scenario))
+    else:
+        measured = cell.faults.pose(station.GetOutputPort("object.pose"))
+        stamp = _given(stamp=cell.port("object.stamp"))
+        cell.add("tracker", ObjectTracker(scenario.tracker), pose=measured, **stamp)
     gpdf = _add_perception(cell, sampler or make_scenario_sampler(scenario, gripper))
     _add_control(cell, reachability, controller or make_controller(scenario, reachability), gpdf)
     _add_status(cell)
@@ -194,17 +200,18 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
         labels = cell.builder.AddNamedSystem("foreground", foreground).get_output_port()
     images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, label)}
     segmentation = cell.add("segmentation", SegmentPointCloud(label), **images)
-    field = PointCloudToGPDF(
-        config.period,
-        preset=config.preset,
-        max_points=config.max_points,
-        length_scale=config.length_scale,
-        voxel_size=config.voxel_size,
-        hidden_side=config.hidden_side,
-        max_views=config.views,
-    )
+    field = cell.add("perception", _make_perception(cell.scenario))
     seen_pose = _pose_at_view(cell)
-    cell.add("perception", field, segmentation, camera_pose=camera_pose, object_pose=seen_pose)
+    if cell.scenario.tracker.kind == TrackerKind.CAMERA:
+        cell.connect(field, cell["tracker"])
+        image = {
+            "depth_image": cell.port(f"{config.camera}.depth_image"),
+            "image_time": cell.port(f"{config.camera}.stamp"),
+        }
+        sources = segmentation, field
+        cell.connect(cell["tracker"], *sources, camera_pose=camera_pose, **_given(**image))
+    else:
+        cell.connect(field, segmentation, camera_pose=camera_pose, object_pose=seen_pose)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
     if config.segmentation == Segmentation.DEPTH:
         cell.connect(
@@ -230,6 +237,22 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
         )
         cell.add("scene_perception", scene, camera_pose=camera_pose, **images)
     return gpdf
+
+
+def _make_perception(scenario: Scenario) -> LeafSystem:
+    """What merges views: those of every period, or those that the camera's tracker picks."""
+    config, tracker = scenario.perception, scenario.tracker
+    camera = tracker.kind == TrackerKind.CAMERA
+    make = KeyframesToGPDF if camera else PointCloudToGPDF
+    return make(
+        tracker.image_period if camera else config.period,
+        preset=config.preset,
+        max_points=config.max_points,
+        length_scale=config.length_scale,
+        voxel_size=config.voxel_size,
+        hidden_side=config.hidden_side,
+        max_views=config.views,
+    )
 
 
 def _pose_at_view(cell: _Cell) -> OutputPort:

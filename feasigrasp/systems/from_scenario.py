@@ -25,6 +25,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.camera_view import CameraModel
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.tracking.view import Camera
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
@@ -42,6 +43,7 @@ from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSe
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_boxes import cell_boxes
 from feasigrasp.systems.station.station import Station, StationConfig
+from feasigrasp.systems.tracking.field_tracker import FieldTracker
 
 
 def make_station(scenario: Scenario) -> Station:
@@ -96,6 +98,21 @@ def make_foreground_segmentation(
     return ForegroundSegmentation(
         camera, KnownBodies(gripper, cell_boxes(station_config(scenario)))
     )
+
+
+def make_field_tracker(scenario: Scenario) -> FieldTracker:
+    """The tracker of what perception's camera sees, which knows how noisy that camera is."""
+    name = scenario.perception.camera
+    config, noise = scenario.cameras[name], make_camera_noise(scenario).get(name)
+    info = pixel_centred_intrinsics(config)
+    camera = Camera(
+        (info.focal_x(), info.focal_y(), info.center_x(), info.center_y()),
+        info.width(),
+        info.height(),
+        config.z_near,
+        0.0 if noise is None else noise.subpixel / (info.focal_x() * noise.baseline),
+    )
+    return FieldTracker(camera, scenario.tracker)
 
 
 def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> GraspSamplerFn:

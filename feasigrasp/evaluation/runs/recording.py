@@ -18,6 +18,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.results.finished import finished_arrays, write_arrays
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.station.camera import pixel_centred
 
 #: Images per second.
 RATE = 30.0
@@ -74,8 +75,7 @@ def record(scenario: str, text: str, duration: float) -> Recording:
     )
     diagram = make_dynamic_grasp(loaded)
     station, sequencer = (diagram.GetSubsystemByName(n) for n in ("station", "sequencer"))
-    _, core = loaded.cameras["wrist_camera"].MakeCameras()
-    info = core.core().intrinsics()
+    info = pixel_centred(loaded.cameras["wrist_camera"])
     simulator = Simulator(diagram)
     ApplySimulatorConfig(loaded.simulator_config, simulator)
     simulator.Initialize()
@@ -104,12 +104,7 @@ def record(scenario: str, text: str, duration: float) -> Recording:
         let_go = let_go if hold else min(let_go, context.get_time())
         simulator.AdvanceTo(len(rows) / RATE)
     times, depths, masks, X_WC, X_WO, V_WO, holds = map(np.array, zip(*rows, strict=True))
-    intrinsics = (
-        info.focal_x(),
-        info.focal_y(),
-        info.center_x() - 0.5,
-        info.center_y() - 0.5,
-    )
+    intrinsics = info.focal_x(), info.focal_y(), info.center_x(), info.center_y()
     return Recording(times, depths, masks, X_WC, X_WO, V_WO, np.array(intrinsics), holds)
 
 

@@ -1,13 +1,25 @@
-"""What a motion-capture system is like."""
+"""How the object's pose is measured: by motion capture, or with the robot's own camera."""
 
 from dataclasses import dataclass
+from enum import StrEnum
+
+
+class TrackerKind(StrEnum):
+    """What tells the pose of the object."""
+
+    MOCAP = "mocap"
+    CAMERA = "camera"
 
 
 @dataclass
 class TrackerConfig:
-    """A motion-capture system; the default is a perfect one.
+    """A tracker; the default is a perfect motion-capture system.
 
     Attributes:
+        kind: ``mocap``, to which all keys but ``silence`` and ``image_period`` belong, or
+            ``camera``: the object is tracked by its own distance field in the depth images that
+            perception looks at, in the frame of its first view.
+        image_period: Time between the images that a camera tracks in [s].
         period: Time between measurements [s].
         latency: Age of a measurement when it arrives [s], rounded to periods.
         position_noise: Standard deviation [m].
@@ -21,6 +33,8 @@ class TrackerConfig:
         seed: Seed of noise and losses.
     """
 
+    kind: str = TrackerKind.MOCAP.value
+    image_period: float = 1.0 / 30.0
     period: float = 0.005
     latency: float = 0.0
     position_noise: float = 0.0

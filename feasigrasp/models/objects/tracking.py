@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from feasigrasp.models.arrays import Frozen
+from feasigrasp.models.arrays import Array, Frozen
 
 #: A pose that rests on a measurement this much older than usual is extrapolated, no more [s].
 COASTING_AFTER = 0.1
@@ -33,11 +33,20 @@ class Tracking(Frozen):
         age: How much older than usual the last measurement is [s]; infinite before the first.
         jumping: Whether measurements say that the object is somewhere else altogether, which is
             not believed yet.
+        in_view: Share of the known surface facing the camera that the last image showed; 1 for a
+            tracker without a camera.
+        deviation: Standard deviation of the surface across itself [m]; 0 if it is not known. What
+            the shape does not determine, like the turn of a can, does not count.
+        covariance: Of the pose's error [theta, p], see `feasigrasp.models.tracking.twist_filter`,
+            shape (6, 6); None if it is not known.
     """
 
     state: TrackingState
     age: float
     jumping: bool = False
+    in_view: float = 1.0
+    deviation: float = 0.0
+    covariance: Array | None = None
 
     @classmethod
     def of_age(cls, age: float, silence: float, jumping: bool = False) -> Tracking:

@@ -101,7 +101,7 @@ def register(
     every = -(-len(view.points_W) // points)
     x, x_C = view.points_W[::every], view.points_C[::every]
     sensor = view.sigma(x_C) ** 2 + _MODEL_SIGMA**2
-    prior: Array = np.linalg.inv(covariance)
+    prior: Array = np.asarray(np.linalg.inv(covariance), dtype=float)
     X: Array = X_WO if start is None else start
     wide = min(_WIDE, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
     if start is not None:

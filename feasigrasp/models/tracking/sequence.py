@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-from feasigrasp.errors import PointCloudError
+import numpy as np
+
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.usable import usable_points
+from feasigrasp.models.clouds.usable import ViewFault, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -16,6 +19,8 @@ from feasigrasp.models.tracking.view import ObjectView
 
 #: Fewer points are no view to merge.
 _LEAST_POINTS = 64
+#: Points that the field is fitted to: what there is time for ten times a second.
+_MAX_POINTS = 320
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,23 +31,45 @@ class LearntShape(Frozen):
         cloud: The merged keyframes, in O.
         gpdf: The field fitted to them; None before the first.
         views: From where they were taken.
+        looked: Time of the last keyframe, whether it could be used or not [s].
+        outliers: Points of the merged views that were dropped as outliers.
+        faults: How many keyframes could not be used, by `ViewFault`.
     """
 
     cloud: FusedCloud = field(default_factory=lambda: FusedCloud.empty(0.003, smooth=True))
     gpdf: Gpdf | None = None
     views: ViewRecord = field(default_factory=ViewRecord)
+    looked: float = -np.inf
+    outliers: int = 0
+    faults: Counter[ViewFault] = field(default_factory=Counter)
 
-    def merged(self, keyframe: Keyframe, max_points: int = 320) -> LearntShape:
-        """With one more keyframe; without it if no field comes of it."""
+    def merged(self, keyframe: Keyframe | None, **options: Any) -> LearntShape:
+        """With one more keyframe, if there is a new one, and if a field comes of it.
+
+        Args:
+            keyframe: A tracker's last one; None before the first.
+            **options: Of `complete_shape`.
+        """
+        if keyframe is None or keyframe.time <= self.looked:
+            return self
+        looked = replace(self, looked=keyframe.time)
         kept, fault, _ = usable_points(keyframe.points_O, keyframe.p_OC, _LEAST_POINTS)
         if fault is not None:
-            return self
+            return replace(looked, faults=self.faults + Counter([fault]))
+        # The tracker has registered it to this very cloud; merging must not move O.
         cloud = self.cloud.merged(kept, keyframe.p_OC, register=False)
         try:
-            gpdf = complete_shape(cloud, max_points=max_points)
-        except (PointCloudError, ValueError, ArithmeticError):
-            return self
-        return LearntShape(cloud, gpdf, self.views.extended(keyframe.p_OC, keyframe.time))
+            gpdf = complete_shape(cloud, **options)
+        # Whatever numerics make of a strange cloud (LinAlgError is a ValueError).
+        except (ValueError, ArithmeticError):
+            return replace(looked, faults=self.faults + Counter([ViewFault.NO_FIELD]))
+        return replace(
+            looked,
+            cloud=cloud,
+            gpdf=gpdf,
+            views=self.views.extended(keyframe.p_OC, keyframe.time),
+            outliers=self.outliers + len(keyframe.points_O) - len(kept),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +90,5 @@ class SequenceTracker(Frozen):
 
     def learnt(self) -> SequenceTracker:
         """With the last keyframe merged, if it is not already."""
-        keyframe, times = self.track.keyframe, self.shape.views.times
-        if keyframe is None or (len(times) and keyframe.time <= times[-1]):
-            return self
-        return replace(self, shape=self.shape.merged(keyframe))
+        shape = self.shape.merged(self.track.keyframe, max_points=_MAX_POINTS)
+        return self if shape is self.shape else replace(self, shape=shape)

@@ -13,7 +13,7 @@ from feasigrasp.models.tracking.model import TrackedModel
 from feasigrasp.models.tracking.registration import register
 from feasigrasp.models.tracking.twist_filter import moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
-from tests.object_views import CAMERA, FOCAL, look
+from tests.object_views import CAMERA, FOCAL, camera_at, look
 
 SHAPES = {
     "box": trimesh.creation.box((0.06, 0.09, 0.14)),
@@ -22,12 +22,6 @@ SHAPES = {
 }
 #: Standard deviation of the expected pose [rad, m].
 PRIOR = np.diag(np.square(np.repeat([0.1, 0.01], 3)))
-
-
-def camera_at(p):
-    z = -np.asarray(p) / np.linalg.norm(p)
-    x, y = se3.perpendiculars(z)
-    return se3.make_pose(np.column_stack([x, y, z]), p)
 
 
 @pytest.fixture(scope="module", params=SHAPES)

@@ -1,0 +1,1 @@
+"""Tracking with the robot's own camera."""

@@ -1,0 +1,124 @@
+"""Tracks an object with the robot's own camera, by its own distance field."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.perception import PointCloud
+from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.objects.pose_filter import empty_state
+from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.tracking.tracker import FieldTrack, track
+from feasigrasp.models.tracking.view import Camera, ObjectView
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+
+
+class FieldTracker(LeafSystem):
+    """Pose and twist of an unknown object, from depth images of it; a drop-in for `ObjectTracker`.
+
+    .. pydrake_system::
+
+        name: FieldTracker
+        input_ports:
+        - point_cloud
+        - camera_pose
+        - depth_image
+        - image_time
+        - perceived
+        output_ports:
+        - object_pose
+        - object_velocity
+        - object_motion
+        - tracking
+        - keyframe
+
+    ``point_cloud`` shows the object only, in the world frame; ``camera_pose`` X_WC is that at which
+    it was taken, ``depth_image`` the whole image that it is a part of, from which the tracker knows
+    where the object is not. ``image_time`` is when it was taken [s] (V1). The last two are
+    optional; without a time an image is taken when it is read. ``perceived`` is a `Perceived`, from
+    `KeyframesToGPDF`: the field by which is tracked.
+
+    The first four outputs are those of `ObjectTracker`. The frame O is that of the first view: its
+    origin is the middle of what was seen, its axes are the world's. ``keyframe`` is the last
+    `Keyframe`, a view worth merging; None before the first. Images are read every
+    ``image_period``; in between, and while the object is out of sight, the outputs follow the
+    filter. After ``silence`` without a pose the object is lost, and looked for in every image.
+    """
+
+    def __init__(self, camera: Camera, config: TrackerConfig | None = None) -> None:
+        """A tracker of what ``camera`` sees."""
+        super().__init__()
+        self._camera, self._config = camera, config or TrackerConfig()
+        self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1))
+        self._image_time = self.DeclareVectorInputPort("image_time", 1)
+        self._perceived = declare_input(self, "perceived")
+        self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._look)
+        state, now = {self._track.ticket()}, {self._track.ticket(), self.time_ticket()}
+        declare_output(self, "object_pose", self._calc_pose, now, model=RigidTransform())
+        declare_output(
+            self, "object_velocity", self._calc_velocity, now, model=SpatialVelocity.Zero()
+        )
+        declare_output(self, "object_motion", self._calc_motion, now)
+        declare_output(self, "tracking", self.tracking, now)
+        declare_output(self, "keyframe", lambda context: self._track.Eval(context).keyframe, state)
+
+    def tracking(self, context: Context) -> Tracking:
+        """How much the pose is worth at present."""
+        found: FieldTrack = self._track.Eval(context)
+        state = found.state(context.get_time(), self._config.silence, self._config.image_period)
+        if found.estimate is None:
+            return Tracking(state, np.inf, in_view=0.0, deviation=np.inf)
+        return Tracking(
+            state,
+            max(0.0, context.get_time() - found.measured_at - self._config.image_period),
+            in_view=found.in_view,
+            deviation=found.deviation,
+            covariance=found.estimate.pose_covariance,
+        )
+
+    def _look(self, context: Context) -> FieldTrack:
+        perceived: Any = self._perceived.Eval(context)
+        xyz = self._cloud.Eval(context).xyzs().T
+        depth = self._depth.Eval(context).data[:, :, 0] if self._depth.HasValue(context) else None
+        view = ObjectView(
+            self._camera,
+            self._camera_pose.Eval(context).GetAsMatrix4(),
+            np.asarray(xyz[np.isfinite(xyz).all(axis=1)], dtype=float),
+            depth,
+        )
+        time = context.get_time()
+        if self._image_time.HasValue(context):
+            time = float(self._image_time.Eval(context)[0])
+        return track(self._track.Eval(context), view, time, perceived.gpdf, perceived.views)
+
+    def _pose_and_twist(self, context: Context) -> tuple[Array, Array]:
+        """Pose and twist now; NaN before the first view, and at rest once it is lost."""
+        found: FieldTrack = self._track.Eval(context)
+        state = self.tracking(context).state
+        if found.estimate is None:
+            return np.full((4, 4), np.nan), np.full(6, np.nan)
+        if state is TrackingState.LOST:
+            return found.estimate.X_WO, np.zeros(6)
+        coasting = state is TrackingState.COASTING
+        return found.estimate.pose(context.get_time(), coasting=coasting), found.estimate.V_WO
+
+    def _calc_pose(self, context: Context) -> RigidTransform:
+        return RigidTransform(self._pose_and_twist(context)[0])
+
+    def _calc_velocity(self, context: Context) -> SpatialVelocity:
+        return SpatialVelocity(self._pose_and_twist(context)[1])
+
+    def _calc_motion(self, context: Context) -> MotionEstimate:
+        known = not self.tracking(context).lost
+        motion = self._track.Eval(context).motion.copy() if known else empty_state()
+        return MotionEstimate(motion, context.get_time())

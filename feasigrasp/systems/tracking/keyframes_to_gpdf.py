@@ -1,0 +1,101 @@
+"""Perception at a tracker's keyframes: each becomes a part of the object's distance field."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, LeafSystem
+
+from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.shape.completion import Preset
+from feasigrasp.models.tracking.sequence import LearntShape
+from feasigrasp.models.tracking.tracker import Keyframe
+from feasigrasp.scenario.schema import PerceptionConfig
+from feasigrasp.systems.point_cloud_to_gpdf import Perceived
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+
+
+class KeyframesToGPDF(LeafSystem):
+    """Fits a distance field to the keyframes of a `FieldTracker`; else as `PointCloudToGPDF`.
+
+    .. pydrake_system::
+
+        name: KeyframesToGPDF
+        input_ports:
+        - keyframe
+        output_ports:
+        - gpdf
+        - perceived
+        - seen_at
+        - view_faults
+
+    The tracker says which views are worth merging, and has registered them to the field already:
+    they are merged where they are, and O does not move. A keyframe that cannot be used is counted
+    in ``view_faults``.
+    """
+
+    def __init__(
+        self,
+        period: float,
+        *,
+        preset: str = Preset.DEFAULT,
+        max_points: int = PerceptionConfig.max_points,
+        length_scale: float = PerceptionConfig.length_scale,
+        voxel_size: float = PerceptionConfig.voxel_size,
+        max_views: int = 0,
+    ) -> None:
+        """A perception that looks for a new keyframe every ``period`` seconds.
+
+        Args:
+            period: Time between looks [s].
+            preset: ``default`` or ``paper``, see `complete_shape`.
+            max_points: Surface points that the field is fitted to.
+            length_scale: Length scale of the field's kernel [m].
+            voxel_size: Resolution at which keyframes are merged [m].
+            max_views: So many keyframes are merged at most; 0 for all.
+        """
+        super().__init__()
+        self._max_views = max_views
+        self._options: dict[str, Any] = {
+            "preset": preset,
+            "max_points": max_points,
+            "length_scale": length_scale,
+        }
+        nothing = LearntShape(FusedCloud.empty(voxel_size, smooth=preset == Preset.DEFAULT))
+        cap = sphere_points(400, 0.03)
+        seen = Keyframe(cap[cap[:, 2] > 0.0], np.array([0.0, 0.0, 0.5]), 0.0)
+        compiled = nothing.merged(seen, **self._options).gpdf  # before the first tick
+        _ = None if compiled is None else compiled.completion
+        self._keyframe = declare_input(self, "keyframe")
+        self._learnt = PeriodicState(self, nothing, period, self._look)
+        state = {self._learnt.ticket()}
+        declare_output(self, "gpdf", lambda context: self._learnt.Eval(context).gpdf, state)
+        declare_output(self, "perceived", self._perceived, state)
+        self.DeclareVectorOutputPort("seen_at", 1, self._calc_seen_at, state)
+        self.DeclareVectorOutputPort("view_faults", 1, self._calc_faults, state)
+
+    def _look(self, context: Context) -> LearntShape:
+        learnt: LearntShape = self._learnt.Eval(context)
+        if self._max_views and len(learnt.views.times) >= self._max_views:
+            return learnt
+        return learnt.merged(self._keyframe.Eval(context), **self._options)
+
+    def _perceived(self, context: Context) -> Perceived:
+        learnt: LearntShape = self._learnt.Eval(context)
+        return Perceived(
+            learnt.cloud,
+            learnt.gpdf,
+            learnt.views,
+            looked=learnt.looked,
+            outliers=learnt.outliers,
+            faults=learnt.faults,
+        )
+
+    def _calc_seen_at(self, context: Context, output) -> None:
+        times = self._learnt.Eval(context).views.times
+        output.SetAtIndex(0, times[-1] if len(times) else np.nan)
+
+    def _calc_faults(self, context: Context, output) -> None:
+        output.SetAtIndex(0, float(self._learnt.Eval(context).faults.total()))
