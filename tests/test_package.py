@@ -46,7 +46,7 @@ ORDER = (
     ("training",),
     ("evaluation.metrics", "evaluation.protocols"),
     ("evaluation.measures", "evaluation.peers", "evaluation.runs"),
-    ("evaluation.pictures", "evaluation.report"),
+    ("evaluation.pictures", "evaluation.report", "evaluation.tracking"),
     ("evaluation.bench", "evaluation.studies"),
     ("commands",),
     ("cli",),
@@ -251,11 +251,13 @@ def test_version_is_the_same_everywhere(repository):
 def test_every_import_is_a_declared_dependency(repository):
     """What package and diagrams import is installed with them, not by luck through others."""
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
-    # What makes training data, or runs on a cluster, may need more; it says what to install.
+    # What makes training data, runs on a cluster or compares with peers may need more; it says
+    # what to install.
     extra = project["optional-dependencies"]
-    entries = [*project["dependencies"], *extra["train"], *extra["cluster"]]
+    entries = [*project["dependencies"], *extra["train"], *extra["cluster"], *extra["peers"]]
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in entries}
     module_of = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
+    module_of["small-gicp"] = "small_gicp"
     allowed = {module_of.get(name, name) for name in declared} | {"feasigrasp"}
     allowed |= {"drake"}  # the messages in the wheel of that name
     allowed |= set(sys.stdlib_module_names)

@@ -33,7 +33,7 @@ _LEAST_VIEW, _LEAST_INLIERS, _MOST_BESIDE = 0.25, 0.6, 0.35
 #: The same for a keyframe, and the surface's standard deviation [m].
 _KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.2e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
-_KEY_PERIOD, _KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
+KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
 #: After so long without a pose the twist dies away [s]; after so long the object is searched for
 #: from several starts, and again so much later [s].
 _COASTING_AFTER, _SEARCH_AFTER, _SEARCH_PERIOD = 0.1, 0.25, 0.2
@@ -196,10 +196,10 @@ def _is_key(after: FieldTrack, found: Registration, view: ObjectView, views: Vie
         and found.beside < _KEY_BESIDE
         and after.deviation < _KEY_DEVIATION
     )
-    if not good or time < after.keyframe.time + _KEY_PERIOD:
+    if not good or time < after.keyframe.time + KEY_PERIOD:
         return False
     p_OC = _in_object(after.estimate.X_WO, view.X_WC[:3, 3])
-    return views.tells_more(p_OC, time, _KEY_VIEWS, _KEY_REVISIT)
+    return views.tells_more(p_OC, time, KEY_VIEWS, _KEY_REVISIT)
 
 
 def _keyframe(view: ObjectView, X_WO: Array, time: float) -> Keyframe:

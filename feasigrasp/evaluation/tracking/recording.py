@@ -6,6 +6,7 @@ one recording serves every sensor. The true poses are there for judging alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,18 +62,17 @@ class Recording:
         return np.asarray(np.where(self.depths[k] == 65535, np.inf, image), dtype=float)
 
 
-def record(scenario: str, text: str, duration: float) -> Recording:
+def record(scenario: str, changes: Sequence[str], duration: float) -> Recording:
     """Runs a scenario with perfect depth, and keeps what the wrist camera sees.
 
     Args:
         scenario: Name of a dynamic scenario.
-        text: What is changed of it, YAML.
+        changes: What is changed of it, YAML texts.
         duration: Longest time [s]; it ends earlier when the object was let go.
     """
     camera = f"{{cameras: {{wrist_camera: {{z_near: {_NEAR}, clipping_near: 0.02}}}}}}"
-    loaded = load_scenario(
-        diagram_path("dynamic.scenarios.yaml"), scenario, text, camera, "{camera_noise: {}}"
-    )
+    ideal = camera, "{camera_noise: {}}"
+    loaded = load_scenario(diagram_path("dynamic.scenarios.yaml"), scenario, *changes, *ideal)
     diagram = make_dynamic_grasp(loaded)
     station, sequencer = (diagram.GetSubsystemByName(n) for n in ("station", "sequencer"))
     info = pixel_centred(loaded.cameras["wrist_camera"])
@@ -108,11 +108,11 @@ def record(scenario: str, text: str, duration: float) -> Recording:
     return Recording(times, depths, masks, X_WC, X_WO, V_WO, np.array(intrinsics), holds)
 
 
-def recorded(filename: Path, scenario: str, text: str, duration: float) -> Recording:
+def recorded(filename: Path, scenario: str, changes: Sequence[str], duration: float) -> Recording:
     """The recording in a file; made now if there is none."""
     found = finished_arrays(filename)
     if found is None:
-        made = record(scenario, text, duration)
+        made = record(scenario, changes, duration)
         write_arrays(filename, vars(made))
         return made
     return Recording(**{name: found[name] for name in Recording.__dataclass_fields__})

@@ -1,0 +1,184 @@
+"""``feasigrasp evaluate tracking``: compare the pose tracked in depth images with the true one.
+
+Records what the wrist camera sees in the simulator, once, and plays it to our tracker and to peers
+with the errors of two sensors. What each figure means is written in docs/tracking.md. A command
+that was interrupted goes on after its last object.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feasigrasp.evaluation.tracking.judge import (
+    IN_VIEW,
+    SENSORS,
+    Frame,
+    OurTracker,
+    Tracker,
+    TrueObject,
+    judge,
+    lost,
+)
+from feasigrasp.evaluation.tracking.peers import PeerTracker, peers
+from feasigrasp.evaluation.tracking.recording import recorded
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.results.finished import Record, finish_all
+from feasigrasp.results.rows import Row, report_rows, write_csv
+from feasigrasp.results.statistics import grouped, mean
+
+OBJECTS = (
+    "mustard_bottle,mug,soup_can,small_box,drill,banana,bowl,hammer,spray_can,water_bottle,"
+    "l_block,duck"
+)
+SCENARIOS = ("ReachLinear", "ReachCircular", "ReachSinusoidal")
+#: How the arm moves: what is changed of the scenario, and how long is recorded [s].
+KINDS = {
+    # As it grasps, until it lets go of the object's motion.
+    "approach": ("", 10.0),
+    # It never knows a grasp, and stands still.
+    "observe": ("{perception: {latency: 10.0}}", 8.0),
+    # It follows, and does not close.
+    "follow": ("{grasp: {close: false}}", 60.0),
+}
+#: Something hides the object in the observing runs, in a run of its own [s].
+HIDDEN = (3.0, 4.0)
+#: After such a gap the object is back when its surface is this near [mm] within a time [s].
+_BACK, _BACK_WITHIN = 10.0, 1.0
+#: Twist and prediction count from here on [s].
+_SETTLED = 0.5
+#: Figures per image: column, row, unit, percentile, and whether only images in view count.
+FIGURES = (
+    ("surface_mm", "tracking.surface_mm.median", "mm", 50.0),
+    ("surface_mm", "tracking.surface_mm.p95", "mm", 95.0),
+    ("rotation_deg", "tracking.rotation_deg", "deg", 50.0),
+    ("spin_rad_s", "tracking.spin_rad_s", "rad/s", 50.0),
+    ("speed_mm_s", "tracking.twist_mm_s", "mm/s", 50.0),
+    ("turn_rad_s", "tracking.twist_rad_s", "rad/s", 50.0),
+    ("prediction_mm", "tracking.prediction_mm", "mm", 50.0),
+    ("frame_ms", "tracking.frame_ms", "ms", 50.0),
+    ("keyframe_ms", "tracking.keyframe_ms", "ms", 50.0),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/tracking", objects=OBJECTS)
+    parser.add_argument("--seeds", type=positive, default=3, help="recordings of every object")
+    parser.add_argument(
+        "--kinds", type=names, default=list(KINDS), help=f"default: {','.join(KINDS)}"
+    )
+
+
+def judge_object(
+    name: str, path: str, kinds: list[str], seeds: int, seed: int, folder: str
+) -> list[Record]:
+    """Records and judges one object.
+
+    Returns:
+        A record for every recording, sensor and tracker: figures of `FIGURES` by percentile, and
+        whether the object was lost, found again, and how far off it was in the end.
+    """
+    truth = TrueObject(load_object(path))
+    _warm_up(truth, name, path, Path(folder))
+    found = []
+    for kind in kinds:
+        change, duration = KINDS[kind]
+        for number in range(seed, seed + (1 if kind == "follow" else seeds)):
+            scenario = SCENARIOS[number % len(SCENARIOS)]
+            text = f"{{object: {{model: {path}}}, random_seed: {number}}}"
+            file = Path(folder) / f"{name}_{kind}_{number}.npz"
+            recording = recorded(file, scenario, (text, change), duration)
+            trackers: dict[str, Callable[[], Tracker]] = {"default": OurTracker}
+            if kind != "follow":
+                trackers |= {f"peer:{n}": partial(PeerTracker, r) for n, r in peers().items()}
+            gaps = {"": (0.0, 0.0)} | ({"/hidden": HIDDEN} if kind == "observe" else {})
+            for sensor_name, sensor in SENSORS.items():
+                for tracker_name, make in trackers.items():
+                    for gap, hidden in gaps.items():
+                        frames = judge(make(), recording, sensor, truth, number, hidden)
+                        about = {"object": name, "seed": number, "tracker": tracker_name}
+                        about |= {"condition": f"{kind}{gap}/{sensor_name}"}
+                        found.append(about | _figures(frames, hidden))
+    return found
+
+
+def _warm_up(truth: TrueObject, name: str, path: str, folder: Path) -> None:
+    """Loads compiled code, which would count as time of the first images."""
+    text = f"{{object: {{model: {path}}}, random_seed: 0}}"
+    recording = recorded(folder / f"{name}_first.npz", SCENARIOS[0], (text,), 0.5)
+    judge(OurTracker(), recording, SENSORS["d435"], truth, 0)
+    for registration in peers().values():
+        judge(PeerTracker(registration), recording, SENSORS["d435"], truth, 0)
+
+
+def _figures(frames: list[Frame], hidden: tuple[float, float]) -> Record:
+    """What is said of one run."""
+    rows = [asdict(frame) for frame in frames if frame.hold]
+    settled = [r for r in rows if r["time"] >= _SETTLED]
+    late = ("speed_mm_s", "turn_rad_s", "prediction_mm", "spin_rad_s")
+    result: Record = {}
+    for column, name, _, percentile in FIGURES:
+        chosen = settled if column in late else rows
+        if not column.endswith("_ms"):
+            chosen = [r for r in chosen if r["points"] >= IN_VIEW]
+        values = np.array([r[column] for r in chosen], dtype=float)
+        values = values[np.isfinite(values)]
+        result[name] = float(np.percentile(values, percentile)) if len(values) else None
+    result["lost"] = lost(frames)
+    result["end_mm"] = rows[-1]["surface_mm"] if rows else None
+    after = [r for r in rows if hidden[1] <= r["time"] <= hidden[1] + _BACK_WITHIN]
+    back = [r["measured"] and r["surface_mm"] < _BACK for r in after]
+    result["back"] = bool(back and back[-1]) if hidden[1] > 0.0 else None
+    return result
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    objects: dict[str, str] = {}
+    for part in names(args.objects):
+        objects |= select_objects(part)
+    seeds, kinds = args.seeds, args.kinds
+    if args.quick:
+        objects, seeds = dict(list(objects.items())[:2]), 1
+        kinds = [kind for kind in kinds if kind != "follow"]
+    settings: dict[str, Any] = {
+        "kinds": kinds,
+        "seeds": seeds,
+        "seed": args.seed,
+        "folder": str(args.out / "recordings"),
+    }
+    finished = finish_all(
+        objects, args.out / "objects", settings, judge_object, jobs=args.jobs, desc="tracking"
+    )
+    records = [record for name in objects for record in finished[name]]
+    write_csv(args.out / "runs.csv", records, list(records[0]), ".6g")
+    report_rows(args, "evaluate tracking", summary_rows(records))
+    return 0
+
+
+def summary_rows(records: Sequence[Record]) -> list[Row]:
+    """Means over the recordings of each condition and tracker, and shares of them."""
+    rows = []
+    for (condition, tracker), runs in grouped(records, itemgetter("condition", "tracker")).items():
+        preset = f"{condition}/{tracker}"
+        for _, name, unit, _ in FIGURES:
+            values = [r[name] for r in runs if r[name] is not None]
+            if values:
+                rows.append(Row.of(name, preset, mean(values, 0.0), unit))
+        rows.append(Row.percent("tracking.lost_percent", preset, [r["lost"] for r in runs]))
+        back = [r["back"] for r in runs if r["back"] is not None]
+        if back:
+            rows.append(Row.percent("tracking.recovered_percent", preset, back))
+        if condition.startswith("follow"):
+            drift = mean([r["end_mm"] for r in runs if r["end_mm"] is not None], 0.0)
+            rows.append(Row.of("tracking.drift_mm.60s", preset, drift, "mm"))
+    return rows

@@ -1,0 +1,1 @@
+"""Recordings of the wrist camera, and trackers judged on them."""

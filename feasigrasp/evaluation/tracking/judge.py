@@ -1,0 +1,289 @@
+"""Plays recordings to a tracker, and judges its poses by the object's true surface.
+
+The frame O is the tracker's own, so at the first view it is aligned with the object once; from then
+on every error is the tracker's. A pose is judged by the mean distance of the surface at the tracked
+pose from that at the true one (ADD-S, by the mesh itself).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from feasigrasp.evaluation.measures.timing import cpu_ms
+from feasigrasp.evaluation.tracking.recording import RATE, Recording
+from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.raycasting import Raycaster
+from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.tracking.information import jacobian
+from feasigrasp.models.tracking.sequence import SequenceTracker
+from feasigrasp.models.tracking.view import Camera, ObjectView
+
+#: Points of the true surface that are compared.
+_SAMPLES = 400
+#: Less information than this share of the largest is none: the object is round.
+_ROUND = 1e-3
+#: How far ahead poses are predicted [s].
+AHEAD = 0.5
+#: An image with fewer points of the object does not show it.
+IN_VIEW = 300
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A depth camera.
+
+    Attributes:
+        noise: Its errors.
+        near: Least depth that it measures [m].
+    """
+
+    noise: DepthNoise
+    near: float
+
+
+#: Those that the tracker is judged with; focal length and size are those of the recording.
+SENSORS = {
+    "d435": Sensor(DepthNoise(), 0.105),
+    "d405": Sensor(DepthNoise(baseline=0.018), 0.07),
+}
+
+
+class Tracker(Protocol):
+    """What plays a recording: a tracker, or a peer."""
+
+    def looked(self, view: ObjectView, time: float) -> None:
+        """Takes in an image."""
+
+    def learnt(self) -> bool:
+        """Merges what was seen last, if it is worth it; whether it did."""
+
+    @property
+    def X_WO(self) -> Array | None:
+        """The pose now, shape (4, 4); None before the first view."""
+
+    @property
+    def V_WO(self) -> Array:
+        """The twist now, shape (6,)."""
+
+    def predicted(self, time: float, ahead: float) -> Array:
+        """The pose ``ahead`` seconds after now, shape (4, 4)."""
+
+    @property
+    def measured(self) -> bool:
+        """Whether the last image gave a pose."""
+
+
+class OurTracker:
+    """`SequenceTracker`, image by image."""
+
+    def __init__(self) -> None:
+        self._now = SequenceTracker()
+
+    def looked(self, view: ObjectView, time: float) -> None:
+        """Takes in an image."""
+        self._now = self._now.looked(view, time)
+
+    def learnt(self) -> bool:
+        """Merges a keyframe, if there is a new one."""
+        before, self._now = self._now, self._now.learnt()
+        return self._now is not before
+
+    @property
+    def X_WO(self) -> Array | None:
+        """The pose at the time of the last image."""
+        estimate = self._now.track.estimate
+        return None if estimate is None else estimate.X_WO
+
+    @property
+    def V_WO(self) -> Array:
+        """The twist."""
+        estimate = self._now.track.estimate
+        return np.zeros(6) if estimate is None else estimate.V_WO
+
+    def predicted(self, time: float, ahead: float) -> Array:
+        """As the motion of the last seconds goes on."""
+        X: Array = MotionEstimate(self._now.track.motion, time).predict([ahead])[0]
+        return X
+
+    @property
+    def measured(self) -> bool:
+        """Whether the last image gave a pose."""
+        return self._now.track.measured_at == self._now.track.image_time
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image, judged.
+
+    Attributes:
+        time: [s].
+        points: Points of the object in it.
+        measured: Whether it gave a pose.
+        hold: Whether the object still moved by itself.
+        surface_mm: Mean distance of the surface from where it is.
+        rotation_deg: Angle of the orientation's error, without a turn about an axis of symmetry.
+        spin_rad_s: Turn about such an axis that the tracker reports; NaN without one.
+        speed_mm_s: Error of the velocity of the object's middle.
+        turn_rad_s: Error of the angular velocity, without that about an axis of symmetry.
+        prediction_mm: As the first, `AHEAD` seconds later by the tracker's prediction; NaN where
+            the recording ends before.
+        frame_ms: Processor time of the image.
+        keyframe_ms: That of merging it; NaN if it was not merged.
+    """
+
+    time: float
+    points: int
+    measured: bool
+    hold: bool
+    surface_mm: float
+    rotation_deg: float
+    spin_rad_s: float
+    speed_mm_s: float
+    turn_rad_s: float
+    prediction_mm: float
+    frame_ms: float
+    keyframe_ms: float
+
+
+class TrueObject:
+    """What poses are judged by.
+
+    Args:
+        obj: The object.
+    """
+
+    def __init__(self, obj: RigidObject) -> None:
+        self._surface = Raycaster(obj.vertices, obj.faces)
+        self._mesh = obj.mesh
+
+    @cached_property
+    def _samples(self) -> tuple[Array, Array]:
+        points, faces = self._mesh.sample(_SAMPLES, return_index=True, seed=0)
+        return np.asarray(points), np.asarray(self._mesh.face_normals[faces])
+
+    @cached_property
+    def axis(self) -> Array | None:
+        """The axis of symmetry in the object's frame, shape (3,); None if it has none."""
+        points, normals = self._samples
+        rows = jacobian(points - points.mean(axis=0), normals)
+        values, vectors = np.linalg.eigh(rows.T @ rows)
+        turn = vectors[:3, 0] / max(float(np.linalg.norm(vectors[:3, 0])), 1e-12)
+        weight = values[0] / max(float(np.square(rows[:, :3]).sum(axis=0).max()), 1e-12)
+        return turn if weight < _ROUND else None
+
+    def surface_error(self, X: Array, X_true: Array) -> float:
+        """Mean distance of the surface at one pose from that at the other [m]."""
+        E = se3.inverse(X_true) @ X
+        points = self._samples[0] @ E[:3, :3].T + E[:3, 3]
+        return float(self._surface.distance(points).mean())
+
+    def split(self, w: Array, R: Array) -> tuple[Array, float]:
+        """A rotation vector (3,) in the world without its part about the axis, and that part.
+
+        Args:
+            w: The vector.
+            R: Orientation of the object, shape (3, 3).
+        """
+        if self.axis is None:
+            return w, np.nan
+        axis = R @ self.axis
+        return w - (w @ axis) * axis, float(w @ axis)
+
+
+def images(
+    recording: Recording, sensor: Sensor, seed: int, hidden: tuple[float, float] = (0.0, 0.0)
+) -> Iterator[tuple[int, ObjectView]]:
+    """The images of a recording, as a sensor would have made them.
+
+    Args:
+        recording: The recording.
+        sensor: The sensor.
+        seed: Of its errors.
+        hidden: From when to when something hides the object [s].
+    """
+    h, w = recording.depths.shape[1:]
+    fx, fy, cx, cy = recording.intrinsics
+    noise = sensor.noise.subpixel / (fx * sensor.noise.baseline)
+    camera = Camera((fx, fy, cx, cy), w, h, sensor.near, noise)
+    v, u = np.indices((h, w))
+    for k, X_WC in enumerate(recording.X_WC):
+        depth = recording.depth(k)
+        depth[depth < sensor.near] = 0.0
+        rng = np.random.default_rng([seed, k])
+        depth = sensor.noise.apply(depth, recording.intrinsics, rng, near=sensor.near, far=3.0)
+        if hidden[0] < recording.times[k] < hidden[1]:
+            depth[:] = 0.0
+        seen = np.isfinite(depth) & (depth > 0.0)
+        z = np.where(seen, depth, np.inf)
+        with np.errstate(invalid="ignore"):  # zero times infinity, where nothing was seen
+            points = np.stack([(u - cx) / fx * z, (v - cy) / fy * z, z])
+        mask = recording.masks[k]
+        used = mask & seen & ~edge_pixels(points, seen, mask, EDGE_JUMP)
+        points_W = points[:, used].T @ X_WC[:3, :3].T + X_WC[:3, 3]
+        yield k, ObjectView(camera, X_WC, points_W, depth)
+
+
+def judge(
+    tracker: Tracker,
+    recording: Recording,
+    sensor: Sensor,
+    truth: TrueObject,
+    seed: int,
+    hidden: tuple[float, float] = (0.0, 0.0),
+) -> list[Frame]:
+    """Plays a recording, and says how far off every image was."""
+    frames: list[Frame] = []
+    X_BO: Array | None = None
+    ahead = round(AHEAD * RATE)
+    for k, view in images(recording, sensor, seed, hidden):
+        time = float(recording.times[k])
+        _, frame_ms = cpu_ms(lambda view=view, time=time: tracker.looked(view, time))  # type: ignore[misc]
+        if tracker.X_WO is None:
+            continue
+        X_true = recording.X_WO[k]
+        if X_BO is None:
+            X_BO = se3.inverse(X_true) @ tracker.X_WO
+        X_OB = se3.inverse(X_BO)
+        X, V = tracker.X_WO @ X_OB, tracker.V_WO
+        turned = se3.so3_log(X[:3, :3] @ X_true[:3, :3].T)
+        swing, _ = truth.split(turned, X_true[:3, :3])
+        w, _ = truth.split(V[:3] - recording.V_WO[k, :3], X_true[:3, :3])
+        _, spin = truth.split(V[:3], X[:3, :3])
+        v = V[3:] + np.cross(V[:3], X[:3, 3] - tracker.X_WO[:3, 3]) - recording.V_WO[k, 3:]
+        prediction = np.nan
+        if k + ahead < len(recording.times) and recording.hold[k + ahead]:
+            later = tracker.predicted(time, AHEAD) @ X_OB
+            prediction = 1e3 * truth.surface_error(later, recording.X_WO[k + ahead])
+        learnt, keyframe_ms = cpu_ms(tracker.learnt)
+        frames.append(
+            Frame(
+                time=time,
+                points=len(view.points_W),
+                measured=tracker.measured,
+                hold=bool(recording.hold[k]),
+                surface_mm=1e3 * truth.surface_error(X, X_true),
+                rotation_deg=float(np.rad2deg(np.linalg.norm(swing))),
+                spin_rad_s=abs(spin),
+                speed_mm_s=1e3 * float(np.linalg.norm(v)),
+                turn_rad_s=float(np.linalg.norm(w)),
+                prediction_mm=prediction,
+                frame_ms=frame_ms,
+                keyframe_ms=keyframe_ms if learnt else np.nan,
+            )
+        )
+    return frames
+
+
+def lost(frames: list[Frame], beyond_mm: float = 10.0, longer: int = 9) -> bool:
+    """Whether the surface was farther off than that in more images, while the object moved."""
+    far: Mask = np.array([f.surface_mm > beyond_mm for f in frames if f.hold])
+    return int(far.sum()) > longer
