@@ -41,8 +41,8 @@ def point_to_plane_open3d(
 
     source, target = (o3d.geometry.PointCloud() for _ in range(2))
     source.points = o3d.utility.Vector3dVector(points)
-    target.points = o3d.utility.Vector3dVector(model)
-    target.normals = o3d.utility.Vector3dVector(normals)
+    target.points = o3d.utility.Vector3dVector(model.copy())  # does not take read-only arrays
+    target.normals = o3d.utility.Vector3dVector(normals.copy())
     registration = o3d.pipelines.registration
     estimation = registration.TransformationEstimationPointToPlane(registration.GMLoss(_SCALE))
     criteria = registration.ICPConvergenceCriteria(max_iteration=_STEPS)

@@ -19,7 +19,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.results.finished import finished_arrays, write_arrays
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
-from feasigrasp.systems.station.camera import pixel_centred
+from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 
 #: Images per second.
 RATE = 30.0
@@ -75,7 +75,7 @@ def record(scenario: str, changes: Sequence[str], duration: float) -> Recording:
     loaded = load_scenario(diagram_path("dynamic.scenarios.yaml"), scenario, *changes, *ideal)
     diagram = make_dynamic_grasp(loaded)
     station, sequencer = (diagram.GetSubsystemByName(n) for n in ("station", "sequencer"))
-    info = pixel_centred(loaded.cameras["wrist_camera"])
+    info = pixel_centred_intrinsics(loaded.cameras["wrist_camera"])
     simulator = Simulator(diagram)
     ApplySimulatorConfig(loaded.simulator_config, simulator)
     simulator.Initialize()
