@@ -61,6 +61,7 @@ def test_the_commands_are_those_that_users_rely_on():
             ),
             *("prediction", "reachability", "rollout", "sampler"),
             *("sampler-figures", "segmentation", "shape", "shape-figures", "static"),
+            "tracking",
         ],
         "bench": [
             *("all", "control", "kinematics", "reachability", "safety", "sampler", "shape", "soak"),

@@ -29,8 +29,11 @@ from feasigrasp.models.tracking.view import Camera, ObjectView
 
 #: Points of the true surface that are compared.
 _SAMPLES = 400
-#: Less information than this share of the largest is none: the object is round.
-_ROUND = 1e-3
+#: Points that tell what is symmetric.
+_SYMMETRY_SAMPLES = 3000
+#: Mean square of what a turn moves the surface across itself, over the square of its size, below
+#: which the object is round: the built-in ones are below 0.002 or above 0.02.
+_ROUND = 5e-3
 #: How far ahead poses are predicted [s].
 AHEAD = 0.5
 #: An image with fewer points of the object does not show it.
@@ -171,14 +174,17 @@ class TrueObject:
         return np.asarray(points), np.asarray(self._mesh.face_normals[faces])
 
     @cached_property
-    def axis(self) -> Array | None:
-        """The axis of symmetry in the object's frame, shape (3,); None if it has none."""
-        points, normals = self._samples
-        rows = jacobian(points - points.mean(axis=0), normals)
-        values, vectors = np.linalg.eigh(rows.T @ rows)
-        turn = vectors[:3, 0] / max(float(np.linalg.norm(vectors[:3, 0])), 1e-12)
-        weight = values[0] / max(float(np.square(rows[:, :3]).sum(axis=0).max()), 1e-12)
-        return turn if weight < _ROUND else None
+    def axes(self) -> Array:
+        """Axes of symmetry in the object's frame: one of a can, three of a ball, shape (k, 3)."""
+        points, faces = self._mesh.sample(_SYMMETRY_SAMPLES, return_index=True, seed=0)
+        lever = np.asarray(points) - np.mean(points, axis=0)
+        size = float(np.sqrt(np.square(lever).sum(axis=1).mean()))
+        rows = jacobian(lever / size, np.asarray(self._mesh.face_normals[faces]))
+        H = rows.T @ rows / len(rows)
+        # What is left of a turn if the object is shifted back as well as can be.
+        turns = H[:3, :3] - H[:3, 3:] @ np.linalg.solve(H[3:, 3:], H[3:, :3])
+        values, vectors = np.linalg.eigh(turns)
+        return np.asarray(vectors[:, values < _ROUND].T)
 
     def surface_error(self, X: Array, X_true: Array) -> float:
         """Mean distance of the surface at one pose from that at the other [m]."""
@@ -187,16 +193,20 @@ class TrueObject:
         return float(self._surface.distance(points).mean())
 
     def split(self, w: Array, R: Array) -> tuple[Array, float]:
-        """A rotation vector (3,) in the world without its part about the axis, and that part.
+        """A rotation vector in the world without its part about axes of symmetry, and that part.
 
         Args:
-            w: The vector.
+            w: The vector, shape (3,).
             R: Orientation of the object, shape (3, 3).
+
+        Returns:
+            Shape (3,), and the length of the part that is left out; NaN without such an axis.
         """
-        if self.axis is None:
+        if len(self.axes) == 0:
             return w, np.nan
-        axis = R @ self.axis
-        return w - (w @ axis) * axis, float(w @ axis)
+        axes = self.axes @ R.T
+        about = axes.T @ (axes @ w)
+        return w - about, float(np.linalg.norm(about))
 
 
 def images(
@@ -272,7 +282,7 @@ def judge(
                 hold=bool(recording.hold[k]),
                 surface_mm=1e3 * truth.surface_error(X, X_true),
                 rotation_deg=float(np.rad2deg(np.linalg.norm(swing))),
-                spin_rad_s=abs(spin),
+                spin_rad_s=spin,
                 speed_mm_s=1e3 * float(np.linalg.norm(v)),
                 turn_rad_s=float(np.linalg.norm(w)),
                 prediction_mm=prediction,

@@ -1,0 +1,140 @@
+"""Recordings are played as a sensor would see them, and judged by the true surface."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.evaluation.studies.tracking import summary_rows
+from feasigrasp.evaluation.tracking.judge import (
+    SENSORS,
+    OurTracker,
+    TrueObject,
+    images,
+    judge,
+    lost,
+)
+from feasigrasp.evaluation.tracking.peers import PeerTracker, point_to_plane_open3d
+from feasigrasp.evaluation.tracking.recording import RATE, Recording, recorded
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.raycasting import Raycaster
+from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.results.finished import write_arrays
+from tests.object_views import CAMERA, camera_at, look
+
+TWIST = np.array([0.0, 0.1, 0.2, 0.02, -0.05, 0.01])
+X_WC = camera_at(np.array([0.3, 0.1, 0.15]))
+
+
+def make_recording(name, images_=24):
+    """A still camera looks at an object that moves steadily."""
+    obj = load_object(name)
+    surface = Raycaster(obj.vertices, obj.faces)
+    times = np.arange(images_) / RATE
+    X_WO = np.array([se3.extrapolate(np.eye(4), TWIST, t) for t in times])
+    depths = np.array([look(surface, X, X_WC).depth for X in X_WO])
+    return Recording(
+        times,
+        np.round(depths / 1e-4).astype(np.uint16),
+        depths < 1.0,
+        np.repeat(X_WC[None], images_, axis=0),
+        X_WO,
+        np.repeat(TWIST[None], images_, axis=0),
+        np.array(CAMERA.intrinsics),
+        np.ones(images_, dtype=bool),
+    )
+
+
+@pytest.fixture(scope="module")
+def mug():
+    return make_recording("mug"), TrueObject(load_object("mug"))
+
+
+@pytest.mark.parametrize("make", [OurTracker, lambda: PeerTracker(point_to_plane_open3d)])
+def test_a_tracker_is_judged(mug, make):
+    recording, truth = mug
+    frames = judge(make(), recording, SENSORS["d435"], truth, 0)
+    assert len(frames) == len(recording.times)
+    assert frames[0].surface_mm == pytest.approx(0.0, abs=1e-3)  # aligned there, once
+    late = frames[-6:]
+    assert max(f.surface_mm for f in late) < 3.0
+    assert not lost(frames)
+    assert np.isnan(frames[-1].prediction_mm)  # the recording has ended by then
+    assert frames[0].keyframe_ms > 0.0 and frames[-1].frame_ms > 0.0
+
+
+def test_errors_are_those_that_were_made(mug):
+    """A tracker that is off by a known shift, turn and twist."""
+    recording, truth = mug
+    shift, turn, k = np.array([0.0, 0.003, 0.0]), np.array([0.0, 0.0, 0.1]), iter(range(100))
+
+    class Wrong:
+        measured = True
+        V_WO = TWIST + np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.02])
+
+        def looked(self, view, time):
+            number = next(k)
+            X, wrong = recording.X_WO[number], number > 0
+            R = se3.so3_exp(wrong * turn) @ X[:3, :3]
+            self.X_WO = se3.make_pose(R, X[:3, 3] + wrong * shift)
+
+        def learnt(self):
+            return False
+
+        def predicted(self, time, ahead):
+            return self.X_WO
+
+    frame = judge(Wrong(), recording, SENSORS["d435"], truth, 0)[-1]
+    assert frame.rotation_deg == pytest.approx(np.rad2deg(0.1), abs=1e-6)
+    assert frame.turn_rad_s == pytest.approx(0.3)
+    assert frame.speed_mm_s == pytest.approx(20.0)
+    assert 0.5 < frame.surface_mm < 10.0
+
+
+def test_a_turn_about_an_axis_of_symmetry_is_no_error():
+    can, mug, ball = (TrueObject(load_object(name)) for name in ("soup_can", "mug", "ball"))
+    assert [len(truth.axes) for truth in (can, mug, ball)] == [1, 0, 3]
+    (axis,) = can.axes
+    turned = se3.make_pose(se3.so3_exp(axis), np.zeros(3))
+    assert can.surface_error(turned, np.eye(4)) < 5e-4
+    swing, spin = can.split(0.3 * axis + 1e-3 * np.cross(axis, [1.0, 2.0, 3.0]), np.eye(3))
+    assert spin == pytest.approx(0.3)
+    assert abs(swing @ axis) < 1e-12
+    assert np.isnan(mug.split(axis, np.eye(3))[1])
+
+
+def test_what_is_too_near_or_hidden_is_not_seen(mug):
+    recording, _ = mug
+    for hidden in ((0.0, 0.0), (-1.0, 1e3)):
+        for _, view in images(recording, SENSORS["d435"], 0, hidden):
+            assert (len(view.points_W) > 300) == (hidden == (0.0, 0.0))
+    near = Recording(**{**vars(recording), "depths": (recording.depths * 0.2).astype(np.uint16)})
+    _, view = next(images(near, SENSORS["d435"], 0))
+    assert len(view.points_W) == 0
+    assert view.depth.min() == 0.0
+
+
+def test_a_recording_is_made_once(mug, tmp_path):
+    recording, _ = mug
+    write_arrays(tmp_path / "a.npz", vars(recording))
+    again = recorded(tmp_path / "a.npz", "no scenario", (), 1.0)
+    assert np.array_equal(again.depths, recording.depths)
+    assert again.depth(0).max() == pytest.approx(2.0)
+
+
+def test_rows_say_how_often():
+    figures = {"tracking.surface_mm.median": 1.0, "end_mm": 2.0}
+    runs = [
+        {"condition": c, "tracker": "default", "lost": gone, "back": back, **figures}
+        for c, gone, back in (
+            ("observe/hidden/d435", False, True),
+            ("observe/hidden/d435", True, False),
+            ("follow/d405", False, None),
+        )
+    ]
+    from feasigrasp.evaluation.studies import tracking
+
+    runs = [dict.fromkeys((name for _, name, _, _ in tracking.FIGURES)) | run for run in runs]
+    found = {(r.name, r.preset): r.value for r in summary_rows(runs)}
+    assert found["tracking.lost_percent", "observe/hidden/d435/default"] == 50.0
+    assert found["tracking.recovered_percent", "observe/hidden/d435/default"] == 50.0
+    assert found["tracking.drift_mm.60s", "follow/d405/default"] == 2.0
+    assert ("tracking.recovered_percent", "follow/d405/default") not in found
