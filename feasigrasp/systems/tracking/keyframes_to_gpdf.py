@@ -44,6 +44,7 @@ class KeyframesToGPDF(LeafSystem):
         max_points: int = PerceptionConfig.max_points,
         length_scale: float = PerceptionConfig.length_scale,
         voxel_size: float = PerceptionConfig.voxel_size,
+        hidden_side: bool = True,
         max_views: int = 0,
     ) -> None:
         """A perception that looks for a new keyframe every ``period`` seconds.
@@ -54,6 +55,7 @@ class KeyframesToGPDF(LeafSystem):
             max_points: Surface points that the field is fitted to.
             length_scale: Length scale of the field's kernel [m].
             voxel_size: Resolution at which keyframes are merged [m].
+            hidden_side: Whether what lies behind the seen surface is guessed (default preset only).
             max_views: So many keyframes are merged at most; 0 for all.
         """
         super().__init__()
@@ -62,6 +64,7 @@ class KeyframesToGPDF(LeafSystem):
             "preset": preset,
             "max_points": max_points,
             "length_scale": length_scale,
+            "learnt": hidden_side,
         }
         nothing = LearntShape(FusedCloud.empty(voxel_size, smooth=preset == Preset.DEFAULT))
         cap = sphere_points(400, 0.03)
