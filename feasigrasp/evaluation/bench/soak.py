@@ -18,7 +18,7 @@ from feasigrasp.models.faults.images import CameraGone
 from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.models.faults.pose import PoseNan
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import add_common_arguments, minutes, names
+from feasigrasp.results.arguments import add_common_arguments, minutes, names, select_objects
 from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scenario_arguments(parser)
 
 
-def soak_scenario(args: argparse.Namespace, controller: str) -> Scenario:
+def soak_scenario(args: argparse.Namespace, model: str, controller: str) -> Scenario:
     """The scenario: no pose, no image or no object in reach, again and again.
 
     Raises:
@@ -54,7 +54,7 @@ def soak_scenario(args: argparse.Namespace, controller: str) -> Scenario:
     choice = f"{{control: {{controller: {controller}}}}}"
     scenario = load_scenario(filename, SCENARIO, args.scenario_text, choice)
     scenario.random_seed = scenario.tracker.seed = args.seed
-    scenario.object.model = args.objects
+    scenario.object.model = model
     scenario.simulation_duration = 60.0 * (1.0 if args.quick else args.minutes)
     scenario.faults = [
         PoseNan(start=8.0, duration=2.0, every=19.0),
@@ -66,18 +66,22 @@ def soak_scenario(args: argparse.Namespace, controller: str) -> Scenario:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    texts = {name: dump_scenario(soak_scenario(args, name)) for name in args.controllers}
+    texts = {
+        f"{name}-{controller}": dump_scenario(soak_scenario(args, model, controller))
+        for name, model in select_objects(args.objects).items()
+        for controller in args.controllers
+    }
     found = finish_all(texts, args.out / "runs", {}, soak, jobs=args.jobs, desc="soak")
     write_csv(
         args.out / "parts.csv",
-        [{"controller": name} | part for name, parts in found.items() for part in parts],
+        [{"run": name} | part for name, parts in found.items() for part in parts],
     )
     rows = [row for name, parts in found.items() for row in growth_rows(name, parts)]
     report_rows(args, "bench soak", rows, format_rows(rows))
     return 0
 
 
-def growth_rows(controller: str, parts: list[Record]) -> list[Row]:
+def growth_rows(preset: str, parts: list[Record]) -> list[Row]:
     """How much more memory and time the last parts took than the first."""
     start, end = parts[1 : 1 + _COMPARED], parts[-_COMPARED:]
     rows = []
@@ -85,7 +89,7 @@ def growth_rows(controller: str, parts: list[Record]) -> list[Row]:
         before, after = (float(np.median([part[key] for part in some])) for some in (start, end))
         growth = 100.0 * (after / before - 1.0)
         rows.append(
-            Row.plain(f"faults.soak_{name}_growth_percent", controller, growth, "%", len(parts))
+            Row.plain(f"faults.soak_{name}_growth_percent", preset, growth, "%", len(parts))
         )
     return rows
 

@@ -70,7 +70,7 @@ def test_runs_have_the_values_of_their_controller():
         for run in nominal_runs(options("--controllers", controller, "--instants", "2")):
             assert run.scenario.control.controller == controller
             assert run.scenario.control.gain == gain
-        scenario = soak.soak_scenario(arguments, controller)
+        scenario = soak.soak_scenario(arguments, "duck", controller)
         assert (scenario.control.controller, scenario.control.gain) == (controller, gain)
         assert scenario.random_seed == scenario.tracker.seed == 3
 
