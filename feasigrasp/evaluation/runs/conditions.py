@@ -10,14 +10,17 @@ import numpy as np
 
 from feasigrasp.evaluation.protocols.ablations import without_ablation
 from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
-from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.objects.tracker_config import TrackerConfig, TrackerKind
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario, Segmentation
 
-#: What the pipeline is given by the simulation whatever a scenario says.
-_GIVEN = {"object_frame": "given, with the pose"}
+#: What the object's frame is, by what tells its pose.
+_FRAME: dict[str, str] = {
+    TrackerKind.MOCAP: "given, with the pose",
+    TrackerKind.CAMERA: "that of the first view",
+}
 #: By what the object's pixels are told.
-_SEGMENTATION = {
+_SEGMENTATION: dict[str, str] = {
     Segmentation.LABELS: "label image of the simulation",
     Segmentation.DEPTH: "depth image, arm and cell known",
 }
@@ -52,7 +55,7 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
         "perception_latency_s": _common(runs, lambda s: s.perception.latency),
         "tracking": _common(runs, lambda s: _tracking(s.tracker)),
         "segmentation": _common(runs, lambda s: _SEGMENTATION[s.perception.segmentation]),
-        **_GIVEN,
+        "object_frame": _common(runs, lambda s: _FRAME[s.tracker.kind]),
         "friction": _common(runs, lambda s: s.object.friction),
         "mass": _common(runs, _mass),
         "execution": _common(runs, _execution),
@@ -104,6 +107,8 @@ def _execution(scenario: Scenario) -> str:
 
 
 def _tracking(tracker: TrackerConfig) -> str:
+    if tracker.kind == TrackerKind.CAMERA:
+        return f"in the camera's depth images, {1.0 / tracker.image_period:.3g} Hz"
     rate = f"{1.0 / tracker.period:g} Hz"
     errors = {text: getattr(tracker, name) for name, text in _ERRORS.items()}
     if not any(errors.values()):

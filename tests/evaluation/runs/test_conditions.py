@@ -49,6 +49,9 @@ def test_entries_follow_the_scenarios():
     plain.scenario.camera_noise = {"wrist_camera": {}}
     third = conditions(Plan([plain]), "development")
     assert third["camera"] == "wrist_camera, 424 x 240, noise of a D435"
+    camera = conditions(Plan([planned("ReachLinear", "{tracker: {kind: camera}}")]), "test")
+    assert camera["tracking"] == "in the camera's depth images, 30 Hz"
+    assert camera["object_frame"] == "that of the first view"
     everything = conditions(Plan(runs, {"vase": "has a hole"}), "test")
     assert everything["objects"] == ["mug", "cup"] and everything["seeds"] == [0, 7]
     assert everything["tracking"] == [
