@@ -232,10 +232,12 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
     if scene_config.enabled:
         scene = PointCloudToScene(
             no_scene,
+            gripper=cell.gripper,
             period=scene_config.period,
             resolution=scene_config.resolution,
         )
-        cell.add("scene_perception", scene, camera_pose=camera_pose, **images)
+        position = station.GetOutputPort("iiwa.position_measured")
+        cell.add("scene_perception", scene, camera_pose=camera_pose, position=position, **images)
     return gpdf
 
 
@@ -323,10 +325,11 @@ def _add_control(
 
 
 def _add_status(cell: _Cell) -> None:
+    scene = ["scene_perception"] if cell.scenario.scene.enabled else []
     cell.add(
         "status",
         StatusMonitor(cell.gripper),
-        *(cell[name] for name in ("tracker", "perception", "drive", "sequencer")),
+        *(cell[name] for name in ("tracker", "perception", "drive", "sequencer", *scene)),
         position=cell.station.GetOutputPort("iiwa.position_measured"),
         grasps=cell["latency"].get_output_port(),
         verdicts=cell["reachability"].GetOutputPort("verdicts"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -13,13 +13,23 @@ from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS
+from feasigrasp.models.clouds.depth_view import DepthView
 from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.control.safety.obstacle_grid import obstacle_grid
+from feasigrasp.models.clouds.seen_space import SeenSpace
+from feasigrasp.models.control.safety.arm_balls import arm_balls
+from feasigrasp.models.control.safety.obstacle_grid import ARM_BOX, obstacle_grid
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import SceneConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
+#: So much around the arm counts as free with it [m]: half of what it keeps to obstacles. If it were
+#: all of it, an arm that stands before unseen space would make room for itself, look by look.
+ARM_CLEARANCE = 0.5 * SafetyOptions.obstacle_clearance
 #: Points of neighbouring pixels that are farther apart lie on different surfaces [m]; those of a
 #: table seen at a slant from a metre away do not.
 SCENE_EDGE_JUMP = 0.05
@@ -27,10 +37,11 @@ SCENE_EDGE_JUMP = 0.05
 
 @dataclass(frozen=True, eq=False)
 class _Surroundings(Frozen):
-    """The merged views of the surroundings, in W, and the field fitted to them."""
+    """The merged views of the surroundings, in W, the space seen, and the field fitted to them."""
 
     cloud: FusedCloud
-    scene: SceneField | None
+    space: SeenSpace
+    scene: SceneField | None = None
 
 
 class PointCloudToScene(LeafSystem):
@@ -43,20 +54,25 @@ class PointCloudToScene(LeafSystem):
         - point_cloud
         - label_image
         - camera_pose
+        - position
         output_ports:
         - scene
 
     ``point_cloud`` is pixel-ordered, in the world frame W, ``label_image`` of the same camera,
-    ``camera_pose`` X_WC a ``RigidTransform``. ``scene`` is a `SceneField` in W, or None before
-    anything was seen. Views are merged, so what the camera has turned away from stays. Pixels on
-    the edge of a surface are dropped: a real camera mixes the depths of two surfaces there, and
-    what seems to stand between the hand and the table would hold up the arm.
+    ``camera_pose`` X_WC a ``RigidTransform``; ``position`` (V7), optional, is that of the arm.
+    ``scene`` is a `SceneField` in W, or None before anything was seen. Views are merged, so what
+    the camera has turned away from stays; what it looks through later has gone. Space that was
+    never seen and may belong to the surroundings is part of the scene (`SeenSpace`), but for where
+    the arm is or was at a look. Pixels on the edge of a surface are dropped: a real camera mixes
+    the depths of two surfaces there, and what seems to stand between the hand and the table would
+    hold up the arm.
     """
 
     def __init__(
         self,
         ignored_labels: Iterable[int],
         *,
+        gripper: ParallelGripper | None = None,
         period: float = SceneConfig.period,
         resolution: float = SceneConfig.resolution,
     ) -> None:
@@ -64,33 +80,51 @@ class PointCloudToScene(LeafSystem):
 
         Args:
             ignored_labels: Labels of the bodies that are no part of the scene: robot and object.
+            gripper: The hand that the arm carries; the default one if None.
             period: Time between views [s].
             resolution: Resolution of the scene [m].
         """
         super().__init__()
         self._ignored, self._resolution = np.array(sorted(set(ignored_labels))), resolution
+        self._balls = arm_balls(capsule_model(gripper))
         self._cloud = declare_input(self, "point_cloud", PointCloud())
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self._pose = declare_input(self, "camera_pose", RigidTransform())
-        nothing = _Surroundings(FusedCloud.empty(resolution), None)
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        nothing = _Surroundings(FusedCloud.empty(resolution), SeenSpace.unknown(*ARM_BOX))
         self._seen = PeriodicState(self, nothing, period, self._look)
         state = {self._seen.ticket()}
         declare_output(self, "scene", lambda context: self._seen.Eval(context).scene, state)
 
     def _look(self, context: Context) -> _Surroundings:
         before: _Surroundings = self._seen.Eval(context)
-        xyz = self._cloud.Eval(context).xyzs()
         labels = self._labels.Eval(context).data[:, :, 0]
-        finite = np.isfinite(xyz).all(axis=0).reshape(labels.shape)
-        surroundings = ~np.isin(labels, self._ignored)
-        edges = edge_pixels(xyz.reshape(3, *labels.shape), finite, surroundings, SCENE_EDGE_JUMP)
-        seen = finite & surroundings & ~edges
-        if np.count_nonzero(seen) < MIN_POINTS:
+        xyz = self._cloud.Eval(context).xyzs().reshape(3, *labels.shape)
+        X_WC = self._pose.Eval(context).GetAsMatrix4()
+        view = DepthView.of_cloud(xyz, X_WC)
+        if view is None:
             return before
-        p_WC = self._pose.Eval(context).translation()
-        cloud = before.cloud.merged(xyz[:, seen.ravel()].T, p_WC)
+        finite = np.isfinite(xyz).all(axis=0)
+        surroundings = finite & ~np.isin(labels, self._ignored)
+        edges = edge_pixels(xyz, finite, surroundings, SCENE_EDGE_JUMP)
+        points = xyz[:, surroundings & ~edges].T.astype(float)
+        if len(points) < MIN_POINTS:
+            points = points[:0]
+        space = self._with_arm(context, before.space.seen(view, points))
+        gone = view.looks_through(before.cloud.points)
+        cloud = before.cloud.without(gone).merged(points, X_WC[:3, 3])
+        if len(cloud.points) < MIN_POINTS:
+            return _Surroundings(cloud, space)
         scene = before.scene
-        if len(cloud.points) >= MIN_POINTS:
+        if scene is None or len(points) or gone.any():
             scene = fit_scene(cloud.points, cloud.directions, resolution=self._resolution)
-            obstacle_grid(scene)  # now, and not in the tick of a controller that looks it up
-        return _Surroundings(cloud, scene)
+        scene = replace(scene, unseen=space.hidden(cloud.points, cloud.directions))
+        obstacle_grid(scene)  # now, and not in the tick of a controller that looks it up
+        return _Surroundings(cloud, space, scene)
+
+    def _with_arm(self, context: Context, space: SeenSpace) -> SeenSpace:
+        """The space seen, and that in which the arm is with the distance that it keeps."""
+        if not self._position.HasValue(context):
+            return space
+        center = self._balls.placed(self._position.Eval(context))
+        return space.occupied_by(center, self._balls.radius + ARM_CLEARANCE)

@@ -1,4 +1,4 @@
-"""Grasps that the hand cannot take without touching the scene are dropped."""
+"""Grasps that the hand cannot take without touching the scene, or what may be, are dropped."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
-from feasigrasp.models.grasps.scene_clear import scene_clear
+from feasigrasp.models.grasps.scene_clear import scene_clear, unseen_clear
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import SceneField
 from feasigrasp.systems.ports import declare_input, declare_output
@@ -28,7 +28,8 @@ class SceneFilter(LeafSystem):
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; ``scene`` a `SceneField` in W, or None, which drops nothing. What is dropped
-    is counted as "hits the scene", or as "the object's pose is unknown" while it is not finite.
+    is counted as "hits the scene", as "in space that was never seen" where the hand would stand in
+    what may belong to the scene, or as "the object's pose is unknown" while that is not finite.
     """
 
     def __init__(
@@ -58,9 +59,14 @@ class SceneFilter(LeafSystem):
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         if not np.isfinite(X_WO).all():
             return grasps.select(np.zeros(len(grasps), dtype=bool), Rejection.UNKNOWN_POSE)
-        X_WG = X_WO @ grasps.X_OG
-        clear = scene_clear(scene, X_WG, self._gripper, self._margin)
-        if self._either:
-            other = np.flatnonzero(~clear)
-            clear[other] = scene_clear(scene, X_WG[other] @ FLIP, self._gripper, self._margin)
-        return grasps.select(clear, Rejection.HITS_SCENE)
+        for judge, reason in (
+            (scene_clear, Rejection.HITS_SCENE),
+            (unseen_clear, Rejection.UNSEEN),
+        ):
+            X_WG = X_WO @ grasps.X_OG
+            clear = judge(scene, X_WG, self._gripper, self._margin)
+            if self._either:
+                other = np.flatnonzero(~clear)
+                clear[other] = judge(scene, X_WG[other] @ FLIP, self._gripper, self._margin)
+            grasps = grasps.select(clear, reason)
+        return grasps

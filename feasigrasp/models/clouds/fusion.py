@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from feasigrasp.models.arrays import Array, Frozen, Indices
+from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.clouds.smoothing import smooth_view
@@ -121,6 +121,15 @@ class FusedCloud(Frozen):
         agreeing = (_agreeing(each, known) for each in (*old.images, image))
         images = _kept([each for each in agreeing if each is not None])
         return old._with(at, towards, normals, images)
+
+    def without(self, gone: Mask) -> FusedCloud:
+        """Leaves out some of the points, shape (n,)."""
+        kept = {
+            name: getattr(self, name)[~gone]
+            for name in ("points", "directions", "normals", "counts")
+            if len(getattr(self, name)) == len(gone)
+        }
+        return replace(self, **kept)
 
     def _moved(self, X: Array) -> FusedCloud:
         """Everything after a rigid motion X (4, 4)."""

@@ -12,6 +12,8 @@ from feasigrasp.models.objects.tracking import Tracking
 
 #: An arm whose joints are all slower stands still [rad/s].
 STILL = 0.02
+#: An arm this close to space that was never seen is held up by it [m].
+HELD_UP = 0.04
 #: A hand this far from every grasp has not arrived [m].
 ARRIVED = 0.015
 
@@ -67,6 +69,7 @@ class Situation:
         command_faults: How many commands were faulty since the last status.
         speed: Largest joint speed [rad/s].
         left: Distance of the hand to the nearest grasp [m].
+        unseen: Distance of the arm to space that was never seen and may belong to obstacles [m].
     """
 
     phase: Phase = Phase.APPROACH
@@ -81,6 +84,7 @@ class Situation:
     command_faults: int = 0
     speed: float = 1.0
     left: float = 0.0
+    unseen: float = float("inf")
 
 
 _PHASES = {
@@ -128,10 +132,10 @@ def _grasps(now: Situation) -> tuple[StatusCode, str] | None:
 
 def _way(now: Situation) -> tuple[StatusCode, str]:
     if now.speed < STILL and now.left > ARRIVED:
-        return (
-            StatusCode.BRAKING_FOR_OBSTACLE,
-            f"the arm stands {100.0 * now.left:.0f} cm from the nearest grasp",
-        )
+        detail = f"the arm stands {100.0 * now.left:.0f} cm from the nearest grasp"
+        if now.unseen < HELD_UP:
+            detail += ", before space that the camera has not seen"
+        return StatusCode.BRAKING_FOR_OBSTACLE, detail
     return StatusCode.FOLLOWING, ""
 
 

@@ -36,6 +36,7 @@ class Rejection(StrEnum):
     NOT_ANTIPODAL = "not antipodal"
     COLLIDES = "gripper collides"
     HITS_SCENE = "hits the scene"
+    UNSEEN = "in space that was never seen"
     UNKNOWN_POSE = "the object's pose is unknown"
     NEAR_COPY = "near copy"
     UNCERTAIN = "uncertain"

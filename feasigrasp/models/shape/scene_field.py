@@ -15,7 +15,7 @@ cloud of the surroundings, with three things that a scene needs:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -26,6 +26,7 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.checks import MIN_POINTS, directions_to_camera
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
+from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
@@ -53,6 +54,8 @@ class SceneField(Frozen):
             and stand for themselves.
         resolution: Edge length of a voxel [m].
         thickness: Depth behind a seen surface that counts as inside [m].
+        unseen: Middles of voxels of `SCENE_VOXEL` that were never seen and may belong to what was,
+            shape (k, 3) [m]; no part of the distance, which is that to what was seen.
     """
 
     points: Array
@@ -60,10 +63,11 @@ class SceneField(Frozen):
     fields: tuple[Gpdf | None, ...]
     resolution: float
     thickness: float
+    unseen: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        self._freeze(points=self.points, cube=self.cube)
+        self._freeze(points=self.points, cube=self.cube, unseen=self.unseen)
 
     def distance(self, x: ArrayLike) -> Array:
         """Signed distance to the nearest surface at x (m, 3) [m], shape (m,)."""
@@ -115,6 +119,16 @@ class SceneField(Frozen):
         """
         return self.distance_and_gradient(x, max(margin, self.thickness))[0] < margin
 
+    def unseen_distance(self, x: ArrayLike, max_distance: float = np.inf) -> Array:
+        """Distance of points x (m, 3) to the voxels of ``unseen``, taken for balls, (m,) [m].
+
+        Farther than ``max_distance`` away, and if there are none, it is infinite.
+        """
+        radius = 0.5 * SCENE_VOXEL
+        reach = max_distance + radius
+        nearest, _ = self._unseen_tree.query(checked_queries(x), distance_upper_bound=reach)
+        return np.asarray(nearest - radius)
+
     def _feet(self, x: Array, nearest: Indices) -> tuple[Array, Array]:
         """Surface points (m, 3) about the nearest observed ones, and outward normals (m, 3)."""
         start = self.points[nearest]
@@ -133,6 +147,10 @@ class SceneField(Frozen):
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.points, leafsize=_LEAF)
+
+    @cached_property
+    def _unseen_tree(self) -> cKDTree:
+        return cKDTree(self.unseen, leafsize=_LEAF)
 
 
 def fit_scene(

@@ -10,12 +10,14 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Frozen
+from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.status import Situation, Status, StatusCode, judge
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import grasp_errors
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.reach.reachability import Verdict
+from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -72,6 +74,7 @@ class StatusMonitor(LeafSystem):
         - reachable
         - phase
         - command_faults
+        - scene
         output_ports:
         - status
         - history
@@ -79,7 +82,8 @@ class StatusMonitor(LeafSystem):
     ``position`` and ``desired_velocity`` are V7; ``object_pose`` is the tracked one, ``tracking`` a
     `Tracking`; ``perceived`` a `Perceived`; ``grasps`` what the sampler found; ``verdicts`` what
     the reachability filter says of each; ``reachable`` what the controller is given; ``phase`` a
-    `Phase`; ``command_faults`` the number of faulty commands until now. ``status`` is a `Status`,
+    `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
+    `SceneField` or None, says what was never seen. ``status`` is a `Status`,
     ``history`` a tuple of all of them, one for every change of the code.
     """
 
@@ -97,6 +101,8 @@ class StatusMonitor(LeafSystem):
         self._reachable = declare_input(self, "reachable", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._faults = self.DeclareVectorInputPort("command_faults", 1)
+        self._scene = declare_input(self, "scene")
+        self._balls = arm_balls(capsule_model(gripper))
         self._said = PeriodicState(self, _Said(), period, self._look)
         state = {self._said.ticket()}
         declare_output(self, "status", self._calc_status, state)
@@ -118,6 +124,9 @@ class StatusMonitor(LeafSystem):
         grasps: GraspSet = self._grasps.Eval(context)
         reachable: GraspSet = self._reachable.Eval(context)
         verdicts = Counter(map(str, self._verdicts.Eval(context)))
+        # Those that are dropped before and after they are judged are only counted.
+        for reason in (Rejection.HITS_SCENE, Rejection.UNSEEN):
+            verdicts[str(reason)] += reachable.rejected.get(reason, 0)
         code, detail = judge(
             Situation(
                 phase=Phase(int(self._phase.Eval(context)[0])),
@@ -132,6 +141,7 @@ class StatusMonitor(LeafSystem):
                 command_faults=command_faults - said.command_faults,
                 speed=float(np.abs(self._velocity.Eval(context)).max()),
                 left=self._left(context, reachable),
+                unseen=self._unseen(context),
             )
         )
         return said.heard(context.get_time(), code, detail, command_faults)
@@ -144,3 +154,11 @@ class StatusMonitor(LeafSystem):
         X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
         errors = grasp_errors(reachable.X_OG, inverse_kernel(X_WO) @ X_WH)
         return float(errors[:, 0].min())
+
+    def _unseen(self, context: Context) -> float:
+        """Distance of the arm to space that may belong to obstacles but was never seen [m]."""
+        scene = self._scene.Eval(context) if self._scene.HasValue(context) else None
+        if scene is None:
+            return np.inf
+        center = self._balls.placed(self._position.Eval(context))
+        return float(np.min(scene.unseen_distance(center) - self._balls.radius))

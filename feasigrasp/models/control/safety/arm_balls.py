@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.robot.capsule_kernels import LINKS, link_poses_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel
 from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
 
@@ -27,6 +28,13 @@ class ArmBalls(NamedTuple):
     link: Indices
     center: Array
     radius: Array
+
+    def placed(self, q: Array) -> Array:
+        """The centres at joint positions q (7,), shape (k, 3) [m]."""
+        R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
+        link_poses_kernel(np.array(q, dtype=float), R, p)
+        center: Array = np.einsum("kij,kj->ki", R[self.link], self.center) + p[self.link]
+        return center
 
 
 def arm_balls(model: CapsuleModel = IIWA_CAPSULES) -> ArmBalls:

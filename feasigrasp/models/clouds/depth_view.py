@@ -1,0 +1,77 @@
+"""One view of a depth camera, to ask what it looked through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import minimum_filter
+
+from feasigrasp.models.arrays import Array, Frozen, Mask
+
+#: Error of a depth z is at most this times z^2: three standard deviations of a D435 [1/m].
+DEPTH_ERROR = 0.02
+#: A known point this much nearer than what is seen there is no longer there [m].
+_GONE = 0.03
+#: Every so many pixels, along each side, tell the camera's intrinsics.
+_STRIDE = 4
+#: Fewer pixels, or a smaller spread of their directions, do not.
+_MIN_PIXELS, _MIN_SPREAD = 20, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView(Frozen):
+    """How far a camera saw in each direction.
+
+    Attributes:
+        depth: Least depth among each pixel and its neighbours, shape (h, w) [m]: at an edge it is
+            that of the nearer surface. 0 where nothing was measured.
+        X_WC: Pose of the camera, z forward, shape (4, 4) [m].
+        pinhole: fx, fy, cx, cy [px], for whole-numbered pixels.
+    """
+
+    depth: Array
+    X_WC: Array
+    pinhole: tuple[float, float, float, float]
+
+    @classmethod
+    def of_cloud(cls, points: NDArray[np.floating], X_WC: ArrayLike) -> DepthView | None:
+        """The view that a pixel-ordered cloud shows; None if too few of its pixels have a point.
+
+        The intrinsics are those that map its points to its pixels.
+
+        Args:
+            points: Points by pixel, in W, not finite where nothing was measured, shape (3, h, w).
+            X_WC: Pose of the camera, shape (4, 4).
+        """
+        X_WC = np.array(X_WC, dtype=float)
+        offset = points.reshape(3, -1) - X_WC[:3, 3:]
+        with np.errstate(invalid="ignore"):  # infinity times zero, where nothing was seen
+            x, y, z = (X_WC[:3, :3].T @ offset).reshape(points.shape)
+        valid = np.isfinite(z) & (z > 0.0)
+        rows, columns = np.nonzero(valid[::_STRIDE, ::_STRIDE])
+        rows, columns = _STRIDE * rows, _STRIDE * columns
+        if len(rows) < _MIN_PIXELS:
+            return None
+        right, down = (side[rows, columns] / z[rows, columns] for side in (x, y))
+        if min(np.ptp(right), np.ptp(down)) < _MIN_SPREAD:
+            return None
+        fx, cx = np.polyfit(right, columns, 1)
+        fy, cy = np.polyfit(down, rows, 1)
+        depth = np.where(valid, z, np.inf)
+        depth = np.where(valid, minimum_filter(depth, size=3, mode="nearest"), 0.0)
+        return cls(depth, X_WC, (float(fx), float(fy), float(cx), float(cy)))
+
+    def looks_through(self, points: Array) -> Mask:
+        """Which points (n, 3) in W the camera sees something behind, shape (n,)."""
+        fx, fy, cx, cy = self.pinhole
+        x, y, z = ((points - self.X_WC[:3, 3]) @ self.X_WC[:3, :3]).T
+        ahead = np.maximum(z, 1e-6)
+        column, row = np.rint(fx * x / ahead + cx), np.rint(fy * y / ahead + cy)
+        height, width = self.depth.shape
+        inside = (z > 0.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        through = np.zeros(len(points), dtype=bool)
+        pixels = row[inside].astype(int), column[inside].astype(int)
+        through[inside] = self.depth[pixels] > z[inside] + _GONE + DEPTH_ERROR * z[inside] ** 2
+        return through
