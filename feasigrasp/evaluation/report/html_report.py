@@ -10,11 +10,11 @@ from __future__ import annotations
 import base64
 import html
 import io
-import shlex
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from string import Template
+from urllib.parse import quote
 
 from matplotlib.image import imsave
 
@@ -119,7 +119,7 @@ def _failures_part(folder: Path, records: Mapping[Path, Record], replays: int) -
             replays -= 1
         link = "not recorded; <code>feasigrasp report DIR --html --replays N</code> makes some"
         if replay.exists():
-            link = f'<a href="{shlex.quote(replay.relative_to(folder).as_posix())}">replay</a>'
+            link = f'<a href="{quote(replay.relative_to(folder).as_posix())}">replay</a>'
         metrics, pushed = run["metrics"], run["metrics"]["pushed_mm"]
         cells = (
             *(str(run[key]) for key in ("scenario", "controller")),

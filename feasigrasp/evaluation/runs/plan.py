@@ -88,7 +88,7 @@ def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:
 
     Args:
         parser: Parser of the command.
-        default: Its study, or ``all``.
+        default: Its study, or ``all`` of those with one variant.
     """
     choices = [*STUDIES, *(["all"] if default == "all" else [])]
     help_ = f"part of the evaluation (default: {default})"
@@ -165,7 +165,9 @@ def plan(args: argparse.Namespace) -> Plan:
 
 def _chosen_scenarios(args: argparse.Namespace) -> list[tuple[str, Study]]:
     """Names of scenarios, each with its study."""
-    studies = list(STUDIES.values()) if args.study == "all" else [STUDIES[args.study]]
+    # Curves and tables of degradations are many runs of the same kind.
+    studies = [study for study in STUDIES.values() if len(study.variants) == 1]
+    studies = studies if args.study == "all" else [STUDIES[args.study]]
     if not args.scenarios:
         return [(name, study) for study in studies for name in study.scenarios]
     return [
