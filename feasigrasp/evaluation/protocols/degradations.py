@@ -38,6 +38,12 @@ def _camera_noise(scenario: Scenario) -> None:
     scenario.camera_noise = {scenario.perception.camera: {}}
 
 
+def _hand_eye(scenario: Scenario) -> None:
+    """The camera stands 5 mm and 1 degree from where it is believed, and has its noise as well."""
+    errors = {"hand_eye_position": 0.005, "hand_eye_angle_deg": 1.0}
+    scenario.camera_noise = {scenario.perception.camera: errors}
+
+
 def _latency(seconds: float) -> Change:
     def change(scenario: Scenario) -> None:
         scenario.perception.latency = seconds
@@ -71,7 +77,7 @@ def _masks(scenario: Scenario) -> None:
 def _all(scenario: Scenario) -> None:
     """Everything at once; what has a range is drawn from it by the seed of the run."""
     rng = np.random.default_rng([scenario.random_seed, 2])
-    _camera_noise(scenario)
+    _hand_eye(scenario)
     motion_capture(scenario)
     _masks(scenario)
     scenario.perception.latency = rng.uniform(*_LATENCY)
@@ -93,6 +99,7 @@ DEGRADATIONS: dict[str, Change] = {
     for name, change in {
         "none": lambda scenario: None,
         "camera-noise": _camera_noise,
+        "hand-eye": _hand_eye,
         "pose-noise": motion_capture,
         "latency-0.3": _latency(0.3),
         "latency-1": _latency(1.0),
