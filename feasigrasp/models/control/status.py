@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.tracking import Tracking
@@ -16,12 +18,15 @@ STILL = 0.02
 HELD_UP = 0.04
 #: A hand this far from every grasp has not arrived [m].
 ARRIVED = 0.015
+#: An object that has moved or turned so far in the hand since it was let go slips [m], [rad].
+SLIPPED, TURNED = 0.006, np.deg2rad(8.0)
 
 
 class StatusCode(StrEnum):
     """What is going on; the first that applies, in this order."""
 
     COMMAND_FAULTY = "command_faulty"
+    SLIPPING = "slipping"
     CLOSING = "closing"
     LIFTING = "lifting"
     HOLDING = "holding"
@@ -70,6 +75,8 @@ class Situation:
         speed: Largest joint speed [rad/s].
         left: Distance of the hand to the nearest grasp [m].
         unseen: Distance of the arm to space that was never seen and may belong to obstacles [m].
+        slipped: How far an object that was let go has moved in the hand since then [m].
+        turned: How far it has turned there [rad].
     """
 
     phase: Phase = Phase.APPROACH
@@ -85,6 +92,8 @@ class Situation:
     speed: float = 1.0
     left: float = 0.0
     unseen: float = float("inf")
+    slipped: float = 0.0
+    turned: float = 0.0
 
 
 _PHASES = {
@@ -100,6 +109,9 @@ def judge(now: Situation) -> tuple[StatusCode, str]:
     """The code and the words for a situation."""
     if now.command_faults:
         return StatusCode.COMMAND_FAULTY, "the controller's command is not finite, or absurd"
+    if now.slipped > SLIPPED or now.turned > TURNED:
+        moved, turned = 1e3 * now.slipped, np.rad2deg(now.turned)
+        return StatusCode.SLIPPING, f"moved {moved:.0f} mm and turned {turned:.0f} deg in the hand"
     if now.phase in _PHASES:
         return _PHASES[now.phase], ""
     return _pose(now) or _grasps(now) or _way(now)

@@ -10,8 +10,9 @@ from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 
 #: Grasps closer than this to a better one are copies of it.
 SAME_POSITION, SAME_ANGLE = 0.010, np.deg2rad(20.0)
-#: Grasps that score less are left out, as long as `ENOUGH` are there.
-LEAST_SCORE, ENOUGH = 0.85, 10
+#: Grasps that score less are left out, as long as `ENOUGH` are there; those less likely than even
+#: are offered only if there is no other.
+LEAST_SCORE, ENOUGH, EVEN = 0.87, 10, 0.5
 
 
 def thin_grasps(
@@ -23,14 +24,16 @@ def thin_grasps(
         grasps: Best first.
         count: Most grasps wanted.
         least_score: Grasps that score less are left out ...
-        enough: ... unless fewer than this many are left.
+        enough: ... unless fewer than this many are left: then likely ones fill up, so far as there
+            are any.
 
     Returns:
         Best first; what is dropped counts as "near copy" or "uncertain".
     """
     kept = grasps.select(distinct(grasps, count), Rejection.NEAR_COPY)
     certain = kept.score >= least_score
-    certain[:enough] = True
+    certain[:enough] |= kept.score[:enough] >= EVEN
+    certain[:1] = True
     return kept.select(certain, Rejection.UNCERTAIN)
 
 

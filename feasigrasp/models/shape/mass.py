@@ -1,8 +1,8 @@
 """What a completed shape weighs, and where its weight attacks: an estimate with its uncertainty.
 
-Nobody sees what is inside an object. Its volume times the density of household objects, full and
-hollow ones, is known to a factor of about two; its centre of mass is that of the volume, to a tenth
-of the object's size.
+Nobody sees what is inside an object. Small household objects are solid, large ones hollow: their
+mass grows about as their surface does, with the volume to the power of two thirds, and is known by
+that to a factor of about two. The centre of mass is taken for that of the volume.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.shape.gpdf import Gpdf
 
-#: Median density of household objects as a field sees them, filled [kg/m^3], and the standard
+#: Median mass of household objects of half a litre, as a field sees them, filled [kg]; the standard
 #: deviation of its logarithm.
-DENSITY, DENSITY_SPREAD = 800.0, 0.7
+TYPICAL_VOLUME, TYPICAL_MASS, MASS_SPREAD = 5e-4, 0.35, 0.6
 #: The same of a mass that somebody has weighed.
 WEIGHED_SPREAD = 0.05
 #: Standard deviation of the centre of mass along each axis, per radius of gyration of the volume.
@@ -65,10 +65,10 @@ def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
     centre = filled.mean(axis=0)
     gyration = float(np.sqrt(((filled - centre) ** 2).sum(axis=1).mean()))
     volume = max(1, int(np.count_nonzero(inside))) * float(np.prod(step))
-    known = mass is not None
+    typical = TYPICAL_MASS * (volume / TYPICAL_VOLUME) ** (2.0 / 3.0)
     return MassEstimate(
-        mass=mass if mass is not None else DENSITY * volume,
-        spread=WEIGHED_SPREAD if known else DENSITY_SPREAD,
+        mass=typical if mass is None else mass,
+        spread=MASS_SPREAD if mass is None else WEIGHED_SPREAD,
         p_OC=centre,
         centre_error=CENTRE_SPREAD * gyration,
     )

@@ -127,10 +127,14 @@ class StatusMonitor(LeafSystem):
         # Those that are dropped before and after they are judged are only counted.
         for reason in (Rejection.HITS_SCENE, Rejection.UNSEEN):
             verdicts[str(reason)] += reachable.rejected.get(reason, 0)
+        phase, tracking = Phase(int(self._phase.Eval(context)[0])), self._tracking.Eval(context)
+        left, turned = self._left(context, reachable)
+        # Once the object was let go, the one grasp is where it was in the hand then.
+        in_hand = phase > Phase.CLOSE and not tracking.lost
         code, detail = judge(
             Situation(
-                phase=Phase(int(self._phase.Eval(context)[0])),
-                tracking=self._tracking.Eval(context),
+                phase=phase,
+                tracking=tracking,
                 contradicted=perceived.contradicted,
                 seen=perceived.gpdf is not None,
                 views_dropped=perceived.last_fault,
@@ -140,20 +144,23 @@ class StatusMonitor(LeafSystem):
                 verdicts={k: n for k, n in verdicts.items() if k not in map(str, _FINE)},
                 command_faults=command_faults - said.command_faults,
                 speed=float(np.abs(self._velocity.Eval(context)).max()),
-                left=self._left(context, reachable),
+                left=left,
                 unseen=self._unseen(context),
+                slipped=left if in_hand else 0.0,
+                turned=turned if in_hand else 0.0,
             )
         )
         return said.heard(context.get_time(), code, detail, command_faults)
 
-    def _left(self, context: Context, reachable: GraspSet) -> float:
-        """Distance of the hand to the nearest grasp that it is given [m]."""
+    def _left(self, context: Context, reachable: GraspSet) -> tuple[float, float]:
+        """Distance [m] and angle [rad] of the hand to the nearest grasp that it is given."""
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         if len(reachable) == 0 or not np.isfinite(X_WO).all():
-            return 0.0
+            return 0.0, 0.0
         X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
         errors = grasp_errors(reachable.X_OG, inverse_kernel(X_WO) @ X_WH)
-        return float(errors[:, 0].min())
+        distance, angle = errors[int(errors[:, 0].argmin())]
+        return float(distance), float(angle)
 
     def _unseen(self, context: Context) -> float:
         """Distance of the arm to space that may belong to obstacles but was never seen [m]."""

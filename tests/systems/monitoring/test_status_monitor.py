@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.clouds.fusion import FusedCloud
@@ -13,6 +13,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
@@ -107,3 +108,18 @@ def test_the_most_frequent_reason_is_told():
     monitored.said(0.5)
     status = monitored.dut.GetOutputPort("status").Eval(monitored.context)
     assert (status.code, status.detail) == (StatusCode.NONE_REACHABLE, "table")
+
+
+def test_an_object_that_turns_in_the_hand_slips():
+    """The hand stays; the object in it turns by 15 degrees, and a lost pose says nothing."""
+    monitored = Monitored()
+    X_WO = RigidTransform([0.5, 0.0, 0.5])
+    X_WH = RigidTransform(forward_kinematics(np.full(7, 0.5), ParallelGripper().X_FG))
+    held = GraspSet((X_WO.inverse() @ X_WH).GetAsMatrix4()[None], [0.04], [1.0])
+    monitored.fix(phase=[Phase.LIFT], reachable=held, object_pose=X_WO)
+    assert monitored.said(1.0)[-1][0] is StatusCode.LIFTING
+    about_hand = X_WH @ RigidTransform(RollPitchYaw(np.deg2rad(15.0), 0.0, 0.0), [0.0, 0.0, 0.0])
+    monitored.fix(object_pose=about_hand @ X_WH.inverse() @ X_WO)
+    assert monitored.said(2.0)[-1][0] is StatusCode.SLIPPING
+    monitored.fix(tracking=Value[object](Tracking.of_age(2.0, 0.5)))
+    assert monitored.said(3.0)[-1][0] is StatusCode.LIFTING
