@@ -23,7 +23,7 @@ from feasigrasp.models.grasps.network.network import (
     load_grasp_network,
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput, grasp_input
-from feasigrasp.models.grasps.thinning import ENOUGH, LEAST_SCORE, thin_grasps
+from feasigrasp.models.grasps.thinning import ENOUGH, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 from feasigrasp.models.shape.surface_error import surface_deviation
@@ -32,6 +32,8 @@ from feasigrasp.models.shape.surface_error import surface_deviation
 #: contact and of a free hand, NaN where it does not.
 Candidates = tuple[Array, Array, Array]
 
+#: Least score by default: field and network together are surer than the field alone.
+LIKELY = 0.9
 #: Contacts that the network gives less than this are not looked at ...
 LEAST_CONTACT = 0.2
 #: ... and so many of the rest are spread over the object, per contact that is taken.
@@ -76,7 +78,7 @@ class NetworkSampler:
     n_contacts: int = 48
     n_approaches: int = 4
     n_grasps: int = 64
-    least_score: float = LEAST_SCORE
+    least_score: float = LIKELY
     table: ArrayLike | None = None
     top_up: bool = True
 
