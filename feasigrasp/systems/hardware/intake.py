@@ -13,8 +13,6 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 
-#: Messages of a channel that wait to be taken in: those of a second, of the quickest.
-_QUEUE = 200
 #: Every message begins with the fingerprint of its type, of 8 bytes; then comes the time stamp
 #: [us], but for images, which have a running number of 4 bytes before it.
 _FINGERPRINT, _NUMBER, _STAMP = 8, 4, struct.Struct(">q")
@@ -23,8 +21,8 @@ _FINGERPRINT, _NUMBER, _STAMP = 8, 4, struct.Struct(">q")
 class Intake:
     """Keeps the newest message of each channel, and hands them on to a diagram's own bus.
 
-    Of the arm's status it keeps all, in their order: where the arm was must be known for the time
-    of every image, and a diagram that was busy for a while makes up for it status by status.
+    Of the arm's status it keeps all that it gets, in their order. Of those that come while nobody
+    listens, pydrake's bus keeps the newest.
 
     A diagram that listened itself would take whatever comes last: a message that was overtaken, one
     that came twice, or one of another program on the same channel.
@@ -56,8 +54,6 @@ class Intake:
         self._subscriptions = [
             lcm.Subscribe(channel, self._taker(channel, kind)) for channel, kind in kinds.items()
         ]
-        for subscription in filter(None, self._subscriptions):
-            subscription.set_queue_capacity(_QUEUE)
 
     def receive(self, timeout: float) -> None:
         """Takes in what has arrived; if nothing has, waits for so long [s]."""

@@ -106,10 +106,14 @@ class HardwareStation(Diagram):
         self.plant.Finalize()
         self._inbox, self._outbox = inbox, outbox
         self._add_gripper(builder)
-        position = self._add_arm(builder)
+        position, measured_at = self._add_arm(builder)
         self._add_object(builder)
         for name, camera in scenario.cameras.items():
-            self._add_camera(builder, name, camera, position, scenario.control.period)
+            then = PositionAt(scenario.control.period, IIWA_7.joints)
+            builder.AddNamedSystem(f"{name}_position", then)
+            builder.Connect(position, then.GetInputPort("position"))
+            builder.Connect(measured_at, then.GetInputPort("measured_at"))
+            self._add_camera(builder, name, camera, then)
         builder.BuildInto(self)
 
     def robot_and_object_labels(self) -> list[int]:
@@ -123,8 +127,8 @@ class HardwareStation(Diagram):
         subscriber = LcmSubscriberSystem.Make(channel, kind, self._inbox, use_cpp_serializer=native)
         return builder.AddNamedSystem(channel, subscriber).get_output_port()
 
-    def _add_arm(self, builder: DiagramBuilder) -> OutputPort:
-        """Exports the arm's ports; returns the measured positions."""
+    def _add_arm(self, builder: DiagramBuilder) -> tuple[OutputPort, OutputPort]:
+        """Exports the arm's ports; returns the measured positions, and when they were measured."""
         status = builder.AddNamedSystem("iiwa_status", IiwaStatusReceiver())
         messages = self._messages(builder, channels.IIWA_STATUS, lcmt_iiwa_status, native=True)
         builder.Connect(messages, status.get_input_port())
@@ -148,7 +152,7 @@ class HardwareStation(Diagram):
             ),
         )
         builder.Connect(command.get_output_port(), self.request.get_input_port())
-        return position
+        return position, status.GetOutputPort("time_measured")
 
     def _add_gripper(self, builder: DiagramBuilder) -> None:
         status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusReceiver())
@@ -180,20 +184,14 @@ class HardwareStation(Diagram):
         builder.ExportOutput(receiver.GetOutputPort("stamp"), "object.stamp")
 
     def _add_camera(
-        self,
-        builder: DiagramBuilder,
-        name: str,
-        camera: CameraConfig,
-        position: OutputPort,
-        period: float,
+        self, builder: DiagramBuilder, name: str, camera: CameraConfig, then: PositionAt
     ) -> None:
+        """Exports a camera's ports; ``then`` tells the joints at the instant of its images."""
         receiver = RgbdReceiver(camera.width, camera.height)
         builder.AddNamedSystem(f"{name}_images", receiver)
         channel = channels.image_channel(name)
         messages = self._messages(builder, channel, lcmt_image_array, native=False)
         builder.Connect(messages, receiver.get_input_port())
-        then = builder.AddNamedSystem(f"{name}_position", PositionAt(period, IIWA_7.joints))
-        builder.Connect(position, then.GetInputPort("position"))
         builder.Connect(receiver.GetOutputPort("stamp"), then.GetInputPort("stamp"))
         pose = builder.AddNamedSystem(f"{name}_pose", _CameraPose(self.plant, name, camera))
         builder.Connect(then.get_output_port(), pose.get_input_port())

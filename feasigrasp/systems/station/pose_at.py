@@ -67,11 +67,13 @@ class PositionAt(LeafSystem):
         name: PositionAt
         input_ports:
         - position
+        - measured_at
         - stamp
         output_ports:
         - position
 
-    Positions are V``n`` [rad], ``stamp`` is V1 [s]; in between positions change evenly.
+    Positions are V``n`` [rad]; ``measured_at``, when the present ones were measured, and ``stamp``
+    are V1 [s]. Between two measurements positions change evenly, however far they are apart.
     """
 
     def __init__(self, period: float, n: int) -> None:
@@ -79,6 +81,7 @@ class PositionAt(LeafSystem):
         super().__init__()
         self._size = 1 + n
         self._position = self.DeclareVectorInputPort("position", n)
+        self._measured_at = self.DeclareVectorInputPort("measured_at", 1)
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         rows = np.full((round(REMEMBERED / period), self._size), np.nan)
         state = self.DeclareDiscreteState(rows.ravel())
@@ -88,7 +91,9 @@ class PositionAt(LeafSystem):
 
     def _remember(self, context: Context, state) -> EventStatus:
         rows = context.get_discrete_state_vector().value()
-        row = np.concatenate([[context.get_time()], self._position.Eval(context)])
+        row = np.concatenate([self._measured_at.Eval(context), self._position.Eval(context)])
+        if row[0] <= rows[0]:
+            return EventStatus.DidNothing()
         state.get_mutable_vector().SetFromVector(np.concatenate([row, rows[: -self._size]]))
         return EventStatus.Succeeded()
 

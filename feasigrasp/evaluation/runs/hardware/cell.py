@@ -11,10 +11,11 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.metrics.motion_limits import JointTicks, limit_metrics
+from feasigrasp.evaluation.metrics.motion_limits import ROUNDING
 from feasigrasp.evaluation.runs.console import StatusLine
 from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
 from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, measured
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.interrupts import postponed_interrupt
@@ -100,12 +101,14 @@ def _judged(
     q, v = np.split(log.data().T, 2, axis=1)
     _, _, metrics = measured(diagram, context, scenario, broke_off=broke_off, sent=q)
     sent = heard.positions(q[0])
-    commands = limit_metrics(JointTicks(sent, sent, np.zeros_like(sent), channels.IIWA_PERIOD))
-    for key in ("acceleration_limit_violation_percent", "acceleration_peak_percent"):
-        metrics[key] = commands[key]
-    worse = "velocity_limit_violation_percent"
-    true = 100.0 * float(np.mean(np.any(np.abs(v) > IIWA_7.velocity_limits, axis=1)))
-    metrics[worse] = max(true, commands[worse] or 0.0)
+    velocity = heard.velocities(q[0])
+    change = np.diff(velocity, axis=0, prepend=0.0) / channels.IIWA_PERIOD
+    speeds = (velocity / IIWA_7.velocity_limits, v / IIWA_7.velocity_limits)
+    accelerations = change / IIWA_7.acceleration_limits
+    metrics["velocity_limit_violation_percent"] = max(map(_share_beyond, speeds))
+    metrics["acceleration_limit_violation_percent"] = _share_beyond(accelerations)
+    known = np.abs(accelerations[np.isfinite(accelerations)])
+    metrics["acceleration_peak_percent"] = 100.0 * float(known.max(initial=0.0))
     beyond = np.abs(sent) > IIWA_7.driver.position
     driver = diagram.GetSubsystemByName("driver")
     stopped = driver.GetOutputPort("stopped").Eval(driver.GetMyContextFromRoot(context))
@@ -124,6 +127,12 @@ def _judged(
         "rest_s": _rest(heard, context.get_time()),
     }
     return metrics, said
+
+
+def _share_beyond(ratios: Array) -> float:
+    """Percentage of the rows of which one is beyond 1; NaN is not."""
+    beyond = np.any(np.abs(ratios) > 1.0 + ROUNDING, axis=1)
+    return 100.0 * float(beyond.mean()) if len(beyond) else 0.0
 
 
 def _rest(heard: HeardCommands, ended: float) -> float | None:

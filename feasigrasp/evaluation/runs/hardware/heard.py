@@ -12,9 +12,6 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 
-#: Messages that wait to be heard; none is to be missed.
-_QUEUE = 200
-
 
 class HeardCommands:
     """Every command for the arm, and when something was asked of the guard.
@@ -44,8 +41,6 @@ class HeardCommands:
             lcm.Subscribe(channels.IIWA_COMMAND, self._command),
             lcm.Subscribe(channels.IIWA_REQUEST, lambda data: self.requests.append(now())),
         ]
-        for subscription in filter(None, self._subscriptions):
-            subscription.set_queue_capacity(_QUEUE)
 
     def _command(self, data: bytes) -> None:
         if self.first is None:
@@ -67,6 +62,17 @@ class HeardCommands:
             q_start: Where the arm was before the first command [rad], shape (7,).
         """
         return np.array([q_start, *self._q])
+
+    def velocities(self, q_start: Array) -> Array:
+        """From each of `positions` to the next [rad/s], shape (m, 7).
+
+        NaN where commands were missing in between, sent or not: of what is not heard nothing can be
+        said but how often it was so.
+        """
+        ticks = np.round(np.array(self._utime) / (1e6 * channels.IIWA_PERIOD))
+        next_to = np.diff(ticks, prepend=ticks[:1] - 1.0) == 1.0
+        velocities = np.diff(self.positions(q_start), axis=0) / channels.IIWA_PERIOD
+        return np.where(next_to[:, None], velocities, np.nan)
 
     @property
     def missing(self) -> int:

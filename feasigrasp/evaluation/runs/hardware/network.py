@@ -94,10 +94,7 @@ class Relay:
 
 def _all_of(lcm: DrakeLcm, pattern: str, take: Callable[[str, bytes], None]) -> object:
     """A subscription to every message on the channels of a pattern."""
-    subscription = lcm.SubscribeMultichannel(pattern, take)
-    if subscription is not None:  # a bus inside the process keeps all there are
-        subscription.set_queue_capacity(200)
-    return subscription
+    return lcm.SubscribeMultichannel(pattern, take)
 
 
 def _nan_depth(data: bytes) -> bytes:
