@@ -34,6 +34,7 @@ from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.monitoring.camera_pictures import CameraPictures
 from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
+from feasigrasp.systems.monitoring.true_frame import TrueFrame
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
@@ -343,10 +344,16 @@ def _add_measurement(cell: _Cell) -> None:
     pose = station.GetOutputPort("object.pose")
     distance = ObstacleDistance(station.plant, station.robot_instances())
     metrics = Metrics(cell.gripper)
+    frame: dict[str, OutputPort] = {}
+    if cell.scenario.tracker.kind == TrackerKind.CAMERA:  # whose frame is that of its first view
+        tracked = cell["tracker"].GetOutputPort("object_pose")
+        judge = cell.add("true_frame", TrueFrame(), object_pose=pose, tracked_pose=tracked)
+        frame["frame_pose"] = judge.get_output_port()
     cell.add(
         "metrics",
         metrics,
         cell["sequencer"],
+        **frame,
         state=state,
         object_pose=pose,
         sampled_grasps=cell["latency"].get_output_port(),

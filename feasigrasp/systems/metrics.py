@@ -53,6 +53,7 @@ class Metrics(LeafSystem):
         input_ports:
         - state
         - object_pose
+        - frame_pose
         - grasps
         - phase
         - sampled_grasps
@@ -60,9 +61,11 @@ class Metrics(LeafSystem):
         output_ports:
         - sample
 
-    ``state`` is the arm's V14 state, ``object_pose`` the true one, ``grasps`` what the controller
-    is given, in the object frame, ``sampled_grasps`` what reachability was judged of, ``seen_at``
-    the time of the last view behind ``grasps`` (NaN without one; the port may stay unconnected).
+    ``state`` is the arm's V14 state, ``object_pose`` the true one, ``frame_pose`` the true pose of
+    the object frame in which the grasps are, where that is not the object's own (see `TrueFrame`;
+    the port may stay unconnected), ``grasps`` what the controller is given, in the object frame,
+    ``sampled_grasps`` what reachability was judged of, ``seen_at`` the time of the last view behind
+    ``grasps`` (NaN without one; the port may stay unconnected).
     ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint limit (negative beyond it);
     largest joint speed over its limit; manipulability at the flange; error to the nearest grasp
     (NaN without grasps); the object's position in the hand, the hand's orientation on the object as
@@ -77,6 +80,7 @@ class Metrics(LeafSystem):
         self._gripper = gripper
         self._state = self.DeclareVectorInputPort("state", 2 * IIWA_7.joints)
         self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._frame_pose = declare_input(self, "frame_pose", RigidTransform())
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._sampled = declare_input(self, "sampled_grasps", GraspSet.empty())
@@ -86,11 +90,15 @@ class Metrics(LeafSystem):
     def _calc(self, context: Context, output) -> None:
         q, v = np.split(self._state.Eval(context), 2)
         X_WO = self._pose.Eval(context).GetAsMatrix4()
-        X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
+        X_WH = forward_kinematics(q, self._gripper.X_FG)
+        X_OH = inverse_kernel(X_WO) @ X_WH
         grasps: GraspSet = self._grasps.Eval(context)
         nearest = np.full(2, np.nan)
         if len(grasps) > 0:
-            errors = grasp_errors(grasps.X_OG, X_OH)
+            X_FH = X_OH
+            if self._frame_pose.HasValue(context):
+                X_FH = inverse_kernel(self._frame_pose.Eval(context).GetAsMatrix4()) @ X_WH
+            errors = grasp_errors(grasps.X_OG, X_FH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
         p_HO = inverse_kernel(X_OH)[:3, 3]
         seen_at = self._seen_at.Eval(context)[0] if self._seen_at.HasValue(context) else np.nan

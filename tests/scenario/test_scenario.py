@@ -177,6 +177,7 @@ def test_a_camera_of_ones_own_is_as_a_d405():
         moved = [poses(scenario) for scenario in (plain, seen)]
         np.testing.assert_array_equal(*moved)
         assert (plain.perception.segmentation, seen.perception.segmentation) == ("labels", "depth")
+        assert (plain.tracker.kind, seen.tracker.kind) == ("mocap", "camera")
         assert seen.cameras["wrist_camera"].z_near == 0.07
         noise = make_camera_noise(seen)["wrist_camera"]
         assert min(noise.correlation, noise.motion_blur, noise.dropped) > 0.0

@@ -8,6 +8,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station
@@ -160,3 +161,19 @@ def test_grasps_are_counted_and_the_view_s_age_is_told(sample):
     assert x["view_age"] == pytest.approx(0.6)
     assert sample(HOME)["reachable_grasps"] == 0.0
     assert np.isnan(sample(HOME, seen_at=[np.nan])["view_age"])
+
+
+def test_grasps_in_a_frame_of_the_trackers_own_are_judged_there(sample):
+    """The hand is exactly at a grasp that is given in another frame on the object."""
+    X_BO = RigidTransform(RollPitchYaw(0.2, 0.5, -1.0), [0.01, -0.02, 0.03])
+    frame = X_WO @ X_BO
+    X_WH = forward_kinematics(HOME, GRIPPER.X_FG)
+    X_OG = np.linalg.inv(frame.GetAsMatrix4()) @ X_WH
+    grasps = GraspSet(X_OG[None], np.array([0.05]), np.ones(1))
+    found = sample(HOME, grasps=grasps, frame_pose=frame)
+    assert found["grasp_position_error"] == pytest.approx(0.0, abs=1e-9)
+    assert found["grasp_angle_error"] == pytest.approx(0.0, abs=1e-6)
+    without = sample(HOME, grasps=grasps)
+    assert without["grasp_position_error"] > 0.01
+    others = [name for name in SAMPLE_NAMES if not name.startswith("grasp_")]
+    np.testing.assert_equal([found[n] for n in others], [without[n] for n in others])

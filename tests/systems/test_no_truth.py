@@ -8,7 +8,7 @@ from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 #: Those that measure, and hand on nothing to what they measure.
-JUDGES = {"metrics", "contact", "obstacle_distance"}
+JUDGES = {"metrics", "true_frame", "contact", "obstacle_distance"}
 
 
 def is_truth(port):
@@ -38,9 +38,19 @@ def test_judges_tell_nobody_but_logs_and_each_other():
     assert "tracker" in found["object.pose"]
 
 
+@pytest.mark.parametrize("controller", ["task", "joint"])
+def test_with_the_camera_alone_only_judges_read_truth(controller):
+    text = f"{{control: {{controller: {controller}}}}}"
+    found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinearCamera", text)))
+    assert "wrist_camera.label_image" not in found
+    assert set.union(*(found[port] for port in found if port != "judges")) <= JUDGES
+    assert found["object.pose"] == {"metrics", "true_frame"}
+    assert not {name for name in found["judges"] - JUDGES if not name.startswith("log(")}
+
+
 @pytest.mark.parametrize("scene", ["true", "false"])
 def test_with_segmentation_by_depth_nobody_reads_the_label_image(scene):
-    text = f"{{scene: {{enabled: {scene}}}}}"
+    text = f"{{tracker: {{kind: mocap}}, scene: {{enabled: {scene}}}}}"
     found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinearCamera", text)))
     assert "wrist_camera.label_image" not in found
     assert found["object.pose"] - JUDGES == {"tracker"}

@@ -1,0 +1,62 @@
+"""Where the frame truly is that a tracker has chosen for the object."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
+from feasigrasp.systems.ports import declare_input, declare_output
+
+#: Time between looks for the first tracked pose [s]; so long, at most, the object has moved since.
+_PERIOD = 0.002
+
+
+class TrueFrame(LeafSystem):
+    """Follows the object frame O of a tracker as if it were painted on the object.
+
+    .. pydrake_system::
+
+        name: TrueFrame
+        input_ports:
+        - object_pose
+        - tracked_pose
+        output_ports:
+        - frame_pose
+
+    ``object_pose`` is the true pose X_WB of the object's own frame, ``tracked_pose`` X_WO of the
+    one that the tracker chose at the first view, NaN before. Where O is on the object, X_BO, is
+    taken from both once, as soon as there is a tracked pose; from then on ``frame_pose`` is
+    X_WB X_BO, whatever the tracker says: by it is judged how well the hand follows grasps that are
+    in O. Before it is X_WB.
+    """
+
+    def __init__(self) -> None:
+        """A judge that knows the truth; nothing that is judged may read it."""
+        super().__init__()
+        self._object_pose = declare_input(self, "object_pose", RigidTransform())
+        self._tracked_pose = declare_input(self, "tracked_pose", RigidTransform())
+        # Discrete: an abstract state would invalidate the caches of the whole diagram.
+        self._gauge = self.DeclareDiscreteState(np.full(12, np.nan))
+        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._align)
+        declare_output(self, "frame_pose", self._calc, model=RigidTransform())
+
+    def _align(self, context: Context, state) -> EventStatus:
+        if np.isfinite(context.get_discrete_state_vector().value()[0]):
+            return EventStatus.DidNothing()
+        X_WO = self._tracked_pose.Eval(context).GetAsMatrix4()
+        if not np.isfinite(X_WO).all():
+            return EventStatus.DidNothing()
+        X_BO = inverse_kernel(self._object_pose.Eval(context).GetAsMatrix4()) @ X_WO
+        state.get_mutable_vector().SetFromVector(X_BO[:3].ravel())
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context) -> RigidTransform:
+        gauge = context.get_discrete_state_vector().value()
+        X_WB = self._object_pose.Eval(context)
+        if not np.isfinite(gauge).all():
+            return X_WB
+        X_BO = np.eye(4)
+        X_BO[:3] = gauge.reshape(3, 4)
+        return RigidTransform(X_WB.GetAsMatrix4() @ X_BO)

@@ -1,0 +1,37 @@
+"""The frame of a tracker, followed on the true object."""
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from feasigrasp.systems.monitoring.true_frame import TrueFrame
+
+UNKNOWN = RigidTransform(np.full((3, 4), np.nan))
+X_WB = RigidTransform(RollPitchYaw(0.1, 0.7, 2.0), [0.5, -0.1, 0.4])
+X_BO = RigidTransform(RollPitchYaw(-1.0, 0.2, 0.3), [0.02, 0.01, -0.03])
+MOVED = RigidTransform(RollPitchYaw(0.5, 0.0, -1.0), [0.1, 0.2, 0.3])
+
+
+def at(dut, context, true, tracked):
+    """The frame after one update with these poses."""
+    dut.GetInputPort("object_pose").FixValue(context, true)
+    dut.GetInputPort("tracked_pose").FixValue(context, tracked)
+    updated = dut.EvalUniquePeriodicDiscreteUpdate(context)
+    context.get_mutable_discrete_state_vector().SetFromVector(updated.get_vector().value())
+    return dut.get_output_port().Eval(context).GetAsMatrix4()
+
+
+def test_ports_are_those_of_the_docstring(ports, documented_ports):
+    inputs, outputs = ports(TrueFrame())
+    assert (list(inputs), list(outputs)) == documented_ports(TrueFrame)
+
+
+def test_it_is_aligned_once_and_then_follows_the_object():
+    dut = TrueFrame()
+    context = dut.CreateDefaultContext()
+    np.testing.assert_allclose(at(dut, context, X_WB, UNKNOWN), X_WB.GetAsMatrix4())
+    first = at(dut, context, X_WB, X_WB @ X_BO)
+    np.testing.assert_allclose(first, (X_WB @ X_BO).GetAsMatrix4(), atol=1e-12)
+    # The tracker drifts, and loses the object: the frame stays on it.
+    for tracked in (MOVED, UNKNOWN):
+        later = at(dut, context, MOVED @ X_WB, tracked)
+        np.testing.assert_allclose(later, (MOVED @ X_WB @ X_BO).GetAsMatrix4(), atol=1e-12)
