@@ -32,6 +32,7 @@ from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.monitoring.camera_pictures import CameraPictures
+from feasigrasp.systems.monitoring.contact_sense import ContactSense
 from feasigrasp.systems.monitoring.grasp_visualizer import GraspVisualizer
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
@@ -109,12 +110,13 @@ def make_dynamic_grasp(
     The subsystems are named ``station``, ``segmentation``, ``perception``, ``sampler``,
     ``latency``, ``carrying`` (in mode ``safe``), ``reachability``, ``reachable``, ``sequencer``,
     ``controller``, ``drive``, ``tracker``, ``metrics``, ``obstacle_distance``, ``contact``,
-    ``seen_at(latency)``, ``seen_at(reachable)`` and ``status``. The vector logs ``log(metrics)``
-    and ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and ``log(arm)`` the commanded
-    and the true state of the arm at the control rate, ``log(torque)`` the torques of its motors at
-    every step of the plant. With a Meshcat there are ``scene``, ``visualizer`` and
-    ``camera_pictures`` as well; with a scene field ``scene_perception``, ``clear_grasps`` and
-    ``clear_hand_poses``; with faults systems that `FaultInjection` adds.
+    ``contact_sense``, ``seen_at(latency)``, ``seen_at(reachable)`` and ``status``. The vector logs
+    ``log(metrics)`` and ``log(obstacle_distance)`` hold their samples, ``log(drive)`` and
+    ``log(arm)`` the commanded and the true state of the arm at the control rate, ``log(torque)``
+    the torques of its motors at every step of the plant. With a Meshcat there are
+    ``scene``, ``visualizer`` and ``camera_pictures`` as well; with a scene field
+    ``scene_perception``, ``clear_grasps`` and ``clear_hand_poses``; with faults systems that
+    `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log when it has run::
 
@@ -311,10 +313,16 @@ def _add_control(
         grasps=reachable.get_output_port(),
         gripper_state=station.GetOutputPort("gripper.state_measured"),
     )
+    sense = cell.add(
+        "contact_sense",
+        ContactSense(scenario.plant_config.time_step),
+        sequencer,
+        torque_external=station.GetOutputPort("iiwa.torque_external"),
+    )
     drive = VelocityDrive(scenario.control.period, enforce_limits=safe)
     cell.builder.AddNamedSystem("drive", drive)
     scene = [cell["scene_perception"]] if scenario.scene.enabled else []
-    cell.add("controller", controller, sequencer, tracker, drive, *scene, position=position)
+    cell.add("controller", controller, sequencer, tracker, drive, sense, *scene, position=position)
     cell.connect(drive, velocity=cell.faults.command(controller), position=position)
     for name, port in (
         ("iiwa.desired_state", drive.GetOutputPort("desired_state")),
@@ -331,6 +339,7 @@ def _add_status(cell: _Cell) -> None:
         "status",
         StatusMonitor(cell.gripper),
         *(cell[name] for name in ("tracker", "perception", "drive", "sequencer", *scene)),
+        cell["contact_sense"],
         position=cell.station.GetOutputPort("iiwa.position_measured"),
         grasps=cell["latency"].get_output_port(),
         verdicts=cell["reachability"].GetOutputPort("verdicts"),

@@ -23,13 +23,14 @@ from feasigrasp.models.control.safety.obstacle_grid import (
     obstacle_grid,
 )
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.touch import yielding_velocity
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
@@ -94,6 +95,12 @@ class ControllerInputs:
         return qd_last
 
     @property
+    def touch(self) -> Array:
+        """Torques of a contact that the arm gives way to [Nm], shape (7,); zero without one."""
+        touch: Array | None = _optional(self._controller._touch, self._context)
+        return np.zeros(IIWA_7.joints) if touch is None else touch
+
+    @property
     def obstacles(self) -> ObstacleGrid | None:
         """Distances to the scene, which the arm keeps clear of; None unless limits are enforced."""
         return self._grid(self._controller._obstacles)
@@ -123,6 +130,7 @@ class GraspController(LeafSystem):
         - scene
         - object_motion
         - gpdf
+        - touch
         output_ports:
         - commanded_velocity
 
@@ -130,8 +138,9 @@ class GraspController(LeafSystem):
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
     carried it out, without which accelerations are not limited; ``scene``, a `SceneField` or None,
     which the arm keeps clear of; ``object_motion``, a `MotionEstimate` that predicts, without which
-    the object's twist is taken for constant; and ``gpdf``, the object's `Gpdf` or None, whose
-    surface the open hand keeps off.
+    the object's twist is taken for constant; ``gpdf``, the object's `Gpdf` or None, whose surface
+    the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one, to which
+    the arm gives way in ``safe`` mode, whatever `velocity` says.
 
     A controller of your own is two functions: `update`, called every ``period`` seconds, returns
     what to remember of the grasps, and `velocity` the command, at whatever rate it is asked for.
@@ -194,6 +203,7 @@ class GraspController(LeafSystem):
         scene = declare_input(self, "scene")
         self._motion = declare_input(self, "object_motion")
         gpdf = declare_input(self, "gpdf")
+        self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
         self._surface = self._declare_grid("surface of the object", gpdf, object_grid)
         self._memory = PeriodicState(self, memory, period, self._updated)
@@ -286,7 +296,12 @@ class GraspController(LeafSystem):
         return self.update(self.memory(context), ControllerInputs(self, context))
 
     def _calc(self, context: Context, output) -> None:
-        output.SetFromVector(self.velocity(self.memory(context), ControllerInputs(self, context)))
+        inputs = ControllerInputs(self, context)
+        qd = self.velocity(self.memory(context), inputs)
+        if self.safety is not None and inputs.touch.any():
+            J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)[1]
+            qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
+        output.SetFromVector(qd)
 
 
 def _optional(port: InputPort, context: Context) -> Any:

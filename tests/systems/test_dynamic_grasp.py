@@ -161,7 +161,8 @@ def test_a_sampler_and_a_controller_of_one_s_own(mode):
     sets, antipodal = [], AntipodalSampler(n_grasps=8)
 
     def sampler(gpdf):
-        sets.append(antipodal(gpdf))
+        # The same at every view: those of another view may be on the other side of the object.
+        sets.append(sets[0] if sets else antipodal(gpdf))
         return sets[-1]
 
     config = scenario(

@@ -31,6 +31,7 @@ class StatusCode(StrEnum):
     LIFTING = "lifting"
     HOLDING = "holding"
     DONE = "done"
+    TOUCHED = "touched"
     POSE_JUMPED = "pose_jumped"
     POSE_LOST = "pose_lost"
     POSE_CONTRADICTED = "pose_contradicted"
@@ -72,6 +73,7 @@ class Situation:
         reachable: How many of them are in reach.
         verdicts: Why the others are not, by reason.
         command_faults: How many commands were faulty since the last status.
+        touches: How often the arm was touched since then, before the fingers closed.
         speed: Largest joint speed [rad/s].
         left: Distance of the hand to the nearest grasp [m].
         unseen: Distance of the arm to space that was never seen and may belong to obstacles [m].
@@ -89,6 +91,7 @@ class Situation:
     reachable: int = 1
     verdicts: Mapping[str, int] = field(default_factory=dict)
     command_faults: int = 0
+    touches: int = 0
     speed: float = 1.0
     left: float = 0.0
     unseen: float = float("inf")
@@ -114,6 +117,8 @@ def judge(now: Situation) -> tuple[StatusCode, str]:
         return StatusCode.SLIPPING, f"moved {moved:.0f} mm and turned {turned:.0f} deg in the hand"
     if now.phase in _PHASES:
         return _PHASES[now.phase], ""
+    if now.touches:
+        return StatusCode.TOUCHED, "the arm has touched something on its way, and gives way"
     return _pose(now) or _grasps(now) or _way(now)
 
 

@@ -27,7 +27,11 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 PERIOD = 0.1
 #: So long it takes until it is said [s]: an arm that starts or turns round stands still, too. All
 #: else takes one look, since stages that follow each other are one look late.
-LASTS = {StatusCode.COMMAND_FAULTY: 0.0, StatusCode.BRAKING_FOR_OBSTACLE: 0.5}
+LASTS = {
+    StatusCode.COMMAND_FAULTY: 0.0,
+    StatusCode.TOUCHED: 0.0,
+    StatusCode.BRAKING_FOR_OBSTACLE: 0.5,
+}
 #: Verdicts that are no reason why nothing can be reached: of what is, or has not been judged.
 _FINE = (Verdict.KEPT, Verdict.REACHABLE, Verdict.BETTER)
 
@@ -40,21 +44,23 @@ class _Said(Frozen):
         history: Every status, oldest first.
         next: What is going on, and will be said if it lasts; None if it has been said.
         command_faults: How many commands had been faulty by now.
+        touches: How often the arm had been touched by now.
     """
 
     history: tuple[Status, ...] = ()
     next: Status | None = None
     command_faults: int = 0
+    touches: int = 0
 
-    def heard(self, time: float, code: StatusCode, detail: str, command_faults: int) -> _Said:
-        """With what is judged now; what passes at once is not said."""
+    def heard(self, time: float, code: StatusCode, detail: str, *counts: int) -> _Said:
+        """With what is judged now, and the two counts; what passes at once is not said."""
         if self.history and code == self.history[-1].code:
-            return _Said(self.history, None, command_faults)
+            return _Said(self.history, None, *counts)
         going_on = self.next is not None and self.next.code == code
         now = Status(self.next.time if going_on and self.next else time, code, detail)
         if time - now.time >= LASTS.get(code, PERIOD) - 1e-9:
-            return _Said((*self.history, now), None, command_faults)
-        return _Said(self.history, now, command_faults)
+            return _Said((*self.history, now), None, *counts)
+        return _Said(self.history, now, *counts)
 
 
 class StatusMonitor(LeafSystem):
@@ -75,6 +81,7 @@ class StatusMonitor(LeafSystem):
         - phase
         - command_faults
         - scene
+        - touches
         output_ports:
         - status
         - history
@@ -83,8 +90,9 @@ class StatusMonitor(LeafSystem):
     `Tracking`; ``perceived`` a `Perceived`; ``grasps`` what the sampler found; ``verdicts`` what
     the reachability filter says of each; ``reachable`` what the controller is given; ``phase`` a
     `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
-    `SceneField` or None, says what was never seen. ``status`` is a `Status`,
-    ``history`` a tuple of all of them, one for every change of the code.
+    `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
+    touched. ``status`` is a `Status`, ``history`` a tuple of all of them, one for every change of
+    the code.
     """
 
     def __init__(self, gripper: ParallelGripper, *, period: float = PERIOD) -> None:
@@ -103,6 +111,7 @@ class StatusMonitor(LeafSystem):
         self._faults = self.DeclareVectorInputPort("command_faults", 1)
         self._scene = declare_input(self, "scene")
         self._balls = arm_balls(capsule_model(gripper))
+        self._touches = self.DeclareVectorInputPort("touches", 1)
         self._said = PeriodicState(self, _Said(), period, self._look)
         state = {self._said.ticket()}
         declare_output(self, "status", self._calc_status, state)
@@ -121,6 +130,7 @@ class StatusMonitor(LeafSystem):
         said: _Said = self._said.Eval(context)
         perceived = self._perceived.Eval(context)
         command_faults = int(self._faults.Eval(context)[0])
+        touches = int(self._touches.Eval(context)[0]) if self._touches.HasValue(context) else 0
         grasps: GraspSet = self._grasps.Eval(context)
         reachable: GraspSet = self._reachable.Eval(context)
         verdicts = Counter(map(str, self._verdicts.Eval(context)))
@@ -143,6 +153,7 @@ class StatusMonitor(LeafSystem):
                 reachable=len(reachable),
                 verdicts={k: n for k, n in verdicts.items() if k not in map(str, _FINE)},
                 command_faults=command_faults - said.command_faults,
+                touches=touches - said.touches,
                 speed=float(np.abs(self._velocity.Eval(context)).max()),
                 left=left,
                 unseen=self._unseen(context),
@@ -150,7 +161,7 @@ class StatusMonitor(LeafSystem):
                 turned=turned if in_hand else 0.0,
             )
         )
-        return said.heard(context.get_time(), code, detail, command_faults)
+        return said.heard(context.get_time(), code, detail, command_faults, touches)
 
     def _left(self, context: Context, reachable: GraspSet) -> tuple[float, float]:
         """Distance [m] and angle [rad] of the hand to the nearest grasp that it is given."""

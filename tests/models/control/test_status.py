@@ -43,6 +43,8 @@ CASES = [
     ({"phase": Phase.SHAKE}, StatusCode.HOLDING, ""),
     ({"phase": Phase.HOLD}, StatusCode.HOLDING, ""),
     ({"phase": Phase.DONE}, StatusCode.DONE, ""),
+    ({"touches": 1, "tracking": LOST}, StatusCode.TOUCHED, "gives way"),
+    ({"touches": 1, "phase": Phase.CLOSE}, StatusCode.CLOSING, ""),
     ({"command_faults": 3, "phase": Phase.CLOSE}, StatusCode.COMMAND_FAULTY, "not finite"),
 ]
 

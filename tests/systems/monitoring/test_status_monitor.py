@@ -123,3 +123,13 @@ def test_an_object_that_turns_in_the_hand_slips():
     assert monitored.said(2.0)[-1][0] is StatusCode.SLIPPING
     monitored.fix(tracking=Value[object](Tracking.of_age(2.0, 0.5)))
     assert monitored.said(3.0)[-1][0] is StatusCode.LIFTING
+
+
+def test_a_touch_is_said_at_once_and_not_for_longer_than_it_lasts():
+    monitored = Monitored()
+    monitored.fix(touches=[0.0])
+    assert monitored.said(0.35) == [(StatusCode.FOLLOWING, 0.0)]
+    monitored.fix(touches=[2.0])
+    monitored.said(0.45)
+    after = [(StatusCode.FOLLOWING, 0.0), (StatusCode.TOUCHED, 0.4), (StatusCode.FOLLOWING, 0.5)]
+    assert monitored.said(1.0) == after

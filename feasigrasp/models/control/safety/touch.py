@@ -1,0 +1,74 @@
+"""An arm that notices that it has touched something, by its joint torques, and gives way.
+
+Torques that nothing but contact explains are what an iiwa's controller estimates and reports. Where
+on the arm it was touched need not be known: the contact pushes the arm along ``tau``, since it does
+the work ``tau . qd`` on it. So a motion with ``tau . qd > 0`` yields to the contact, whatever body
+it is at.
+"""
+
+import numpy as np
+from numba import njit
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot.iiwa import IIWA_7
+
+#: A torque above this share of a joint's limit is a touch. KUKA gives the accuracy of the iiwa's
+#: torque sensors as 2 % of the limit.
+THRESHOLD = 0.03
+#: Time constant of the low-pass filter in front of it [s].
+_SMOOTHING = 0.01
+#: The arm gives way so long after the last touch [s], and so fast [m/s].
+_YIELDS_FOR, _SPEED = 0.2, 0.1
+#: Size of the state: filtered torque (7), torque of the touch (7), time that is left, touches.
+TOUCH_STATE = 2 * IIWA_7.joints + 2
+
+
+@njit(cache=True)
+def touch_step_kernel(state, torque, period, after):
+    """Writes the state one period later, `TOUCH_STATE` entries.
+
+    Args:
+        state: Now; zeros at first. Entries 7 to 13 are the torque of the touch [Nm], zero without
+            one, the last is how often the arm has been touched.
+        torque: External torques of the joints [Nm], shape (7,); one that is not finite is none.
+        period: Time between steps [s].
+        after: Written.
+    """
+    n = IIWA_7.joints
+    after[:] = state
+    share = 0.0
+    for i in range(n):
+        wish = torque[i] if np.isfinite(torque[i]) else 0.0
+        after[i] = state[i] + (wish - state[i]) * period / (_SMOOTHING + period)
+        share = max(share, abs(after[i]) / IIWA_7.effort_limits[i])
+    left = state[2 * n] - period
+    if share > THRESHOLD:
+        if state[2 * n] <= 0.0:
+            after[2 * n + 1] += 1.0
+        left = _YIELDS_FOR
+        after[n : 2 * n] = after[:n]
+    elif left <= 0.0:
+        after[n : 2 * n] = 0.0
+    after[2 * n] = max(left, 0.0)
+
+
+def yielding_velocity(qd: Array, torque: Array, J_WH: Array) -> Array:
+    """The velocity nearest to ``qd`` that gives way to a touch.
+
+    It is the one with ``tau . qd >= |F| v``, with the force F at the hand that explains the torques
+    best; so a hand that is touched moves at v, 0.1 m/s, along the force.
+
+    Args:
+        qd: Joint velocity that is wanted [rad/s], shape (7,).
+        torque: External torques of the touch [Nm], shape (7,).
+        J_WH: Jacobian of the hand, shape (6, 7), rows [angular; linear].
+
+    Returns:
+        Shape (7,) [rad/s]; ``qd`` itself without a touch, or if it gives way already.
+    """
+    square = float(torque @ torque)
+    if square == 0.0:
+        return qd
+    F_W = np.linalg.lstsq(J_WH[3:].T, torque, rcond=1e-3)[0]
+    lack = float(np.linalg.norm(F_W)) * _SPEED - float(torque @ qd)
+    return qd + max(lack, 0.0) / square * torque
