@@ -94,6 +94,7 @@ def test_either_controller_can_replace_the_other(ports):
         "scene": None,
         "object_motion": None,
         "gpdf": None,
+        "touch": 7,
     }
     assert outputs == {"commanded_velocity": 7}
 
