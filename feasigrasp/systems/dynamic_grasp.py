@@ -214,7 +214,9 @@ def _add_perception(cell: _Cell, sampler: GraspSamplerFn) -> OutputPort:
         sources = segmentation, field
         cell.connect(cell["tracker"], *sources, camera_pose=camera_pose, **_given(**image))
     else:
-        cell.connect(field, segmentation, camera_pose=camera_pose, object_pose=seen_pose)
+        tracking = cell["tracker"].GetOutputPort("tracking")
+        poses = {"camera_pose": camera_pose, "object_pose": seen_pose}
+        cell.connect(field, segmentation, tracking=tracking, **poses)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
     if config.segmentation == Segmentation.DEPTH:
         cell.connect(

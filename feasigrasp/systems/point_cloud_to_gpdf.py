@@ -18,6 +18,7 @@ from feasigrasp.models.clouds.usable import ViewFault, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import PerceptionConfig
@@ -71,6 +72,7 @@ class PointCloudToGPDF(LeafSystem):
         - point_cloud
         - object_pose
         - camera_pose
+        - tracking
         output_ports:
         - gpdf
         - perceived
@@ -78,10 +80,12 @@ class PointCloudToGPDF(LeafSystem):
         - view_faults
 
     ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
-    ``camera_pose`` X_WC are ``RigidTransform``. ``gpdf`` is a `Gpdf` in the object frame O, or None
-    before the first usable view; ``perceived`` holds the merged cloud as well, ``seen_at`` the time
-    of its last view [s], NaN before. The inputs are read every ``period`` seconds. A view with too
-    few finite points (object out of sight, or hidden by the hand) changes nothing: the field of the
+    ``camera_pose`` X_WC are ``RigidTransform``. ``tracking`` is a `Tracking` and may be left open:
+    while it says that the object is lost, the pose is worth nothing, and no view is compared with
+    it. ``gpdf`` is a `Gpdf` in the object frame O, or None before the first usable view;
+    ``perceived`` holds the merged cloud as well, ``seen_at`` the time of its last view [s], NaN
+    before. The inputs are read every ``period`` seconds. A view with too few finite points (object
+    out of sight, or hidden by the hand) changes nothing: the field of the
     earlier views stays valid in O. Nor does one that cannot be used, whatever is wrong with it: it
     is counted in ``view_faults`` (V1) and named in ``perceived``. Outliers are dropped before a
     view is merged. From a side that it has seen ``views_per_side`` times it merges no view until
@@ -142,6 +146,7 @@ class PointCloudToGPDF(LeafSystem):
         self._cloud = declare_input(self, "point_cloud", PointCloud())
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._tracking = declare_input(self, "tracking", Tracking.of_age(0.0, np.inf))
         self._seen = PeriodicState(self, Perceived(nothing, None), period, self._look)
         state = {self._seen.ticket()}
         declare_output(self, "gpdf", lambda context: self._seen.Eval(context).gpdf, state)
@@ -160,6 +165,8 @@ class PointCloudToGPDF(LeafSystem):
         seen: Perceived = self._seen.Eval(context)
         if self._max_views and len(seen.views.times) >= self._max_views:
             return seen
+        if self._tracking.HasValue(context) and self._tracking.Eval(context).lost:
+            return replace(seen, contradicted=False).without(ViewFault.UNKNOWN_POSE)
         X_OW = self._object_pose.Eval(context).inverse()
         p_OC = X_OW @ self._camera_pose.Eval(context).translation()
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):

@@ -69,7 +69,7 @@ def test_a_file_with_one_scenario_needs_no_name(own_file):
 
 
 def test_a_file_with_several_asks_for_one(own_file):
-    with pytest.raises(ScenarioError, match="10 scenarios: ReachCircular, .*; name one"):
+    with pytest.raises(ScenarioError, match=r"\d+ scenarios: ReachCircular, .*; name one"):
         asked("--scenario_file", str(FILE))
     own_file.write_text("{}")
     with pytest.raises(ScenarioError, match="has no scenario"):

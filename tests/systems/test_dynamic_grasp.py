@@ -114,7 +114,12 @@ def test_building_leaves_the_scenario_as_it_is():
 
 
 #: Inputs that are for scenes that are looked at, and for measurements that come with a time stamp.
-OPEN = {("controller", "scene"), ("status", "scene"), ("tracker", "stamp")}
+OPEN = {
+    ("controller", "scene"),
+    ("status", "scene"),
+    ("tracker", "stamp"),
+    ("metrics", "frame_pose"),
+}
 
 
 def test_every_input_is_connected(diagram):
