@@ -6,13 +6,13 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from feasigrasp.models.robot import IIWA_7, manipulability
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import load_scenario
-from feasigrasp.systems import add_dynamic_grasp
+from feasigrasp.systems import make_dynamic_grasp
 
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/07_your_own_logging.png")
 
@@ -32,19 +32,20 @@ class Manipulability(LeafSystem):
 scenario = load_scenario(
     diagram_path("dynamic.scenarios.yaml"), "ReachCircular", "{object: {model: mustard_bottle}}"
 )
-builder = DiagramBuilder()
-add_dynamic_grasp(builder, scenario)
-station, drive = (builder.GetSubsystemByName(name) for name in ("station", "drive"))
-measure = builder.AddSystem(Manipulability())
-builder.Connect(station.GetOutputPort("iiwa.position_measured"), measure.get_input_port())
-logs = {
-    "manipulability": LogVectorOutput(measure.get_output_port(), builder, 0.01),
-    "joint velocity [rad/s]": LogVectorOutput(
-        drive.GetOutputPort("desired_velocity"), builder, 0.01
-    ),
-}
-diagram = builder.Build()
-simulator = Simulator(diagram)
+logs: dict[str, VectorLogSink] = {}
+
+
+def connect(builder, subsystems):
+    """Adds the system, and a log of it and of the drive, before the diagram is built."""
+    position = subsystems.station.GetOutputPort("iiwa.position_measured")
+    measure = builder.AddSystem(Manipulability())
+    builder.Connect(position, measure.get_input_port())
+    velocity = subsystems.drive.GetOutputPort("desired_velocity")
+    logs["manipulability"] = LogVectorOutput(measure.get_output_port(), builder, 0.01)
+    logs["joint velocity [rad/s]"] = LogVectorOutput(velocity, builder, 0.01)
+
+
+simulator = Simulator(make_dynamic_grasp(scenario, connect=connect))
 simulator.AdvanceTo(6.0)
 
 figure, axes = plt.subplots(1, 2, figsize=(10, 3.4))

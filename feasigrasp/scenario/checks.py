@@ -19,6 +19,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.limits import CHOICES, LIMITS
+from feasigrasp.scenario.parts import check_parts
 from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.sampling import camera_errors
 from feasigrasp.scenario.schema import ControlConfig, Scenario
@@ -45,6 +46,7 @@ def check_scenario(scenario: Scenario) -> None:
     for path, index, value in numbers(scenario):
         if path[0] != "faults":  # each has a table of its own
             _check_number(path, index, value)
+    check_parts(scenario.parts)
     check_faults(scenario.faults)
     _check_steps(scenario)
     _check_vectors(scenario)

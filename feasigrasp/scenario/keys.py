@@ -121,6 +121,8 @@ def _chosen(kind: typing.Any, node: yaml.Node) -> tuple[typing.Any, bool]:
     named = [k for k in kinds if f"!{getattr(k, '__name__', '')}" == node.tag]
     if named:
         return named[0], True
+    if all(k in _SCALARS for k in kinds):  # any single value will do
+        return next((k for k in kinds if _is_scalar(node, k)), kinds[-1]), False
     if node.tag.startswith(_TAG):
         return kinds[0], False
     return None, False  # Drake's reader tells which tags there are

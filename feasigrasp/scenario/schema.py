@@ -24,6 +24,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.faults import AnyFault
+from feasigrasp.scenario.parts import PartConfig
 
 
 def _of_the_mode() -> typing.Any:
@@ -304,6 +305,9 @@ class Scenario:
         control: Controller.
         execution: Errors of the hand's place.
         grasp: Closing, letting go, lifting, shaking, holding.
+        parts: Parts of one's own instead of the pipeline's: ``sampler``, ``controller``,
+            ``tracker``, ``perception``, each with the ``name`` of its class or function,
+            ``package.module:Name``, and keyword arguments as ``options``.
         faults: What goes wrong, and when, e.g. ``!PoseNan {start: 2, duration: 0.5}``.
     """
 
@@ -326,4 +330,5 @@ class Scenario:
     control: ControlConfig = dc.field(default_factory=ControlConfig)
     execution: ExecutionConfig = dc.field(default_factory=ExecutionConfig)
     grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
+    parts: dict[str, PartConfig] = dc.field(default_factory=dict)
     faults: list[AnyFault] = dc.field(default_factory=list)

@@ -3,7 +3,7 @@
 from feasigrasp.lazy import TYPE_CHECKING, hand_on
 
 if TYPE_CHECKING:
-    from feasigrasp.systems.dynamic_grasp import add_dynamic_grasp, make_dynamic_grasp
+    from feasigrasp.systems.dynamic_grasp import DynamicGrasp, Subsystems, make_dynamic_grasp
     from feasigrasp.systems.gp_joint_controller import GPJointController
     from feasigrasp.systems.grasp_controller import GraspController
     from feasigrasp.systems.grasp_sampler import GraspSampler
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from feasigrasp.systems.velocity_drive import VelocityDrive
 
 __all__ = [
+    "DynamicGrasp",
     "GPJointController",
     "GraspController",
     "GraspSampler",
@@ -30,8 +31,8 @@ __all__ = [
     "SegmentPointCloud",
     "Station",
     "StationConfig",
+    "Subsystems",
     "VelocityDrive",
-    "add_dynamic_grasp",
     "make_dynamic_grasp",
 ]
 
@@ -51,7 +52,8 @@ __getattr__ = hand_on(
         "ObjectTracker": "object_tracker",
         "Metrics": "metrics",
         "GraspController": "grasp_controller",
-        "add_dynamic_grasp": "dynamic_grasp",
+        "DynamicGrasp": "dynamic_grasp",
+        "Subsystems": "dynamic_grasp",
         "make_dynamic_grasp": "dynamic_grasp",
     },
 )

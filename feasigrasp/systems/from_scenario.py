@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
@@ -19,6 +22,7 @@ from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
+from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -26,6 +30,7 @@ from feasigrasp.models.segmentation.camera_view import CameraModel
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.tracking.view import Camera
+from feasigrasp.scenario.parts import Part, load_part
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
@@ -37,6 +42,8 @@ from feasigrasp.scenario.sampling import (
 from feasigrasp.scenario.schema import ControlConfig, Scenario
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
@@ -44,6 +51,7 @@ from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_boxes import cell_boxes
 from feasigrasp.systems.station.station import Station, StationConfig
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
+from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
 
 
 def make_station(scenario: Scenario) -> Station:
@@ -193,3 +201,51 @@ def _prices(config: ControlConfig, prices: Prices) -> Prices:
         score=prices.score if config.score else 0.0,
         density=prices.density if config.density else 0.0,
     )
+
+
+def make_perception(scenario: Scenario) -> LeafSystem:
+    """What merges views: those of every period, or those that the camera's tracker picks."""
+    config, tracker = scenario.perception, scenario.tracker
+    camera = tracker.kind == TrackerKind.CAMERA
+    make = KeyframesToGPDF if camera else PointCloudToGPDF
+    return make(
+        tracker.image_period if camera else config.period,
+        preset=config.preset,
+        max_points=config.max_points,
+        length_scale=config.length_scale,
+        voxel_size=config.voxel_size,
+        hidden_side=config.hidden_side,
+        max_views=config.views,
+    )
+
+
+def make_tracker(scenario: Scenario) -> LeafSystem:
+    """The tracker of a scenario."""
+    if scenario.tracker.kind == TrackerKind.CAMERA:
+        return make_field_tracker(scenario)
+    return ObjectTracker(scenario.tracker)
+
+
+def make_part(part: Part, scenario: Scenario, reachability: Reachability) -> Any:
+    """A part of the pipeline: the one that the scenario names, or else its own.
+
+    Raises:
+        ScenarioError: The one that it names cannot be made.
+    """
+    given: dict[Part, tuple[Any, Callable[[], Any]]] = {
+        Part.SAMPLER: (
+            reachability.gripper,
+            lambda: make_scenario_sampler(scenario, reachability.gripper),
+        ),
+        Part.CONTROLLER: (reachability, lambda: make_controller(scenario, reachability)),
+        Part.TRACKER: (scenario.tracker, lambda: make_tracker(scenario)),
+        Part.PERCEPTION: (scenario.perception, lambda: make_perception(scenario)),
+    }
+    argument, make = given[part]
+    if part not in scenario.parts:
+        return make()
+    named = scenario.parts[part]
+    try:
+        return load_part(part, named)(argument, **named.options)
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(f"parts.{part}: {named.name} cannot be made: {error}") from error

@@ -1,11 +1,12 @@
 """The whole pipeline: what is called how often, what is connected, when the arm stands still."""
 
+import dataclasses
 import textwrap
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
 from feasigrasp.errors import ScenarioError
@@ -28,7 +29,7 @@ from feasigrasp.systems import (
     rmm_task_controller,
     velocity_drive,
 )
-from feasigrasp.systems.dynamic_grasp import add_dynamic_grasp, make_dynamic_grasp
+from feasigrasp.systems.dynamic_grasp import Subsystems, make_dynamic_grasp
 from feasigrasp.systems.from_scenario import make_controller
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
@@ -99,9 +100,10 @@ def diagram():
 
 
 def test_the_subsystems_have_their_documented_names(diagram):
-    named = make_dynamic_grasp.__doc__.split("subsystems are named")[1].split("With a Meshcat")[0]
+    named = make_dynamic_grasp.__doc__.split("there are")[1].split("With a Meshcat")[0]
     documented = {word for word in named.split("``")[1::2]} - {"safe"}
     assert len(documented) >= 12
+    documented |= {entry.name for entry in dataclasses.fields(Subsystems)}
     assert documented == {system.get_name() for system in diagram.GetSystems()}
 
 
@@ -205,13 +207,17 @@ class Still(LeafSystem):
 
 def test_systems_and_logs_of_one_s_own():
     config = scenario(text="{perception: {sampler: antipodal}}")
-    builder = DiagramBuilder()
-    add_dynamic_grasp(builder, config, controller=Still())
-    drive = builder.GetSubsystemByName("drive")
-    log = LogVectorOutput(drive.GetOutputPort("desired_velocity"), builder, 0.01)
-    simulator = Simulator(builder.Build())
+
+    def connect(builder, subsystems):
+        velocity = subsystems.drive.GetOutputPort("desired_velocity")
+        LogVectorOutput(velocity, builder, 0.01).set_name("velocity")
+
+    diagram = make_dynamic_grasp(config, controller=Still(), connect=connect)
+    assert diagram.subsystems.controller is diagram.GetSubsystemByName("controller")
+    simulator = Simulator(diagram)
     simulator.AdvanceTo(0.1)
-    velocities = log.FindLog(simulator.get_context()).data()
+    log = diagram.GetSubsystemByName("velocity").FindLog(simulator.get_context())
+    velocities = log.data()
     assert velocities.shape == (7, 11)
     assert not velocities.any()
 

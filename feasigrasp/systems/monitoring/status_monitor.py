@@ -16,6 +16,7 @@ from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.reach.reachability import Verdict
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -32,6 +33,8 @@ LASTS = {
     StatusCode.TOUCHED: 0.0,
     StatusCode.BRAKING_FOR_OBSTACLE: 0.5,
 }
+#: What a tracker that says nothing of its pose is taken to mean.
+_AS_TOLD = Tracking(TrackingState.TRACKING, 0.0)
 #: Verdicts that are no reason why nothing can be reached: of what is, or has not been judged.
 _FINE = (Verdict.KEPT, Verdict.REACHABLE, Verdict.BETTER)
 
@@ -137,7 +140,9 @@ class StatusMonitor(LeafSystem):
         # Those that are dropped before and after they are judged are only counted.
         for reason in (Rejection.HITS_SCENE, Rejection.UNSEEN):
             verdicts[str(reason)] += reachable.rejected.get(reason, 0)
-        phase, tracking = Phase(int(self._phase.Eval(context)[0])), self._tracking.Eval(context)
+        phase, tracking = Phase(int(self._phase.Eval(context)[0])), _AS_TOLD
+        if self._tracking.HasValue(context):
+            tracking = self._tracking.Eval(context)
         left, turned = self._left(context, reachable)
         # Once the object was let go, the one grasp is where it was in the hand then.
         in_hand = phase > Phase.CLOSE and not tracking.lost

@@ -42,7 +42,7 @@ class SegmentPointCloud(LeafSystem):
                 different surfaces; None keeps the pixels at edges too.
         """
         super().__init__()
-        self._label, self._edge_jump = label, edge_jump
+        self.label, self._edge_jump = label, edge_jump
         self._cloud_input = declare_input(self, "point_cloud", PointCloud())
         self._label_input = declare_input(self, "label_image", ImageLabel16I(1, 1))
         declare_output(self, "point_cloud", self._calc, model=PointCloud())
@@ -55,8 +55,8 @@ class SegmentPointCloud(LeafSystem):
                 f"SegmentPointCloud: {xyz.shape[1]} points but {labels.size} labels; the cloud and "
                 "the label image must come from the same camera, pixel by pixel."
             )
-        around = _box_about(labels == self._label)
-        of_body = labels[around] == self._label
+        around = _box_about(labels == self.label)
+        of_body = labels[around] == self.label
         points = xyz.reshape(3, *labels.shape)[:, *around]
         seen = np.isfinite(points).all(axis=0)
         keep = of_body & seen

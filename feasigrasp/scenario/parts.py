@@ -1,0 +1,79 @@
+"""Parts of one's own that a scenario names: ``package.module:Name``, with keyword arguments."""
+
+import dataclasses as dc
+import importlib
+import os
+import sys
+import typing
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from typing import Any
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.choices import nearest, parse_choice
+
+
+class Part(StrEnum):
+    """What can be replaced, and what a class or function is called with to make it."""
+
+    SAMPLER = "sampler"  # the gripper
+    CONTROLLER = "controller"  # the reachability
+    TRACKER = "tracker"  # the scenario's tracker
+    PERCEPTION = "perception"  # the scenario's perception
+
+
+@dc.dataclass
+class PartConfig:
+    """A part of one's own.
+
+    Attributes:
+        name: Where its class or function is: ``package.module:Name``, importable from where the
+            command runs.
+        options: Keyword arguments of it.
+    """
+
+    name: str = ""
+    options: dict[str, typing.Union[bool, int, float, str]] = dc.field(  # noqa: UP007 - Drake's YAML
+        default_factory=dict
+    )
+
+
+def check_parts(parts: Mapping[str, PartConfig]) -> None:
+    """Checks that every part is one that can be replaced, and that what it names is there.
+
+    Raises:
+        ScenarioError: It is not.
+    """
+    for key, part in parts.items():
+        parse_choice(Part, key, "parts", ScenarioError)
+        load_part(key, part)
+
+
+def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
+    """The class or function that a part names.
+
+    Args:
+        key: Which part, for messages.
+        part: It.
+
+    Raises:
+        ScenarioError: There is no such module, or nothing of that name in it, or it cannot be
+            called.
+    """
+    where = f"parts.{key}.name: {part.name!r}"
+    module_name, colon, name = part.name.partition(":")
+    if not (colon and module_name and name):
+        raise ScenarioError(f"{where} is not of the form package.module:Name")
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # behind all that is installed
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise ScenarioError(
+            f"{where} cannot be imported: {error}; run from the folder that holds it, or install it"
+        ) from error
+    found = getattr(module, name, None)
+    if not callable(found):
+        known = [each for each in vars(module) if not each.startswith("_")]
+        raise ScenarioError(f"{where}: {module_name} has no such class{nearest(name, known)}")
+    return typing.cast(Callable[..., Any], found)

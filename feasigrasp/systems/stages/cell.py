@@ -1,0 +1,71 @@
+"""What all stages share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.primitives import PassThrough, ZeroOrderHold
+
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.faults.injection import FaultInjection
+from feasigrasp.systems.station.station import Station
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The robot cell, the builder that holds it, and the systems that are in it by now."""
+
+    builder: DiagramBuilder
+    scenario: Scenario
+    gripper: ParallelGripper
+    station: Station
+
+    def port(self, name: str) -> OutputPort | None:
+        """The station's output of that name, if it has one."""
+        return self.station.GetOutputPort(name) if self.station.HasOutputPort(name) else None
+
+    @property
+    def faults(self) -> FaultInjection:
+        """Where the scenario's faults come from."""
+        return FaultInjection(self.builder, self.scenario)
+
+    def __getitem__(self, name: str) -> System:
+        """The system of that name."""
+        return self.builder.GetSubsystemByName(name)
+
+    def source(self, name: str, port: str) -> OutputPort:
+        """What an input port of the system of that name is connected to."""
+        system = self[name]
+        index = system.GetInputPort(port).get_index()
+        source, number = self.builder.connection_map()[system, index]
+        return source.get_output_port(number)
+
+    def add(self, name: str, system: System, *sources: System, **inputs: OutputPort) -> System:
+        """Adds a system, its inputs connected as `connect` does."""
+        self.builder.AddNamedSystem(name, system)
+        self.connect(system, *sources, **inputs)
+        return system
+
+    def connect(self, system: System, *sources: System, **inputs: OutputPort) -> None:
+        """Connects inputs: those named as told, others to the first source with that output."""
+        for port in map(system.get_input_port, range(system.num_input_ports())):
+            name = port.get_name()
+            for source in sources:
+                if name not in inputs and source.HasOutputPort(name):
+                    inputs[name] = source.GetOutputPort(name)
+        for name, output in inputs.items():
+            self.builder.Connect(output, system.GetInputPort(name))
+
+
+def given(**ports: OutputPort | None) -> dict[str, OutputPort]:
+    """Those of the ports that there are."""
+    return {name: port for name, port in ports.items() if port is not None}
+
+
+def late(value: AbstractValue | int, period: float, latency: float) -> LeafSystem:
+    """Hands on a value of that kind, or a vector of that size, every period, after a latency."""
+    # A hold that samples with the camera would see what there was before the view.
+    return ZeroOrderHold(period, value, latency) if latency > 0.0 else PassThrough(value)

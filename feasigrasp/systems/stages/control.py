@@ -1,0 +1,75 @@
+"""From grasps to what arm and gripper are sent."""
+
+from __future__ import annotations
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem, OutputPort
+from pydrake.systems.primitives import ZeroOrderHold
+
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.systems.carry_filter import CarryFilter
+from feasigrasp.systems.from_scenario import make_reachability_filter
+from feasigrasp.systems.gripper_sequencer import GripperSequencer
+from feasigrasp.systems.monitoring.contact_sense import ContactSense
+from feasigrasp.systems.scene_filter import SceneFilter
+from feasigrasp.systems.stages.cell import Cell
+from feasigrasp.systems.velocity_drive import VelocityDrive
+
+
+def _clear_of_scene(cell: Cell, name: str, grasps: OutputPort, **options: bool) -> OutputPort:
+    """The grasps at which the open hand is clear of the scene; all if nobody looks at it."""
+    config = cell.scenario.scene
+    if not config.enabled:
+        return grasps
+    clear = SceneFilter(cell.gripper, margin=config.margin, **options)
+    sources = cell["tracker"], cell["scene_perception"]
+    return cell.add(name, clear, *sources, grasps=grasps).get_output_port()
+
+
+def add_control(
+    cell: Cell, reachability: Reachability, controller: LeafSystem, gpdf: OutputPort
+) -> None:
+    """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper."""
+    station, tracker, scenario = cell.station, cell["tracker"], cell.scenario
+    config, safe = scenario.reachability, scenario.control.safe
+    grasps = cell["latency"].get_output_port()
+    if safe:
+        grasps = cell.add("carrying", CarryFilter(), tracker, grasps=grasps).get_output_port()
+    # What hits the scene either way round takes no place among those that are judged.
+    grasps = _clear_of_scene(cell, "clear_grasps", grasps, either_way_round=True)
+    in_reach = make_reachability_filter(scenario, reachability)
+    cell.add("reachability", in_reach, tracker, grasps=grasps)
+    hand_poses = _clear_of_scene(cell, "clear_hand_poses", in_reach.GetOutputPort("grasps"))
+    reachable = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
+    cell.add("reachable", reachable, u=hand_poses)
+
+    position = station.GetOutputPort("iiwa.position_measured")
+    sequencer = cell.add(
+        "sequencer",
+        GripperSequencer(scenario.grasp, cell.gripper, period=config.period),
+        tracker,
+        **({"gpdf": gpdf} if safe else {}),
+        perceived=cell["perception"].GetOutputPort("perceived"),
+        position=position,
+        grasps=reachable.get_output_port(),
+        gripper_state=station.GetOutputPort("gripper.state_measured"),
+    )
+    sense = cell.add(
+        "contact_sense",
+        ContactSense(scenario.plant_config.time_step),
+        sequencer,
+        torque_external=station.GetOutputPort("iiwa.torque_external"),
+    )
+    drive = VelocityDrive(scenario.control.period, enforce_limits=safe)
+    cell.builder.AddNamedSystem("drive", drive)
+    scene = [cell["scene_perception"]] if scenario.scene.enabled else []
+    cell.add("controller", controller, sequencer, tracker, drive, sense, *scene, position=position)
+    cell.connect(drive, velocity=cell.faults.command(controller), position=position)
+    for name, port in (
+        ("iiwa.desired_state", drive.GetOutputPort("desired_state")),
+        ("gripper.position", sequencer.GetOutputPort("gripper_position")),
+        ("object.hold", sequencer.GetOutputPort("object_hold")),
+    ):
+        if station.HasInputPort(name):
+            cell.builder.Connect(port, station.GetInputPort(name))

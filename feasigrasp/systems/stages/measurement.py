@@ -1,0 +1,74 @@
+"""What goes on, in words, and what a run is judged by."""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import OutputPort
+from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
+
+from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
+from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
+from feasigrasp.systems.monitoring.true_frame import TrueFrame
+from feasigrasp.systems.stages.cell import Cell, late
+from feasigrasp.systems.station.object_contact import ObjectContact
+from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
+
+
+def add_status(cell: Cell) -> None:
+    """Adds what says in words what goes on."""
+    scene = ["scene_perception"] if cell.scenario.scene.enabled else []
+    cell.add(
+        "status",
+        StatusMonitor(cell.gripper),
+        *(cell[name] for name in ("tracker", "perception", "drive", "sequencer", *scene)),
+        cell["contact_sense"],
+        position=cell.station.GetOutputPort("iiwa.position_measured"),
+        grasps=cell["latency"].get_output_port(),
+        verdicts=cell["reachability"].GetOutputPort("verdicts"),
+        reachable=cell["sequencer"].GetOutputPort("grasps"),
+    )
+
+
+def add_measurement(cell: Cell) -> None:
+    """Adds what reads the truth, and the logs of what arm and drive do."""
+    station, control_period = cell.station, cell.scenario.control.period
+    state = station.GetOutputPort("iiwa.state_estimated")
+    pose = station.GetOutputPort("object.pose")
+    distance = ObstacleDistance(station.plant, station.robot_instances())
+    metrics = Metrics(cell.gripper)
+    frame: dict[str, OutputPort] = {}
+    if cell.scenario.tracker.kind == TrackerKind.CAMERA:  # whose frame is that of its first view
+        tracked = cell["tracker"].GetOutputPort("object_pose")
+        judge = cell.add("true_frame", TrueFrame(), object_pose=pose, tracked_pose=tracked)
+        frame["frame_pose"] = judge.get_output_port()
+    cell.add(
+        "metrics",
+        metrics,
+        cell["sequencer"],
+        **frame,
+        state=state,
+        object_pose=pose,
+        sampled_grasps=cell["latency"].get_output_port(),
+        seen_at=_as_late_as_the_grasps(cell, cell["perception"].GetOutputPort("seen_at")),
+    )
+    cell.add("obstacle_distance", distance, station)
+    contact = ObjectContact(station.plant, station.object_body.index(), station.robot_instances())
+    cell.add("contact", contact, station, cell["sequencer"])
+    for name, port, period in (
+        ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
+        ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
+        ("drive", cell["drive"].GetOutputPort("desired_state"), control_period),
+        ("arm", state, control_period),
+        # At every step of the plant, which computes them anyway; in between it would do so anew.
+        ("torque", station.GetOutputPort("iiwa.torque_measured"), station.plant.time_step()),
+    ):
+        LogVectorOutput(port, cell.builder, period).set_name(f"log({name})")
+
+
+def _as_late_as_the_grasps(cell: Cell, seen_at: OutputPort) -> OutputPort:
+    """The time of a view, held back as the grasps are on their way to the controller."""
+    perception, period = cell.scenario.perception, cell.scenario.reachability.period
+    arrives = late(1, perception.period, perception.latency)
+    cell.add("seen_at(latency)", arrives, u=seen_at)
+    held = cell.add("seen_at(reachable)", ZeroOrderHold(period, 1), u=arrives.get_output_port())
+    return held.get_output_port()

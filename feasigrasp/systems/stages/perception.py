@@ -1,0 +1,83 @@
+"""From the camera's image to grasps on the object."""
+
+from __future__ import annotations
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import LeafSystem, OutputPort
+
+from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.segmentation.foreground import Label
+from feasigrasp.scenario.schema import Segmentation
+from feasigrasp.systems.from_scenario import make_foreground_segmentation
+from feasigrasp.systems.grasp_sampler import GraspSampler
+from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
+from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
+from feasigrasp.systems.stages.cell import Cell, given, late
+from feasigrasp.systems.station.pose_at import PoseAt
+
+
+def add_perception(cell: Cell, sampler: GraspSamplerFn, perception: LeafSystem) -> OutputPort:
+    """Camera -> object's points -> distance field, which it returns -> grasps, all in O."""
+    station, config, scene_config = cell.station, cell.scenario.perception, cell.scenario.scene
+    cloud, labels, camera_pose = (
+        station.GetOutputPort(f"{config.camera}.{name}")
+        for name in ("point_cloud", "label_image", "pose")
+    )
+    label, no_scene = station.object_label, station.robot_and_object_labels()
+    cloud = cell.faults.cloud(cloud, labels, camera_pose, label)
+    if config.segmentation == Segmentation.DEPTH:
+        label, no_scene = Label.OBJECT, [Label.OBJECT, Label.ROBOT, Label.UNCLEAR]
+        foreground = make_foreground_segmentation(cell.scenario, cell.gripper)
+        labels = cell.builder.AddNamedSystem("foreground", foreground).get_output_port()
+    images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, label)}
+    segmentation = cell.add("segmentation", SegmentPointCloud(label), **images)
+    field = cell.builder.AddNamedSystem("perception", perception)
+    seen_pose = _pose_at_view(cell)
+    tracker = cell["tracker"]
+    if tracker.HasInputPort("point_cloud"):  # it looks at images
+        cell.connect(field, tracker)
+        image = {
+            "depth_image": cell.port(f"{config.camera}.depth_image"),
+            "image_time": cell.port(f"{config.camera}.stamp"),
+        }
+        cell.connect(tracker, segmentation, field, camera_pose=camera_pose, **given(**image))
+    else:
+        poses = {"camera_pose": camera_pose, "object_pose": seen_pose}
+        cell.connect(field, segmentation, tracker, **poses)
+    gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
+    if config.segmentation == Segmentation.DEPTH:
+        cell.connect(
+            foreground,
+            cell["tracker"],
+            object_pose=seen_pose,
+            point_cloud=cloud,
+            camera_pose=camera_pose,
+            position=cell.port(f"{config.camera}.position") or cell.port("iiwa.position_measured"),
+            gripper_state=station.GetOutputPort("gripper.state_measured"),
+            gpdf=gpdf,
+        )
+    checks = cell.gripper if config.filter else None
+    sampling = GraspSampler(sampler, checks, mass=cell.scenario.object.mass)
+    grasps = cell.add("sampler", sampling, gpdf=gpdf)
+    latency = late(AbstractValue.Make(GraspSet.empty()), config.period, config.latency)
+    cell.add("latency", latency, u=grasps.get_output_port())
+    if scene_config.enabled:
+        scene = PointCloudToScene(
+            no_scene,
+            gripper=cell.gripper,
+            period=scene_config.period,
+            resolution=scene_config.resolution,
+        )
+        position = station.GetOutputPort("iiwa.position_measured")
+        cell.add("scene_perception", scene, camera_pose=camera_pose, position=position, **images)
+    return gpdf
+
+
+def _pose_at_view(cell: Cell) -> OutputPort:
+    """The object's pose when the image was taken, which is now where images have no stamp."""
+    pose = cell["tracker"].GetOutputPort("object_pose")
+    stamp = cell.port(f"{cell.scenario.perception.camera}.stamp")
+    if stamp is None:
+        return pose
+    seen = PoseAt(cell.scenario.control.period)
+    return cell.add("pose_at_view", seen, pose=pose, stamp=stamp).get_output_port()

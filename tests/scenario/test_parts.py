@@ -1,0 +1,81 @@
+"""Parts of one's own that a scenario names."""
+
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.object_tracker import ObjectTracker
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+MODULE = """
+from feasigrasp.models.grasps import AntipodalSampler
+from feasigrasp.systems.object_tracker import ObjectTracker
+
+class Few:
+    def __init__(self, gripper, most=20):
+        self._sampler, self._most = AntipodalSampler(gripper), most
+    def __call__(self, gpdf):
+        grasps = self._sampler(gpdf)
+        return grasps.select(range(min(self._most, len(grasps))), "too many")
+
+class Own(ObjectTracker):
+    pass
+
+number = 3
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """A file in the folder that a command runs in."""
+    (tmp_path / "my_parts.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)  # and taken off the path afterwards
+
+
+def loaded(text):
+    return load_scenario(FILE, "ReachLinear", f"{{parts: {text}}}")
+
+
+def test_a_named_sampler_and_tracker_run_in_the_diagram(module):
+    scenario = loaded(
+        "{sampler: {name: 'my_parts:Few', options: {most: 3}}, tracker: {name: 'my_parts:Own'}}"
+    )
+    scenario = parse_scenario(dump_scenario(scenario))  # as in a record, and back
+    diagram = make_dynamic_grasp(scenario)
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.6)
+    sampler = diagram.subsystems.sampler
+    grasps = sampler.get_output_port().Eval(sampler.GetMyContextFromRoot(simulator.get_context()))
+    assert len(grasps) == 3
+    assert type(diagram.subsystems.tracker).__name__ == "Own"
+    assert isinstance(diagram.subsystems.tracker, ObjectTracker)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "{sampler: {name: 'nowhere:Few'}}",
+            "parts.sampler.name: 'nowhere:Few' cannot be imported",
+        ),
+        ("{sampler: {name: 'my_parts:Fev'}}", "my_parts has no such class; do you mean Few"),
+        ("{sampler: {name: 'my_parts:number'}}", "my_parts has no such class"),
+        ("{sampler: {name: my_parts}}", "not of the form package.module:Name"),
+        ("{samplr: {name: 'my_parts:Few'}}", "parts is 'samplr'.*do you mean sampler"),
+        ("{sampler: {name: 'my_parts:Few', options: {most: [1]}}}", "options.most is a list"),
+        ("{sampler: {nam: 'my_parts:Few'}}", "has no key 'nam'.*do you mean name"),
+    ],
+)
+def test_what_is_wrong_is_said_when_the_scenario_is_read(module, text, message):
+    with pytest.raises(ScenarioError, match=message):
+        loaded(text)
+
+
+def test_options_that_the_part_does_not_take_are_refused_by_name(module):
+    scenario = loaded("{sampler: {name: 'my_parts:Few', options: {mst: 3}}}")
+    with pytest.raises(ScenarioError, match="parts.sampler: my_parts:Few cannot be made.*'mst'"):
+        make_dynamic_grasp(scenario)
