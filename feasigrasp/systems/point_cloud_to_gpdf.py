@@ -184,7 +184,7 @@ class PointCloudToGPDF(LeafSystem):
             # Nobody can tell any more whether the pose is wrong; the hand had better go and see.
             doubted = seen.contradicted and time < seen.looked + DOUBTED_FOR - 1e-9
             return replace(seen, contradicted=doubted)
-        kept, fault, detail = usable_points(points_O, p_OC, self._min_points)
+        kept, fault, detail = usable_points(points_O, p_OC, self._min_points, seen.cloud.points)
         if fault is not None:
             return seen.without(fault, detail)
         contradicted = seen.cloud.contradicted(kept, p_OC) > MAX_CONTRADICTION

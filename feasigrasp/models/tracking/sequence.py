@@ -53,7 +53,8 @@ class LearntShape(Frozen):
         if keyframe is None or keyframe.time <= self.looked:
             return self
         looked = replace(self, looked=keyframe.time)
-        kept, fault, _ = usable_points(keyframe.points_O, keyframe.p_OC, _LEAST_POINTS)
+        points, known = keyframe.points_O, self.cloud.points
+        kept, fault, _ = usable_points(points, keyframe.p_OC, _LEAST_POINTS, known)
         if fault is not None:
             return replace(looked, faults=self.faults + Counter([fault]))
         # The tracker has registered it to this very cloud; merging must not move O.
