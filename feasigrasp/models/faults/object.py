@@ -92,10 +92,16 @@ class ObjectPulled(Fault):
 
     Attributes:
         force: In the world, at the object's origin [N].
+        speed: Who pulls lets go of an object that is faster [m/s].
     """
 
     duration: float = number(0.5, 0.0)
     force: list[float] = vector([0.0, 0.0, -150.0], -1000.0, 1000.0)
+    speed: float = number(2.0, 0.01, 20.0)
+
+    def pulls(self, t: float, speed: float) -> bool:
+        """Whether it pulls at time t [s] at an object with that speed [m/s]."""
+        return self.active(t) and speed <= self.speed
 
 
 @dataclass(frozen=True)

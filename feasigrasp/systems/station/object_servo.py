@@ -78,7 +78,8 @@ class ObjectServo(LeafSystem):
     def _calc(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         time = context.get_time()
         if self._hold.Eval(context)[0] < 0.5:
-            pulling = [pull.force for pull in self._pulls if pull.active(time)]
+            speed = float(np.linalg.norm(self._state.Eval(context)[-3:]))
+            pulling = [pull.force for pull in self._pulls if pull.pulls(time, speed)]
             wrenches = [np.concatenate([np.zeros(3), force]) for force in pulling]
             return [
                 applied for wrench in wrenches for applied in force_on(self._body_index, wrench)
