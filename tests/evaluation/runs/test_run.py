@@ -16,7 +16,7 @@ from feasigrasp.models.control.status import StatusCode
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
-from feasigrasp.systems import dynamic_grasp
+from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 
 FILE = diagram_path("dynamic.scenarios.yaml")
@@ -159,7 +159,7 @@ def test_a_failing_simulation_is_reported(monkeypatch, validator):
             raise RuntimeError("the solver did not converge")
         return self.state(context)
 
-    monkeypatch.setattr(dynamic_grasp.GripperSequencer, "_advance", breaks)
+    monkeypatch.setattr(GripperSequencer, "_advance", breaks)
     record = run(short("ReachLinear", duration=0.5), "ReachLinear").record
     validator.validate(record)
     assert "did not converge" in record["error"]
