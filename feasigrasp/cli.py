@@ -8,6 +8,7 @@ is asked for.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -139,6 +140,10 @@ def exit_status(work: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return STATUS
+    except BrokenPipeError:
+        # Whoever read what is printed, such as `head`, has seen enough; nor can more be flushed.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
 
 
 def _make_parser() -> argparse.ArgumentParser:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -162,7 +163,8 @@ def draw_diagram(scenario: Scenario, filename: Path) -> None:
 def keep(record: dict[str, Any], results: Path | None, line: StatusLine) -> None:
     """Prints what a run brought, and writes it; a full disk leaves it on the console."""
     line.clear()
-    print(*summary(record), sep="\n", flush=True)
+    with suppress(BrokenPipeError):  # nobody reads on; what came out is written all the same
+        print(*summary(record), sep="\n", flush=True)
     if results is not None:
         try:
             write_json(record, results)

@@ -76,6 +76,22 @@ def test_a_file_with_several_asks_for_one(own_file):
         asked("--scenario_file", str(own_file))
 
 
+def test_a_reader_that_goes_away_loses_nothing(tmp_path):
+    """As with ``| head -1``: no traceback, and the record is written."""
+    command = [sys.executable, "-m", "feasigrasp.cli", "run", "ReachLinear"]
+    command += ["--duration", "0.1", "--object", "soup_can", "--results", "r.json"]
+    environment = os.environ | {"PYTHONPATH": str(FILE.parents[1])}
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, stdout=writing, stderr=subprocess.PIPE, text=True
+    )
+    os.close(writing)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr and "BrokenPipe" not in done.stderr
+    assert json.loads((tmp_path / "r.json").read_text())["scenario"] == "ReachLinear"
+
+
 def test_it_runs_in_an_empty_folder(tmp_path):
     """No terminal: the verdict comes first, and there is no line to write over."""
     options = ("--duration", 0.1, "--object", "soup_can", "--results", "out/r.json")
