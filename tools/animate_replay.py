@@ -2,7 +2,7 @@
 
 For example::
 
-    python tools/animate_replay.py out/demo/replay.html docs/images/demo.webp --until 8
+    python tools/animate_replay.py out/demo/replay.html docs/images/demo.webp --until 9.2
 """
 
 import argparse
@@ -23,8 +23,8 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("replay", type=Path, help="HTML file written with --replay")
     parser.add_argument("image", type=Path, help="WebP or GIF file to write")
-    parser.add_argument("--until", type=float, default=8.0, help="last moment [s]")
-    parser.add_argument("--frames", type=int, default=32, help="how many pictures")
+    parser.add_argument("--until", type=float, default=9.2, help="last moment [s]")
+    parser.add_argument("--frames", type=int, default=56, help="how many pictures")
     parser.add_argument("--width", type=int, default=720, help="of the file [pixels]")
     parser.add_argument("--jobs", type=int, default=2, help="browsers at a time")
     return parser.parse_args()

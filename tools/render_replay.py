@@ -2,7 +2,7 @@
 
 For example::
 
-    python tools/render_replay.py out/demo/replay.html docs/images/demo.png --time 2.5
+    python tools/render_replay.py out/demo/replay.html out/demo/picture.png --time 2.5
 """
 
 import argparse
