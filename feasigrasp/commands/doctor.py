@@ -26,7 +26,7 @@ from feasigrasp.errors import FeasigraspError
 from feasigrasp.resources import diagram_path, model_path
 
 #: Modules of packages that are called otherwise.
-_MODULES = {"drake": "pydrake", "pyyaml": "yaml"}
+_MODULES = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
 _REINSTALL = "pip install --force-reinstall --no-deps"
 #: Files that come with the package: of each network, and of the reachable space.
 _WEIGHTS = ("grasp_network", "grasp_network_paper", "hidden_side", "ik_flow")
