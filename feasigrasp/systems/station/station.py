@@ -44,8 +44,8 @@ from feasigrasp.systems.station.friction import contact_friction, set_friction
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.object_servo import ObjectServo
 
-#: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]: at or
-#: beyond critical damping with the largest inertia that a joint moves, 4.5 kg m^2 at the base.
+#: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]: no less
+#: than two thirds of critical damping at the largest inertia of a joint, with that of its rotor.
 ARM_KP = np.array([6000.0, 6000.0, 3000.0, 3000.0, 800.0, 500.0, 300.0])
 ARM_KD = np.array([350.0, 350.0, 150.0, 150.0, 51.0, 40.0, 31.0])
 #: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.

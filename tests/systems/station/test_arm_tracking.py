@@ -12,7 +12,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
-from feasigrasp.systems.station.station import Station, StationConfig
+from feasigrasp.systems.station.station import ARM_KD, ARM_KP, Station, StationConfig
 
 SPEED = 0.8
 
@@ -48,3 +48,19 @@ def test_no_joint_exceeds_its_limit_after_the_hardest_start(joint):
     """With the arm stretched out, where inertias are largest."""
     peaks = velocity_peaks(joint, np.deg2rad([0.0, 60.0, 0.0, -20.0, 0.0, 20.0, 0.0]))
     assert peaks[joint] < 1.15 * SPEED
+
+
+def test_joints_are_damped_at_any_inertia():
+    """Each by itself, by Drake's mass matrix, in which the rotors are."""
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear")
+    config = StationConfig(scenario.plant_config, scenario.directives, {}, np.zeros(7))
+    plant = Station(config, load_object("mug"), make_motion(scenario)).plant
+    context, arm = plant.CreateDefaultContext(), plant.GetModelInstanceByName(IIWA_7.name)
+    first = plant.GetJointByName(IIWA_7.joint_names[0]).velocity_start()
+    rng, limit = np.random.default_rng(0), IIWA_7.position_limits
+    inertia = np.zeros(7)
+    for q in rng.uniform(-limit, limit, size=(2000, 7)):
+        plant.SetPositions(context, arm, q)
+        M = plant.CalcMassMatrix(context)
+        inertia = np.maximum(inertia, np.diag(M)[first : first + 7])
+    assert (ARM_KD / (2.0 * np.sqrt(ARM_KP * inertia))).min() > 2.0 / 3.0
