@@ -12,8 +12,8 @@ from numba import njit
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 
-#: A torque above this share of a joint's limit is a touch. KUKA gives the accuracy of the iiwa's
-#: torque sensors as 2 % of the limit.
+#: A torque above this share of a joint's limit is a touch: a choice, which leaves room for the
+#: errors of torque sensors.
 THRESHOLD = 0.03
 #: Time constant of the low-pass filter in front of it [s].
 _SMOOTHING = 0.01
