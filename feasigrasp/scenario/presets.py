@@ -12,7 +12,7 @@ its authors' scripts give a number, it is a choice:
 - ``control.gain`` of the gradient in task space. The gradient is in 1/rad and 1/m, and the paper
   has no step size. Along the stiffest direction that a fitted mixture can have (standard deviation
   5 mm), 0.005 would bring the hand to the mean in one control period of 5 ms; 0.0005 takes a tenth
-  of the way. At 0.002 the simulated arm, which follows a tick late, diverges.
+  of the way, since the arm follows a tick late.
 - ``control.gain`` of the distance in joint space: 1, as the formula is printed.
 - ``control.n_solutions``: the paper's "typically around 100".
 - ``reachability.horizon``: none, since the paper does not look ahead.

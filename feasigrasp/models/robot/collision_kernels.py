@@ -1,7 +1,7 @@
 """Compiled verdicts on self-collision: of one configuration, and of many side by side.
 
 Few configurations come close to a collision. First the balls about whole links are tested; only
-where two of them meet (2 % of random configurations) the capsules are. For a batch the first test
+where two of them meet the capsules are. For a batch the first test
 runs on a block of configurations, its *lanes*, in loops that vectorise over them. The loops share
 one flat array with constant offsets between its rows: that is what lets the compiler see that the
 rows do not overlap.
