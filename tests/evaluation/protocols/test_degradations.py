@@ -25,6 +25,10 @@ def test_each_is_another_scenario_than_perfect_sensors(name):
     assert changed != set(dump_scenario(perfect).splitlines())
 
 
+def test_no_two_are_the_same():
+    assert len({dump_scenario(degraded(name)) for name in DEGRADATIONS}) == len(DEGRADATIONS)
+
+
 def test_all_together_are_drawn_from_their_ranges_by_the_seed():
     drawn = [degraded("all", seed) for seed in range(40)]
     for scenario in drawn:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from drake import lcmt_image, lcmt_image_array
+from drake import lcmt_iiwa_command, lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.evaluation.runs.hardware import network
@@ -71,8 +71,6 @@ def test_what_counts_as_broken(monkeypatch, change, broken):
 
 
 def command(utime, q):
-    from drake import lcmt_iiwa_command
-
     message = lcmt_iiwa_command()
     message.utime, message.num_joints, message.joint_position = utime, len(q), list(q)
     return message.encode()

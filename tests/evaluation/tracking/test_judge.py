@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.studies.tracking import summary_rows
+from feasigrasp.evaluation.studies.tracking import FIGURES, summary_rows
 from feasigrasp.evaluation.tracking.judge import (
     SENSORS,
     OurTracker,
@@ -130,9 +130,7 @@ def test_rows_say_how_often():
             ("follow/d405", False, None),
         )
     ]
-    from feasigrasp.evaluation.studies import tracking
-
-    runs = [dict.fromkeys((name for _, name, _, _ in tracking.FIGURES)) | run for run in runs]
+    runs = [dict.fromkeys(name for _, name, _, _ in FIGURES) | run for run in runs]
     found = {(r.name, r.preset): r.value for r in summary_rows(runs)}
     assert found["tracking.lost_percent", "observe/hidden/d435/default"] == 50.0
     assert found["tracking.recovered_percent", "observe/hidden/d435/default"] == 50.0

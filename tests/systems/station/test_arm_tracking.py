@@ -47,7 +47,7 @@ def velocity_peaks(joint: int, q_start: np.ndarray) -> np.ndarray:
 def test_no_joint_exceeds_its_limit_after_the_hardest_start(joint):
     """With the arm stretched out, where inertias are largest."""
     peaks = velocity_peaks(joint, np.deg2rad([0.0, 60.0, 0.0, -20.0, 0.0, 20.0, 0.0]))
-    assert peaks[joint] < 1.15 * SPEED
+    assert 0.98 * SPEED < peaks[joint] < 1.15 * SPEED
 
 
 def test_joints_are_damped_at_any_inertia():
