@@ -45,9 +45,10 @@ def slow_square(number, folder):
 @pytest.fixture
 def cluster():
     """Makes clusters of two processes that may start others, or may not."""
-    dask = pytest.importorskip("dask")
-    distributed = pytest.importorskip("distributed")
-    cloudpickle = pytest.importorskip("cloudpickle")
+    distributed = pytest.importorskip("distributed", reason="needs the cluster extra")
+    import cloudpickle
+    import dask
+
     cloudpickle.register_pickle_by_value(sys.modules[__name__])
     made = []
 
