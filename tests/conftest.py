@@ -1,9 +1,12 @@
 """Fixtures that more than one test folder uses."""
 
+import errno
 import os
 from pathlib import Path
 
 import pytest
+
+from feasigrasp import outputs
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -26,3 +29,30 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"needs real data in {folder}; point FEASIGRASP_DATA to it to run this test")
     return folder
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A file whose name begins with ``full`` takes half of what is written to it."""
+
+    class Full:
+        def __init__(self, file):
+            self.file = file
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            self.file.close()
+
+        def write(self, content):
+            self.file.write(content[: len(content) // 2])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    opened = Path.open
+
+    def open_full(self, mode="r", *arguments, **options):
+        file = opened(self, mode, *arguments, **options)
+        return Full(file) if "w" in mode and self.name.startswith("full") else file
+
+    monkeypatch.setattr(outputs.Path, "open", open_full)

@@ -9,29 +9,20 @@ import trimesh
 
 from feasigrasp import cli
 from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.evaluation.studies import static
 from feasigrasp.results.workers import Shard
 from feasigrasp.scenario.sampling import make_hand_error, make_motion
 
 
 @pytest.fixture
-def fake_runs(monkeypatch):
-    """Replaces the simulation: even seeds hold, but not under the hard rules."""
-    ran = []
-
-    def run(scenario, name, filename, *, replay=None):
-        ran.append(filename.stem)
-        made = crash_record(scenario, name, "") | {"error": None}
-        held = scenario.random_seed % 2 == 0 and "hard" not in name
-        made["metrics"] |= {"grasp_held": held, "cause": None if held else "slipped"}
-        made["timings"] |= {"build_s": 1.0, "wall_s": 3.0}
-        filename.write_text(json.dumps(made))
-        return made
-
-    monkeypatch.setattr(isolated, "run_isolated", run)
+def fake_runs(monkeypatch, fake_simulation):
+    """Even seeds hold, but not under the hard rules."""
     monkeypatch.setattr(static, "judge", judge)
-    return ran
+    return fake_simulation(
+        lambda scenario, name: scenario.random_seed % 2 == 0 and "hard" not in name,
+        build_s=1.0,
+        wall_s=3.0,
+    )
 
 
 def judge(name, item):

@@ -1,13 +1,6 @@
-"""What is written is whole, what is read is whole or refused, and what was computed is kept."""
+"""Whatever a file or an option holds, it is read whole or refused."""
 
-import errno
 import json
-import os
-import signal
-import subprocess
-import sys
-import threading
-import time
 from pathlib import Path
 
 import hypothesis.strategies as st
@@ -16,195 +9,33 @@ import pytest
 import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis.extra import numpy as arrays
-from matplotlib.figure import Figure
 
-from feasigrasp import cli, outputs
+from feasigrasp import cli
 from feasigrasp.errors import (
     FeasigraspError,
     InputError,
     MeshError,
-    OutputError,
     PointCloudError,
     ReachabilityError,
 )
 from feasigrasp.evaluation.report.markdown_report import ReportError, report
 from feasigrasp.evaluation.runs import isolated
 from feasigrasp.evaluation.runs.plan import PlannedRun
-from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, run
+from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.evaluation.runs.summary import summary_rows
 from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.models.clouds.files import read_cloud
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError, WeightsFormat
-from feasigrasp.resources import diagram_path, model_path
+from feasigrasp.resources import model_path
 from feasigrasp.results.arguments import names, select_objects
 from feasigrasp.results.finished import read_finished
-from feasigrasp.results.folder_lock import LOCK, only_one_in
-from feasigrasp.results.interrupts import Unfinished, postponed_interrupt
-from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 
 QUICK = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-
-
-@pytest.fixture
-def full_disk(monkeypatch):
-    """A file whose name begins with ``full`` takes half of what is written to it."""
-
-    class Full:
-        def __init__(self, file):
-            self.file = file
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *error):
-            self.file.close()
-
-        def write(self, content):
-            self.file.write(content[: len(content) // 2])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    opened = Path.open
-
-    def open_full(self, mode="r", *arguments, **options):
-        file = opened(self, mode, *arguments, **options)
-        return Full(file) if "w" in mode and self.name.startswith("full") else file
-
-    monkeypatch.setattr(outputs.Path, "open", open_full)
-
-
-# ------------------------------------------------------------------------------------- writing
-
-
-def test_a_full_disk_leaves_the_old_file_and_no_part(tmp_path, full_disk):
-    file = tmp_path / "full.json"
-    with open(file, "wb") as old:
-        old.write(b"old")
-    with pytest.raises(OutputError, match="full.json cannot be written .No space left on device"):
-        outputs.write_text(file, "new and longer")
-    assert file.read_bytes() == b"old" and os.listdir(tmp_path) == ["full.json"]
-
-
-def test_an_error_or_interruption_while_writing_leaves_the_old_file(tmp_path):
-    file = tmp_path / "a.txt"
-    outputs.write_text(file, "old")
-    for error in (KeyboardInterrupt, ValueError):
-        with pytest.raises(error), outputs.replacing(file) as target:
-            target.write(b"half")
-            raise error
-    assert file.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
-
-
-def test_figures_take_the_format_of_their_suffix(tmp_path):
-    figure = Figure()
-    outputs.save_figure(figure, tmp_path / "deep" / "a.png")
-    outputs.save_figure(figure, tmp_path / "a.pdf")
-    assert (tmp_path / "deep" / "a.png").read_bytes()[1:4] == b"PNG"
-    assert (tmp_path / "a.pdf").read_bytes()[:4] == b"%PDF"
-    with pytest.raises(OutputError, match="a.xyz: end it in .png"):
-        outputs.save_figure(figure, tmp_path / "a.xyz")
-
-
-def test_outputs_are_tried_before_the_work(tmp_path):
-    (tmp_path / "file").write_text("")
-    new = tmp_path / "new" / "a.json"
-    outputs.check_outputs({"--results": new, "--replay": None})
-    assert not new.parent.exists()  # nothing is made yet
-    for options, message in (
-        ({"--results": tmp_path}, "is a folder; give a file"),
-        ({"--results": tmp_path / "file" / "a.json"}, "--results: nothing can be written"),
-        ({"--results": Path("/proc/a/b.json")}, "--results: nothing can be written"),
-        ({"--results": new, "--replay": new}, "--results and --replay are both"),
-    ):
-        with pytest.raises(OutputError, match=message):
-            outputs.check_outputs(options)
-
-
-@pytest.mark.parametrize("option", ["--results", "--replay", "--graphviz"])
-def test_the_diagram_refuses_an_output_before_it_runs(option, tmp_path, repository):
-    command = [sys.executable, repository / "diagrams/dynamic_grasp.py", option, tmp_path]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=repository)
-    assert done.returncode == 2
-    assert (
-        done.stderr.splitlines()[-1] == f"error: {option} {tmp_path} is a folder; give a file in it"
-    )
-    assert "Traceback" not in done.stderr
-
-
-def test_commands_refuse_a_folder_that_cannot_be_written(tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    assert cli.main(["evaluate", "dynamic", "--out", str(tmp_path / "file" / "out")]) == 2
-    assert "--out: nothing can be written" in capsys.readouterr().err
-
-
-# -------------------------------------------------------------------- interruptions, full disks
-
-
-def small_run():
-    text = "{object: {model: ball}}"
-    return load_scenario(diagram_path("dynamic.scenarios.yaml"), "PaperLinear", text)
-
-
-def test_ctrl_c_ends_a_run_with_what_it_has(tmp_path):
-    scenario = small_run()
-    scenario.simulation_duration = 0.1
-    run(scenario)  # everything is loaded
-    scenario.simulation_duration = 60.0
-    kept = []
-    interrupt = threading.Timer(3.0, lambda: os.kill(os.getpid(), signal.SIGINT))
-    interrupt.start()
-    record = run(scenario, "Mine", keep=kept.append).record
-    interrupt.join()
-    assert kept == [record] and record["error"] == INTERRUPTED
-    assert 0.0 < record["timings"]["simulated_s"] < 60.0
-    assert record["metrics"]["manipulability_mean"] > 0.0
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_a_second_ctrl_c_breaks_off(capsys):
-    with pytest.raises(KeyboardInterrupt), postponed_interrupt() as asked:
-        assert not asked.is_set()
-        os.kill(os.getpid(), signal.SIGINT)
-        assert asked.is_set()
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(1.0)
-    assert "once more" in capsys.readouterr().err
-
-
-def test_the_record_is_there_before_a_replay_that_cannot_be_written(tmp_path, full_disk):
-    scenario = small_run()
-    scenario.simulation_duration = 0.1
-    kept = []
-    with pytest.raises(OutputError, match="full.html"):
-        run(scenario, "Mine", replay=tmp_path / "full.html", keep=kept.append)
-    assert kept[0]["error"] is None
-
-
-def test_a_full_disk_keeps_the_record_of_the_run_that_met_it(tmp_path, monkeypatch):
-    planned = [PlannedRun("Mine", "ball", Scenario(random_seed=seed)) for seed in range(3)]
-
-    def fake(scenario, name, filename, *, replay=None):
-        record = crash_record(scenario, name, "") | {"error": None}
-        if scenario.random_seed == 1:
-            raise Unfinished(f"{filename} cannot be written", [record], 2)
-        return record
-
-    monkeypatch.setattr(isolated, "run_isolated", fake)
-    with pytest.raises(Unfinished, match="cannot be written; 2 of 3 runs came") as stopped:
-        isolated.run_all(planned, tmp_path / "runs", 1, desc="test")
-    assert [record["seed"] for record in stopped.value.records] == [0, 1]
-    assert stopped.value.status == 2
-
-
-def test_evaluations_with_a_crash_end_non_zero(capsys):
-    records = [crash_record(Scenario(), "Mine", "boom"), crash_record(Scenario(), "Mine", "boom")]
-    assert isolated.report_crashes(records) == 1
-    assert "2 of 2 runs broke off: boom" in capsys.readouterr().err
-    assert isolated.report_crashes([record | {"error": None} for record in records]) == 0
 
 
 @settings(QUICK, max_examples=20)
@@ -229,45 +60,6 @@ def test_a_damaged_record_is_run_again(tmp_path, data):
     assert record.keys() >= whole.keys() and record["metrics"].keys() == whole["metrics"].keys()
     assert summary_rows([record])
 
-
-# ------------------------------------------------------------------------------------ the lock
-
-HOLD = """
-import sys, time
-from pathlib import Path
-from feasigrasp.results.folder_lock import only_one_in
-with only_one_in(Path(sys.argv[1])):
-    print("in", flush=True)
-    time.sleep(float(sys.argv[2]))
-"""
-
-
-def hold(folder, seconds):
-    command = [sys.executable, "-c", HOLD, folder, str(seconds)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert process.stdout.readline() == "in\n"
-    return process
-
-
-def test_a_second_command_waits_and_says_for_whom(tmp_path, capsys):
-    first = hold(tmp_path, 1.0)
-    started = time.monotonic()
-    with only_one_in(tmp_path):
-        assert time.monotonic() - started > 0.3
-    assert f"another command (process {first.pid}) works in {tmp_path}" in capsys.readouterr().err
-    first.wait()
-
-
-def test_a_killed_command_leaves_no_lock(tmp_path, capsys):
-    first = hold(tmp_path, 60.0)
-    first.kill()
-    first.wait()
-    with only_one_in(tmp_path):
-        assert (tmp_path / LOCK).read_text() == str(os.getpid())
-    assert capsys.readouterr().err == ""
-
-
-# ------------------------------------------------------------------------- reading, whatever it is
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.floats() | st.text(max_size=5),

@@ -1,0 +1,21 @@
+"""Objects that an option names."""
+
+from feasigrasp.models.objects.rigid_object import builtin_objects
+from feasigrasp.resources import model_path
+from feasigrasp.results.arguments import select_objects
+
+
+def test_objects_come_from_names_files_and_folders(tmp_path):
+    assert list(select_objects("builtin")) == builtin_objects()
+    mug = str(model_path("objects", "mug.obj"))
+    assert select_objects(f"ball, {mug}") == {"ball": "ball", "mug": mug}
+    (tmp_path / "b.obj").write_bytes(model_path("objects", "ball.obj").read_bytes())
+    (tmp_path / "a.obj").write_bytes(model_path("objects", "mug.obj").read_bytes())
+    assert select_objects(str(tmp_path)) == {
+        "a": str(tmp_path / "a.obj"),
+        "b": str(tmp_path / "b.obj"),
+    }
+
+
+def test_objects_of_the_ycb_layout(shared_data):
+    assert len(select_objects(str(shared_data / "ycb"))) == 40

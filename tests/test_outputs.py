@@ -1,0 +1,73 @@
+"""What is written is whole, and outputs that cannot be written are refused before the work."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from feasigrasp import cli, outputs
+from feasigrasp.errors import OutputError
+
+
+def test_a_full_disk_leaves_the_old_file_and_no_part(tmp_path, full_disk):
+    file = tmp_path / "full.json"
+    with open(file, "wb") as old:
+        old.write(b"old")
+    with pytest.raises(OutputError, match="full.json cannot be written .No space left on device"):
+        outputs.write_text(file, "new and longer")
+    assert file.read_bytes() == b"old" and os.listdir(tmp_path) == ["full.json"]
+
+
+def test_an_error_or_interruption_while_writing_leaves_the_old_file(tmp_path):
+    file = tmp_path / "a.txt"
+    outputs.write_text(file, "old")
+    for error in (KeyboardInterrupt, ValueError):
+        with pytest.raises(error), outputs.replacing(file) as target:
+            target.write(b"half")
+            raise error
+    assert file.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_figures_take_the_format_of_their_suffix(tmp_path):
+    figure = Figure()
+    outputs.save_figure(figure, tmp_path / "deep" / "a.png")
+    outputs.save_figure(figure, tmp_path / "a.pdf")
+    assert (tmp_path / "deep" / "a.png").read_bytes()[1:4] == b"PNG"
+    assert (tmp_path / "a.pdf").read_bytes()[:4] == b"%PDF"
+    with pytest.raises(OutputError, match="a.xyz: end it in .png"):
+        outputs.save_figure(figure, tmp_path / "a.xyz")
+
+
+def test_outputs_are_tried_before_the_work(tmp_path):
+    (tmp_path / "file").write_text("")
+    new = tmp_path / "new" / "a.json"
+    outputs.check_outputs({"--results": new, "--replay": None})
+    assert not new.parent.exists()  # nothing is made yet
+    for options, message in (
+        ({"--results": tmp_path}, "is a folder; give a file"),
+        ({"--results": tmp_path / "file" / "a.json"}, "--results: nothing can be written"),
+        ({"--results": Path("/proc/a/b.json")}, "--results: nothing can be written"),
+        ({"--results": new, "--replay": new}, "--results and --replay are both"),
+    ):
+        with pytest.raises(OutputError, match=message):
+            outputs.check_outputs(options)
+
+
+@pytest.mark.parametrize("option", ["--results", "--replay", "--graphviz"])
+def test_the_diagram_refuses_an_output_before_it_runs(option, tmp_path, repository):
+    command = [sys.executable, repository / "diagrams/dynamic_grasp.py", option, tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=repository)
+    assert done.returncode == 2
+    assert (
+        done.stderr.splitlines()[-1] == f"error: {option} {tmp_path} is a folder; give a file in it"
+    )
+    assert "Traceback" not in done.stderr
+
+
+def test_commands_refuse_a_folder_that_cannot_be_written(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert cli.main(["evaluate", "dynamic", "--out", str(tmp_path / "file" / "out")]) == 2
+    assert "--out: nothing can be written" in capsys.readouterr().err
