@@ -92,8 +92,9 @@ class GraspChoice(Frozen):
         count: How many times another strand was chosen.
         cost: Of the plan [s].
         rate: What a second at the grasp costs by itself.
-        around: Grasps near it that can be held in its branch, itself first, shape (m, 4, 4) [m].
-        weights: Theirs, shape (m,).
+        steps: Tangent vectors to the grasps near it that can be held in its branch, itself first,
+            shape (m, 6) [rad; m].
+        weights: Of these grasps, shape (m,).
     """
 
     X_OG: Array = field(default_factory=lambda: np.eye(4))
@@ -104,13 +105,13 @@ class GraspChoice(Frozen):
     count: int = 0
     cost: float = np.inf
     rate: float = 0.0
-    around: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    steps: Array = field(default_factory=lambda: np.zeros((0, 6)))
     weights: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        around, weights = np.array(self.around), np.array(self.weights)
-        self._freeze(X_OG=np.array(self.X_OG), around=around, weights=weights)
+        steps, weights = np.array(self.steps), np.array(self.weights)
+        self._freeze(X_OG=np.array(self.X_OG), steps=steps, weights=weights)
 
     def __bool__(self) -> bool:
         """Whether there is a choice."""
@@ -193,13 +194,13 @@ def choose_grasp(
 def _weighed(
     q: Array, index: int, branch: int, ways: Plan, options: ChoiceOptions
 ) -> tuple[Array, Array]:
-    """The grasps round one that can be held in its branch, and their weights."""
-    some = neighbours(ways.X_OG, index, options.neighbourhood)
+    """Steps to the grasps round one that can be held in its branch, and their weights."""
+    some, steps = neighbours(ways.X_OG, index, options.neighbourhood)
     cost = np.array([transfer_kernel(q, 0, (i, branch), (-1, -1), ways).cost for i in some])
     if not np.isfinite(cost[0]):
-        return ways.X_OG[some[:1]], np.ones(1)
+        return steps[:1], np.ones(1)
     weights = np.exp(np.minimum((cost[0] - cost) / options.temperature, _MOST))
-    return ways.X_OG[some], weights
+    return steps, weights
 
 
 def _present(choice: GraspChoice, X_OG: Array) -> int:

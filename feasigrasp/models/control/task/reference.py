@@ -89,7 +89,7 @@ def strand_reference(
         np.ascontiguousarray(X_WO, dtype=float),
         np.ascontiguousarray(V_WO, dtype=float),
         choice.X_OG,
-        choice.around,
+        choice.steps,
         choice.weights,
         choice.branch,
         choice.psi,
@@ -126,7 +126,7 @@ def _reference_kernel(
     X_WO,
     V_WO,
     chosen,
-    around,
+    steps,
     weights,
     branch,
     psi,
@@ -151,7 +151,7 @@ def _reference_kernel(
         angle = arm_angle_kernel(q)
         change = (psi - angle + np.pi) % (2.0 * np.pi) - np.pi
         rate = min(max(change / max(remaining, _SHORTEST), -_ARM_ANGLE_SPEED), _ARM_ANGLE_SPEED)
-    X_OG = target_kernel(chosen, around, weights, X_OH)
+    X_OG = target_kernel(chosen, steps, weights, X_OH)
     back, reached = _stand_behind(
         X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
     )

@@ -44,29 +44,41 @@ def square_kernel(v):
 
 
 @njit(cache=True)
-def target_kernel(X_OG, around, weights, X_OH):
+def steps_kernel(X_OG, others):
+    """Tangent vectors (m, 6) that lead from a grasp (4, 4) to others (m, 4, 4)."""
+    X_GO, steps = inverse_kernel(X_OG), np.empty((len(others), 6))
+    for i in range(len(others)):
+        steps[i] = log_kernel(compose_kernel(X_GO, others[i]))
+    return steps
+
+
+@njit(cache=True)
+def target_kernel(X_OG, steps, weights, X_OH):
     """The target (4, 4) of a hand at ``X_OH`` that goes for the grasp ``X_OG``.
 
-    ``around`` (m, 4, 4) are the grasps near it, itself among them, and ``weights`` (m,) theirs;
+    ``steps`` (m, 6) lead to the grasps near it, itself among them, and ``weights`` (m,) are theirs;
     without any the target is the grasp.
     """
-    X_GO = inverse_kernel(X_OG)
-    error = log_kernel(compose_kernel(X_GO, X_OH))
+    error = log_kernel(compose_kernel(inverse_kernel(X_OG), X_OH))
     error[5] = 0.0
     bandwidth = SHARPNESS**2 * square_kernel(error)
     mean, total = np.zeros(6), 0.0
     for i in range(len(weights)):
-        v = log_kernel(compose_kernel(X_GO, around[i]))
-        r = weights[i] * np.exp(-0.5 * square_kernel(v) / max(bandwidth, 1e-12))
-        mean += r * v
+        r = weights[i] * np.exp(-0.5 * square_kernel(steps[i]) / max(bandwidth, 1e-12))
+        mean += r * steps[i]
         total += r
     return compose_kernel(X_OG, exp_kernel(mean / total)) if total > 0.0 else X_OG.copy()
 
 
-def neighbours(X_OG: Array, index: int, radius: float) -> Indices:
-    """Indices of the grasps (n, 4, 4) not farther than a radius [m] from one of them, it first."""
-    X_GO = inverse_kernel(np.ascontiguousarray(X_OG[index]))
-    square = np.array([square_kernel(log_kernel(X_GO @ X)) for X in X_OG])
+def neighbours(X_OG: Array, index: int, radius: float) -> tuple[Indices, Array]:
+    """The grasps (n, 4, 4) not farther than a radius [m] from one of them, the nearest first.
+
+    Returns:
+        Their indices, shape (m,), that of the grasp itself first, and the steps to them, (m, 6).
+    """
+    steps = steps_kernel(X_OG[index], X_OG)
+    square = np.array([square_kernel(v) for v in steps])
     square[index] = -1.0
     order = np.argsort(square, kind="stable")
-    return np.asarray(order[square[order] <= radius**2])
+    near = order[square[order] <= radius**2]
+    return near, steps[near]

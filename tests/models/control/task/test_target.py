@@ -27,7 +27,7 @@ def hand_at(distance, back=0.0):
 
 def step(weights, distance):
     """From the chosen grasp to the target."""
-    return se3.log(se3.inverse(X_OG) @ target_kernel(X_OG, AROUND, weights, hand_at(distance)))
+    return se3.log(se3.inverse(X_OG) @ target_kernel(X_OG, NEAR, weights, hand_at(distance)))
 
 
 def length(v):
@@ -51,8 +51,8 @@ def test_the_step_is_the_bandwidth_times_the_gradient_of_the_log_density(distanc
 
 def test_one_sharp_weight_is_the_grasp_itself():
     sharp = np.where(np.arange(6) == 0, 1.0, 0.0)
-    for weights, around in ((sharp, AROUND), (np.ones(1), AROUND[:1]), (np.ones(0), AROUND[:0])):
-        target = target_kernel(X_OG, around, weights, hand_at(0.3))
+    for weights, steps in ((sharp, NEAR), (np.ones(1), NEAR[:1]), (np.ones(0), NEAR[:0])):
+        target = target_kernel(X_OG, steps, weights, hand_at(0.3))
         np.testing.assert_allclose(target, X_OG, atol=1e-12)
 
 
@@ -63,15 +63,15 @@ def test_far_away_the_target_is_the_weighted_mean_and_near_the_grasp():
     assert np.all(np.diff(lengths) < 0.0) and lengths[-1] < 1e-3 * length(far)
     # Lined up, wherever on the way in.
     for back in (0.0, 0.1):
-        target = target_kernel(X_OG, AROUND, WEIGHTS, hand_at(0.0, back))
+        target = target_kernel(X_OG, NEAR, WEIGHTS, hand_at(0.0, back))
         np.testing.assert_allclose(target, X_OG, atol=1e-12)
 
 
 def test_more_grasps_on_one_side_draw_the_hand_there():
     """The density decides, not the number of sides."""
-    right = X_OG @ np.array([se3.exp([0, 0, 0, x, 0, 0]) for x in (0.0, 0.011, 0.013, 0.015)])
-    left = X_OG @ se3.exp([0, 0, 0, -0.013, 0, 0])
-    target = target_kernel(X_OG, np.append(right, left[None], 0), np.ones(5), hand_at(0.2))
+    steps = np.zeros((5, 6))
+    steps[:, 3] = 0.0, 0.011, 0.013, 0.015, -0.013
+    target = target_kernel(X_OG, steps, np.ones(5), hand_at(0.2))
     assert (se3.inverse(X_OG) @ target)[0, 3] > 0.003
 
 
@@ -87,8 +87,9 @@ def test_the_target_changes_continuously_with_weights_and_with_the_hand():
 
 def test_neighbours_are_those_within_the_radius_itself_first():
     radius = 0.02
-    found = neighbours(AROUND, 2, radius)
+    found, steps = neighbours(AROUND, 2, radius)
     distances = [length(se3.log(se3.inverse(AROUND[2]) @ X)) for X in AROUND]
     assert found[0] == 2 and 1 < len(found) < len(AROUND)
     assert set(found) == set(np.flatnonzero(np.array(distances) <= radius))
-    assert list(neighbours(AROUND, 2, 0.0)) == [2]
+    np.testing.assert_allclose(AROUND[2] @ se3.exp(steps), AROUND[found], atol=1e-12)
+    assert list(neighbours(AROUND, 2, 0.0)[0]) == [2]
