@@ -12,7 +12,7 @@ from pydrake.systems.framework import LeafSystem
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.law import JointControlOptions
-from feasigrasp.models.control.joint.search import SolutionOptions
+from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions

@@ -30,7 +30,7 @@ from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TAS
 from feasigrasp.evaluation.runs.controller_probe import V_WO, ControllerProbe, grasps_in_reach
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.law import JointControlOptions
-from feasigrasp.models.control.joint.search import SolutionOptions
+from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.rows import Row, format_rows

@@ -23,7 +23,8 @@ from feasigrasp.models.control.joint.field import (
     evaluate_kernel,
     fit_kernel,
 )
-from feasigrasp.models.control.joint.search import SolutionOptions, SolutionSearch
+from feasigrasp.models.control.joint.options import SolutionOptions
+from feasigrasp.models.control.joint.search import SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
 from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead

@@ -11,34 +11,24 @@ instead, from the same seed: `SolutionOptions.resample`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from feasigrasp.errors import ControlError
-from feasigrasp.models.arrays import Array, Indices, Mask
-from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.control.joint.judged import JudgedSolutions, judge_kernel
+from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.resampling import length_scale_of, resampled_solutions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.joint.sources import Source, new_configurations
-from feasigrasp.models.control.planning.continuation import (
-    branch_kernel,
-    flange_pose_kernel,
-    solve_kernel,
-)
+from feasigrasp.models.control.joint.sources import new_configurations
+from feasigrasp.models.control.planning.continuation import branch_kernel, flange_pose_kernel
 from feasigrasp.models.control.planning.prices import Prices
-from feasigrasp.models.control.planning.strands import strand_cost_kernel
-from feasigrasp.models.control.planning.transfers import way_kernel
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
-from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics, pose_jacobian_kernel
+from feasigrasp.models.robot.kinematics import forward_kinematics
 
 #: A solution counts nothing if going there is so many length scales longer than the best.
 IRRELEVANT = 12.0
@@ -46,147 +36,8 @@ IRRELEVANT = 12.0
 GRASPS_AT_ONCE = 12
 #: Grasps count as the same if no entry of their poses differs by more.
 SAME_GRASP = 1e-9
-# Step of arm angle at which costs are compared [rad]; how far their lowest point may be away, in
-# steps; and the least that they count as bent between them [s].
-_STEP, _MOST_STEPS, _LEAST_BEND = 0.08, 4.0, 1e-3
 # Largest rate of the length scale [rad/s].
 _LENGTH_SCALE_RATE = 0.2
-
-
-@dataclass(frozen=True)
-class SolutionOptions:
-    """Which solutions are kept.
-
-    Attributes:
-        source: Where they come from: ``closed_form``, ``flow`` (drawn from the IK flow, refined) or
-            ``dls`` (damped least squares from random configurations).
-        n_solutions: How many are kept. The best one of every grasp comes first.
-        resample: Whether they are drawn anew at every update, with the same random numbers, as in
-            the paper, and cost nothing; from ``flow`` or ``dls``.
-        length_scale: Of the field [rad]; 0 follows the spacing of the solutions.
-        per_grasp: How many of one grasp, at most; not if they are drawn anew.
-        cost_rate: How fast a cost changes at most [rad/s].
-        glide: Largest rate of an arm angle [rad/s].
-        glide_acceleration: Its largest change [rad/s^2].
-        glide_gain: Rate per distance to the arm angle of least cost [1/s].
-        radians_per_second: How far it is worth going for a solution that costs a second less.
-    """
-
-    source: str = Source.CLOSED_FORM
-    n_solutions: int = 64
-    resample: bool = False
-    length_scale: float = 0.0
-    per_grasp: int = 4
-    cost_rate: float = 4.0
-    glide: float = 0.6
-    glide_acceleration: float = 3.0
-    glide_gain: float = 2.0
-    radians_per_second: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Checks the choice."""
-        source = parse_choice(Source, self.source, "source", ControlError)
-        object.__setattr__(self, "source", source)
-        if self.n_solutions < 1 or self.per_grasp < 1:
-            raise ControlError(
-                f"n_solutions is {self.n_solutions} and per_grasp {self.per_grasp}; "
-                "give at least 1 of each"
-            )
-        if not 0.0 <= self.length_scale < np.inf:
-            raise ControlError(
-                f"length_scale is {self.length_scale}; give a positive one [rad], or 0 for that of "
-                "the solutions' spacing"
-            )
-        if self.resample and source is Source.CLOSED_FORM:
-            raise ControlError(
-                "resample needs something to draw from: give the source flow or dls, or "
-                "resample: false"
-            )
-
-
-class _Items(NamedTuple):
-    """Solutions at the time of an update.
-
-    Attributes:
-        X_OG: Their grasps, shape (n, 4, 4).
-        grasp: Which of the grasps on offer that is, -1 for none, shape (n,).
-        branch: Their branches, shape (n,).
-        psi: Arm angles, shape (n,) [rad].
-        rate: Their rates, shape (n,) [rad/s].
-        cost: Costs, shape (n,) [rad].
-        target: What the costs should be, shape (n,) [rad].
-        better: How far it is to the arm angle at which that is least, shape (n,) [rad].
-        q: Configurations, shape (n, 7) [rad].
-        reached: Whether there is one inside the joint limits, shape (n,).
-    """
-
-    X_OG: Array
-    grasp: Indices
-    branch: Indices
-    psi: Array
-    rate: Array
-    cost: Array
-    target: Array
-    better: Array
-    q: Array
-    reached: Mask
-
-    def select(self, which: Mask | Indices) -> _Items:
-        return _Items._make(array[which] for array in self)
-
-    def with_others(self, others: _Items) -> _Items:
-        return _Items._make(np.concatenate(pair) for pair in zip(self, others, strict=True))
-
-
-@njit(cache=True)
-def _judge(
-    q_now,
-    X_FG,
-    X_WO,
-    X_OG,
-    grasp_rates,
-    standoffs,
-    branch,
-    psi,
-    times,
-    search,
-    prices,
-    q,
-    reached,
-    cost,
-    better,
-):
-    """Writes configuration now, cost [s], and the way to a better arm angle, of every solution.
-
-    ``X_WO`` (k, 4, 4) are the object's poses at ``times`` from now on. Beside what it costs to be
-    there, which is the strand's cost, the way there costs what the hand is farther away meanwhile.
-    Without a horizon nothing costs anything.
-    """
-    X_WF, scratch, values, price = np.empty((4, 4)), np.empty(IIWA_7.joints), np.empty(3), prices[0]
-    X_GF = inverse_kernel(X_FG)
-    pose_jacobian_kernel(q_now, X_FG, X_WF, None)
-    start = np.linalg.norm(X_WF[:3, 3] - X_WO[0, :3, 3])
-    for i in range(len(branch)):
-        flange_pose_kernel(X_WO[0], X_OG[i], standoffs[i], X_GF, X_WF)
-        reached[i] = solve_kernel(X_WF, branch[i], psi[i], q[i]) and inside_limits_kernel(
-            q[i], IIWA_7.position_margin
-        )
-        if not reached[i] or len(times) == 1:
-            continue
-        for j in range(3):
-            values[j] = strand_cost_kernel(
-                *(X_WO, times, X_OG[i], grasp_rates[i], standoffs[i], X_GF),
-                *(branch[i], psi[i] + (j - 1) * _STEP, search, price, X_WF, scratch),
-            )
-        travel = travel_time_kernel(q_now, q[i]) / price.speed_share
-        way = way_kernel(
-            *(q_now, q[i], 0, 0, travel, X_WO, times, start, standoffs[i], search, X_FG, price)
-        )
-        cost[i] = values[1] + max(0.0, way - travel * np.linalg.norm(X_OG[i, :3, 3]) / price.lost)
-        # To the lowest point of the parabola through the three, a few steps at most.
-        bend = max(values[2] - 2.0 * values[1] + values[0], _LEAST_BEND)
-        steps = 0.5 * (values[0] - values[2]) / bend
-        better[i] = _STEP * min(max(steps, -_MOST_STEPS), _MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +75,7 @@ class SolutionSearch:
             X_WO: Poses of the object at the prices' instants, now first, shape (k, 4, 4).
             q: Joint positions [rad], shape (7,).
         """
-        X_OG, rates = grasps.X_OG, self.prices.grasp_rates(grasps)
+        X_OG = grasps.X_OG
         if self.options.resample:
             most, X_WF = self.options, self._flange_poses(X_OG, X_WO[0], q)
             return resampled_solutions(
@@ -232,7 +83,8 @@ class SolutionSearch:
             )
         angles, costs, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
         grasp = matches(previous.X_OG, X_OG)
-        of_grasp = np.append(rates, 0.0)[grasp]
+        rates = self.prices.grasp_rates(grasps)
+        of_grasp = np.append(rates, 0.0)[grasp]  # 0 without a grasp, -1
         old = self._items(
             *(previous.X_OG, grasp, of_grasp, previous.branch, angles[:, 0], angles[:, 1]),
             *(costs, X_WO, q),
@@ -290,30 +142,32 @@ class SolutionSearch:
         cost: Array | None,
         X_WO: Array,
         q: Array,
-    ) -> _Items:
+    ) -> JudgedSolutions:
         """Solutions with their configurations; cost: what it should be, if None."""
         n, X_FG = len(branch), self.reachability.gripper.X_FG
         standoffs = self._standoffs(X_OG, X_WO[0], q)
         configurations, reached = np.empty((n, IIWA_7.joints)), np.zeros(n, dtype=bool)
         target, better = np.zeros(n), np.zeros(n)
-        _judge(
+        judge_kernel(
             *(q, X_FG, X_WO, X_OG, grasp_rates, standoffs, branch, psi, self.prices.instants),
             *(self.reachability.search, self.prices.record),
             *(configurations, reached, target, better),
         )
         target *= self.options.radians_per_second
         cost = target.copy() if cost is None else cost
-        return _Items(X_OG, grasp, branch, psi, rate, cost, target, better, configurations, reached)
+        return JudgedSolutions(
+            X_OG, grasp, branch, psi, rate, cost, target, better, configurations, reached
+        )
 
     def _new_items(
         self,
-        old: _Items,
+        old: JudgedSolutions,
         X_OG: Array,
         grasp_rates: Array,
         looked_at: Indices,
         X_WO: Array,
         q: Array,
-    ) -> _Items:
+    ) -> JudgedSolutions:
         """Solutions of some of the grasps that are apart from those there are."""
         X_WF = self._flange_poses(X_OG[looked_at], X_WO[0], q)
         found = new_configurations(
@@ -336,7 +190,9 @@ class SolutionSearch:
         )
         return items.select(items.reached)
 
-    def _ranked(self, old: _Items, new: _Items, q: Array, relevant: float) -> tuple[_Items, int]:
+    def _ranked(
+        self, old: JudgedSolutions, new: JudgedSolutions, q: Array, relevant: float
+    ) -> tuple[JudgedSolutions, int]:
         """The solutions that stay, best first, and how many of them are there to stay.
 
         The best one of each grasp comes first. Beyond the number that is kept, and without a grasp,

@@ -10,7 +10,7 @@ from feasigrasp.models.control.joint.law import (
     JointControlOptions,
     JointSpaceControl,
 )
-from feasigrasp.models.control.joint.search import SolutionOptions
+from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.control.planning.prices import Prices

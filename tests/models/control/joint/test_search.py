@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.control.joint.search import (
-    IRRELEVANT,
-    SolutionOptions,
-    SolutionSearch,
-    matches,
-)
+from feasigrasp.models.control.joint.options import SolutionOptions
+from feasigrasp.models.control.joint.search import IRRELEVANT, SolutionSearch, matches
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.joint.sources import APART, Source
 from feasigrasp.models.control.planning.continuation import (
