@@ -10,10 +10,10 @@ from pydrake.common.schema import Sample, Transform
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
-from feasigrasp.models.faults.object import ObjectMotion, altered
+from feasigrasp.models.faults.object import altered
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.bezier_motion import BezierMotion, bezier_legs
-from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.scenario.schema import BezierPath, Scenario
 
@@ -77,7 +77,7 @@ def make_motion(scenario: Scenario) -> ObjectMotion:
     R_WO = orientation.Sample(generator).rotation().matrix()
     values = dict(vars(config))
     center, rng = np.array(values.pop("center")), np.random.default_rng([seed, _PLACE])
-    motion: HarmonicMotion | BezierMotion
+    motion: ObjectMotion
     if isinstance(config, BezierPath):
         legs = bezier_legs(rng, center, np.array(values.pop("size")))
         motion = BezierMotion(legs, **values, R_WO=R_WO)

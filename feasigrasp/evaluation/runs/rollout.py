@@ -33,9 +33,9 @@ from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics
 from feasigrasp.evaluation.metrics.robot_twin import robot_twin
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, Metric, summarize
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.faults.object import ObjectMotion
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper

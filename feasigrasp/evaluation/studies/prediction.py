@@ -12,8 +12,8 @@ import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.faults.object import ObjectMotion
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.pose_filter import (
     Noise,
     empty_state,

@@ -7,8 +7,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.fault import Fault, number, vector
-from feasigrasp.models.objects.bezier_motion import BezierMotion
-from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.motion import ObjectMotion
 
 
 @dataclass
@@ -105,7 +104,7 @@ class ObjectPulled(Fault):
 
 
 @dataclass(frozen=True)
-class AlteredMotion:
+class AlteredMotion(ObjectMotion):
     """A motion with faults: first those of its pace, then those of its place.
 
     Attributes:
@@ -113,7 +112,7 @@ class AlteredMotion:
         faults: The faults.
     """
 
-    motion: HarmonicMotion | BezierMotion
+    motion: ObjectMotion
     faults: Sequence[ObjectFault]
 
     def state(self, t: float) -> tuple[Array, Array, Array]:
@@ -139,20 +138,8 @@ class AlteredMotion:
                 a = (1.0 - w) * a - 2.0 * dw * v + ddw * to_place
         return X, V, a
 
-    def pose(self, t: float) -> Array:
-        """``X_WO`` at time t [s], shape (4, 4)."""
-        return self.state(t)[0]
 
-    def velocity(self, t: float) -> Array:
-        """``V_WO`` = [angular; linear] at time t [s], shape (6,)."""
-        return self.state(t)[1]
-
-
-#: How an object moves.
-ObjectMotion = HarmonicMotion | BezierMotion | AlteredMotion
-
-
-def altered(motion: HarmonicMotion | BezierMotion, faults: Sequence[object]) -> ObjectMotion:
+def altered(motion: ObjectMotion, faults: Sequence[object]) -> ObjectMotion:
     """The motion with those of some faults that alter it; itself if none does."""
     own = [fault for fault in faults if isinstance(fault, ObjectFault)]
     return AlteredMotion(motion, own) if own else motion

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3 import so3_exp
+from feasigrasp.models.objects.motion import ObjectMotion
 
 #: How quickly the object gains speed after a stop, and loses it before one [m/s^2].
 ACCELERATION = 3.0
@@ -49,8 +50,8 @@ def bezier_legs(rng: np.random.Generator, center: Array, size: Array, count: int
 
 
 @dataclass(frozen=True, eq=False)
-class BezierMotion:
-    """Where the object is at time t, in the world frame W: from leg to leg, with a stop at each.
+class BezierMotion(ObjectMotion):
+    """From leg to leg, with a stop at each.
 
     On a leg the object gains speed with `ACCELERATION`, keeps ``speed`` along the curve and loses
     it again (a leg that is too short for that has a lower peak), then rests. After the last leg it
@@ -90,14 +91,6 @@ class BezierMotion:
         X[:3, 3] = curve(s)
         V[:3], V[3:] = omega, ds * curve(s, 1)
         return X, V, ds**2 * curve(s, 2) + dds * curve(s, 1)
-
-    def pose(self, t: float) -> Array:
-        """``X_WO`` at time t [s], shape (4, 4)."""
-        return self.state(t)[0]
-
-    def velocity(self, t: float) -> Array:
-        """``V_WO`` = [angular; linear] at time t [s], shape (6,)."""
-        return self.state(t)[1]
 
     @cached_property
     def _curves(self) -> list[CubicSpline]:

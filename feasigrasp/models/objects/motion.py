@@ -15,9 +15,25 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel
 
 
+class ObjectMotion:
+    """Where the object is at time t, in the world frame W (the robot's base); derive from it."""
+
+    def state(self, t: float) -> tuple[Array, Array, Array]:
+        """``X_WO`` (4, 4), ``V_WO`` (6,) and the acceleration of the origin (3,) at time t [s]."""
+        raise NotImplementedError
+
+    def pose(self, t: float) -> Array:
+        """``X_WO`` at time t [s], shape (4, 4)."""
+        return self.state(t)[0]
+
+    def velocity(self, t: float) -> Array:
+        """``V_WO`` = [angular; linear] at time t [s], shape (6,)."""
+        return self.state(t)[1]
+
+
 @dataclass(frozen=True)
-class HarmonicMotion:
-    """Where the object is at time t, in the world frame W (the robot's base).
+class HarmonicMotion(ObjectMotion):
+    """A circle, a line or a wave: every coordinate is a sine of the phase; with a constant turn.
 
     Attributes:
         center: Centre of the motion [m], 3 numbers.
@@ -66,14 +82,6 @@ class HarmonicMotion:
                 self.R_WO.ravel(),
             ]
         )
-
-    def pose(self, t: float) -> Array:
-        """``X_WO`` at time t [s], shape (4, 4)."""
-        return self.state(t)[0]
-
-    def velocity(self, t: float) -> Array:
-        """``V_WO`` = [angular; linear] at time t, shape (6,)."""
-        return self.state(t)[1]
 
 
 @njit(cache=True)

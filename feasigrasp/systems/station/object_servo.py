@@ -9,9 +9,9 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.faults.object import ObjectMotion, ObjectPulled
+from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.objects.carrying import Load, motion_wrench_kernel, spring_wrench_kernel
-from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
 from feasigrasp.systems.ports import declare_output
 
 

@@ -30,9 +30,10 @@ from pydrake.systems.sensors import CameraConfig
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
-from feasigrasp.models.faults.object import ObjectMotion, ObjectPulled
+from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.carrying import body_pose_kernel
+from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
