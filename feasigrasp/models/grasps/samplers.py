@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.thinning import LEAST_SCORE, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
+
+if TYPE_CHECKING:
+    from feasigrasp.models.grasps.network_sampler import NetworkSampler
 
 
 class SamplerName(StrEnum):
@@ -36,21 +40,18 @@ class Unfiltered:
     are left out.
 
     Attributes:
-        sampler: The sampler.
-        n_grasps: Most grasps returned.
+        sampler: The sampler; as many grasps are returned, at most.
     """
 
-    sampler: GraspSamplerFn
-    n_grasps: int
+    sampler: AntipodalSampler | NetworkSampler
 
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Grasps in the frame of the field, best first."""
-        X_OG, width, told = self.sampler.candidates(gpdf)  # type: ignore[attr-defined]
-        ranked = isinstance(told, np.ndarray)
-        score = told.prod(axis=1) if ranked else np.ones(len(width))
+        X_OG, width, told = self.sampler.candidates(gpdf)
+        score = told.prod(axis=1) if isinstance(told, np.ndarray) else np.ones(len(width))
         order = np.argsort(-score, kind="stable")
         grasps = GraspSet(X_OG[order], width[order], score[order], {}, order)
-        return thin_grasps(grasps, self.n_grasps, least_score=0.0)
+        return thin_grasps(grasps, self.sampler.n_grasps, least_score=0.0)
 
 
 def make_sampler(
@@ -83,20 +84,16 @@ def make_sampler(
         WeightsError: The network's weights are missing or broken.
     """
     chosen = parse_choice(SamplerName, name, "sampler", GraspError)
-    if not filtered:
-        sampler = make_sampler(
-            name, gripper, n_candidates=n_candidates, n_grasps=n_grasps, seed=seed
-        )
-        return Unfiltered(sampler, n_grasps)
     gripper = gripper or ParallelGripper()
     if chosen == SamplerName.ANTIPODAL:
-        return AntipodalSampler(
+        antipodal = AntipodalSampler(
             gripper,
             n_candidates=n_candidates,
             n_grasps=n_grasps,
             least_score=LEAST_SCORE if least_score is None else least_score,
             seed=seed,
         )
+        return antipodal if filtered else Unfiltered(antipodal)
     # torch takes a second to import
     from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
     from feasigrasp.models.grasps.network_sampler import NetworkSampler
@@ -104,7 +101,7 @@ def make_sampler(
     paper = chosen == SamplerName.PAPER
     n_approaches = NetworkSampler.n_approaches
     likely = LEAST_SCORE if paper else NetworkSampler.least_score
-    return NetworkSampler(
+    network = NetworkSampler(
         gripper,
         load_grasp_network(Preset.PAPER if paper else Preset.DEFAULT),
         n_contacts=max(1, n_candidates // n_approaches),
@@ -112,3 +109,4 @@ def make_sampler(
         least_score=likely if least_score is None else least_score,
         top_up=not paper,
     )
+    return network if filtered else Unfiltered(network)
