@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.load import Load
 from feasigrasp.models.grasps.pads import grip_of
@@ -23,17 +24,23 @@ LEAST_CARRY = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """What is known before anything is seen: hand, friction, perhaps the mass.
+    """What is known before anything is seen: the hand, perhaps the mass.
 
     Attributes:
         gripper: The hand.
         mass: Mass of the object, if it is known [kg].
-        friction: Coefficient of friction between pads and object.
+
+    Raises:
+        GraspError: The mass is not a positive number.
     """
 
     gripper: ParallelGripper
     mass: float | None = None
-    friction: float = FRICTION
+
+    def __post_init__(self) -> None:
+        """Checks the mass."""
+        if self.mass is not None and not 0.0 < self.mass < np.inf:
+            raise GraspError(f"mass = {self.mass}: give kilograms, or None if it is not known")
 
     def loaded(self, gpdf: Gpdf, grasps: GraspSet) -> GraspSet:
         """The same grasps with what their pads would bear (`GraspSet.load`)."""
@@ -45,8 +52,8 @@ class Carrier:
             closing=grasps.X_OG[:, :3, 0],
             lever=body.p_OC - grip.p_OP,
             body=body,
-            force=np.full(len(grasps), self.friction * grip.force),
-            moment=TORSION_SHARE * self.friction * grip.moment,
+            force=np.full(len(grasps), FRICTION * grip.force),
+            moment=TORSION_SHARE * FRICTION * grip.moment,
         )
         return replace(grasps, load=load)
 

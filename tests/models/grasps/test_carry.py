@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from feasigrasp.errors import GraspError
 from feasigrasp.evaluation.runs.floating_gripper import FloatingGripper
 from feasigrasp.models.grasps.carry import Carrier, carried
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -54,6 +55,12 @@ def test_an_unknown_mass_is_a_guess_from_the_volume(bar):
     heavy = replace(known, body=replace(known.body, mass=1.0))
     doubtful = replace(guessed, body=replace(guessed.body, mass=1.0))
     assert heavy.probability(DOWN)[0] < doubtful.probability(DOWN)[0]
+
+
+@pytest.mark.parametrize("mass", [0.0, -0.2, np.nan, np.inf])
+def test_a_mass_that_is_none_is_refused_by_name(mass):
+    with pytest.raises(GraspError, match="mass = .*kilograms"):
+        Carrier(GRIPPER, mass)
 
 
 def test_sets_without_loads_stay_as_they_are(bar):

@@ -4,8 +4,7 @@ A node has the distance to the observed point that is nearest, by a distance tra
 surface it has that of the scene's field (`feasigrasp.models.shape.scene_field`), if that is less:
 the field knows what lies between the points and which side is inside, the points know the edges,
 which the field rounds. Space that was never seen and may belong to a surface is as good as seen.
-Between the nodes the distance is trilinear, and its gradient is that of
-this.
+Between the nodes the distance is trilinear, and its gradient is that of this.
 """
 
 from __future__ import annotations
