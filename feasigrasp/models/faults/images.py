@@ -4,13 +4,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.faults.fault import Fault, number
-
-Mask = NDArray[np.bool_]
 
 
 class View(NamedTuple):
