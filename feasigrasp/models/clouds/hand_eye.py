@@ -41,7 +41,5 @@ class HandEyeError:
         """
         axes = rng.standard_normal((2, 3))
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        X_CB = np.eye(4)
-        X_CB[:3, :3] = se3.so3_exp(np.deg2rad(self.hand_eye_angle_deg) * axes[0])
-        X_CB[:3, 3] = self.hand_eye_position * axes[1]
-        return X_CB
+        R_CB = se3.so3_exp(np.deg2rad(self.hand_eye_angle_deg) * axes[0])
+        return se3.make_pose(R_CB, self.hand_eye_position * axes[1])

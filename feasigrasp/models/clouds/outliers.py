@@ -97,9 +97,9 @@ def _of_the_object(points: Array, near: Indices, link: Mask, keep: Mask) -> Mask
     sizes = np.bincount(group, weights=keep)
     belongs = sizes >= MIN_GROUP
     largest = int(np.argmax(sizes))
-    tree = cKDTree(points[keep & (group == largest)]) if sizes[largest] else None
+    tree = cKDTree(points[keep & (group == largest)])
     for other in np.flatnonzero(belongs):
-        if tree is not None and other != largest:
+        if other != largest:
             distance, _ = tree.query(points[keep & (group == other)])
             belongs[other] = distance.min() <= ELSEWHERE
     return np.asarray(keep & belongs[group])

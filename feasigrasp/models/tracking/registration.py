@@ -68,7 +68,6 @@ class Registration:
         beside: Share of the model's points facing the camera that project onto the background.
         in_view: Share of the known surface that faces the camera which is in the image and far
             enough away to be measured.
-        points: Number of points of the object in the image.
     """
 
     X_WO: Array
@@ -76,7 +75,6 @@ class Registration:
     inliers: float
     beside: float
     in_view: float
-    points: int
 
 
 def register(
@@ -103,25 +101,23 @@ def register(
     sensor = view.sigma(x_C) ** 2 + _MODEL_SIGMA**2
     prior: Array = np.asarray(np.linalg.inv(covariance), dtype=float)
     X: Array = X_WO if start is None else start
-    wide = min(_WIDE, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
-    if start is not None:
-        wide = _WIDE
+    wide = _WIDE
+    if start is None:
+        wide = min(_WIDE, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
     information: Array = np.zeros((6, 6))
     inlier: Mask = np.zeros(len(x), dtype=bool)
-    associated = None
+    gap, nearest = model.tree.query((x - X[:3, 3]) @ X[:3, :3])
     for step in range(_STEPS + 1):
         rotation, center = X[:3, :3], X[:3, 3]
         lever = x - center
         local = lever @ rotation
-        if associated is None or (step < _STEPS and step % 3 == 2):
+        if step < _STEPS and step % 3 == 2:
             gap, nearest = model.tree.query(local)
-            associated = gap, nearest
-        gap, nearest = associated
         distance, normals = model.distance(local)
         guess = (_GUESS * np.maximum(gap - _OBSERVED, 0.0)) ** 2
         variance = sensor + guess
         inlier = np.abs(distance) < np.maximum(_INLIER, _INLIER_SIGMAS * np.sqrt(sensor))
-        scale = max(wide * 0.5**step, 0.0)
+        scale = wide * 0.5**step
         weight = _robust(distance, variance, scale)
         on_plane = _on_plane(model, gap, nearest, normals)
         planes = model.normals[nearest]
@@ -145,7 +141,7 @@ def register(
         X = moved(X, change)
         if scale < 1e-3 and np.abs(change).max() < _SMALL:
             break
-    return Registration(X, information, float(inlier.mean()), beside, in_view, len(view.points_W))
+    return Registration(X, information, float(inlier.mean()), beside, in_view)
 
 
 def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:

@@ -67,7 +67,6 @@ class FieldTrack(Frozen):
             image; None before the first view.
         model: The shape; None until there is one.
         in_view: Share of the known surface facing the camera that was in the last image.
-        inliers: Share of the object's points that lay on the model.
         deviation: Standard deviation of the surface across itself [m].
         keyframe: The last view worth merging; None before the first.
         searched_at: When it was last searched for from several starts [s].
@@ -79,7 +78,6 @@ class FieldTrack(Frozen):
     estimate: TwistFilter | None = None
     model: TrackedModel | None = None
     in_view: float = 0.0
-    inliers: float = 0.0
     deviation: float = np.inf
     keyframe: Keyframe | None = None
     searched_at: float = -np.inf
@@ -124,7 +122,7 @@ def track(
         found, expected, searched = _found(model, view, expected, may_search=may_search)
         before = replace(before, searched_at=time if searched else before.searched_at)
     if found is None:
-        return _passed_on(replace(before, estimate=expected, in_view=0.0, inliers=0.0))
+        return _passed_on(replace(before, estimate=expected, in_view=0.0))
     estimate = expected.measured(found.X_WO, found.information)
     assert model is not None
     points, normals = model.probes
@@ -135,7 +133,6 @@ def track(
         measured_at=time,
         estimate=estimate,
         in_view=found.in_view,
-        inliers=found.inliers,
         deviation=deviation,
     )
     if _is_key(after, found, view, views):

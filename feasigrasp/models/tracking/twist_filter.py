@@ -84,16 +84,11 @@ class TwistFilter(Frozen):
         if dt <= 0.0:
             return self
         left = np.exp(-dt / (DECAY if coasting else _STEADY))
+        keep = np.repeat([left, left if coasting else 1.0], 3)
         F = np.eye(12)
         F[:6, 6:] = dt * np.eye(6)
-        keep = np.ones(6)
-        if coasting:
-            keep[:] = left
-        else:
-            keep[:3] = left
         F[6:, 6:] = np.diag(keep)
         density = np.repeat(np.square(TWIST_NOISE), 3)
-        # A spin that decays is held up by noise: its variance tends to that of the prior.
         Q = np.zeros((12, 12))
         steps = np.arange(6)
         Q[steps, steps] = density * dt**3 / 3.0
