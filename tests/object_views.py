@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.tracking.view import Camera, ObjectView
+from feasigrasp.models.tracking.view import ObjectView
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 280.0
 CAMERA = Camera((FOCAL, FOCAL, WIDTH / 2 - 0.5, HEIGHT / 2 - 0.5), WIDTH, HEIGHT, 0.07, 0.005)

@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.options import SolutionOptions
@@ -26,10 +27,8 @@ from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.segmentation.camera_view import CameraModel
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.models.tracking.view import Camera
 from feasigrasp.scenario.parts import Part, load_part
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import (
@@ -91,18 +90,8 @@ def make_foreground_segmentation(
     scenario: Scenario, gripper: ParallelGripper
 ) -> ForegroundSegmentation:
     """The segmentation of the images of the scenario's camera by their depth."""
-    name = scenario.perception.camera
-    noise = make_camera_noise(scenario).get(name, DepthNoise())
-    info = pixel_centred_intrinsics(scenario.cameras[name])
-    camera = CameraModel(
-        info.width(),
-        info.height(),
-        info.focal_x(),
-        info.focal_y(),
-        info.center_x(),
-        info.center_y(),
-        noise.subpixel / (info.focal_x() * noise.baseline),
-    )
+    # A perfect camera's pixels are told apart no more finely than those of a real one.
+    camera = _camera(scenario, without_noise=DepthNoise())
     return ForegroundSegmentation(
         camera, KnownBodies(gripper, cell_boxes(station_config(scenario)))
     )
@@ -110,17 +99,21 @@ def make_foreground_segmentation(
 
 def make_field_tracker(scenario: Scenario) -> FieldTracker:
     """The tracker of what perception's camera sees, which knows how noisy that camera is."""
+    return FieldTracker(_camera(scenario), scenario.tracker)
+
+
+def _camera(scenario: Scenario, *, without_noise: DepthNoise | None = None) -> Camera:
+    """Perception's camera; ``without_noise`` is what is reckoned with where it makes no errors."""
     name = scenario.perception.camera
-    config, noise = scenario.cameras[name], make_camera_noise(scenario).get(name)
+    config, noise = scenario.cameras[name], make_camera_noise(scenario).get(name, without_noise)
     info = pixel_centred_intrinsics(config)
-    camera = Camera(
+    return Camera(
         (info.focal_x(), info.focal_y(), info.center_x(), info.center_y()),
         info.width(),
         info.height(),
         config.z_near,
-        0.0 if noise is None else noise.subpixel / (info.focal_x() * noise.baseline),
+        0.0 if noise is None else noise.axial(info.focal_x()),
     )
-    return FieldTracker(camera, scenario.tracker)
 
 
 def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> GraspSamplerFn:

@@ -6,9 +6,9 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 
 from feasigrasp.evaluation.measures.first_mask import first_mask_iou, intersection_over_union
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.segmentation.camera_view import CameraModel
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.resources import diagram_path
@@ -18,7 +18,7 @@ from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSe
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 
 FILE = diagram_path("dynamic.scenarios.yaml")
-CAMERA = CameraModel(64, 48, 60.0, 60.0, 31.5, 23.5, 0.007)
+CAMERA = Camera((60.0, 60.0, 31.5, 23.5), 64, 48, 0.1, 0.007)
 DEPTH = "{perception: {segmentation: depth}}"
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from feasigrasp.evaluation.measures.timing import cpu_ms
 from feasigrasp.evaluation.tracking.recording import RATE, Recording
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.geometry import se3
@@ -25,7 +26,7 @@ from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.tracking.information import jacobian
 from feasigrasp.models.tracking.sequence import SequenceTracker
-from feasigrasp.models.tracking.view import Camera, ObjectView
+from feasigrasp.models.tracking.view import ObjectView
 
 #: Points of the true surface that are compared.
 _SAMPLES = 400
@@ -222,8 +223,7 @@ def images(
     """
     h, w = recording.depths.shape[1:]
     fx, fy, cx, cy = recording.intrinsics
-    noise = sensor.noise.subpixel / (fx * sensor.noise.baseline)
-    camera = Camera((fx, fy, cx, cy), w, h, sensor.near, noise)
+    camera = Camera((fx, fy, cx, cy), w, h, sensor.near, sensor.noise.axial(fx))
     v, u = np.indices((h, w))
     for k, X_WC in enumerate(recording.X_WC):
         depth = recording.depth(k)

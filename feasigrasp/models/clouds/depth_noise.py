@@ -93,6 +93,14 @@ class DepthNoise:
                 f"grazing_end_deg = {self.grazing_end_deg}"
             )
 
+    def axial(self, focal_length: float) -> float:
+        """What times z^2 is the standard deviation of a depth z [1/m], see above.
+
+        Args:
+            focal_length: f [px].
+        """
+        return self.subpixel / (focal_length * self.baseline)
+
     def apply(
         self,
         depth: NDArray[Any],

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import minimum_filter
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.clouds.camera import project
 
 #: Error of a depth z is at most this times z^2: three standard deviations of a D435 [1/m].
 DEPTH_ERROR = 0.02
@@ -65,10 +66,8 @@ class DepthView(Frozen):
 
     def looks_through(self, points: Array) -> Mask:
         """Which points (n, 3) in W the camera sees something behind, shape (n,)."""
-        fx, fy, cx, cy = self.pinhole
-        x, y, z = ((points - self.X_WC[:3, 3]) @ self.X_WC[:3, :3]).T
-        ahead = np.maximum(z, 1e-6)
-        column, row = np.rint(fx * x / ahead + cx), np.rint(fy * y / ahead + cy)
+        points_C = (points - self.X_WC[:3, 3]) @ self.X_WC[:3, :3]
+        z, (column, row) = points_C[:, 2], map(np.rint, project(points_C, self.pinhole))
         height, width = self.depth.shape
         inside = (z > 0.0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
         through = np.zeros(len(points), dtype=bool)

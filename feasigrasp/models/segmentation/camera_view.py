@@ -1,35 +1,14 @@
-"""What one depth image says, pixel by pixel, and how much it may be off."""
+"""What one depth image says, pixel by pixel."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
-from feasigrasp.models.arrays import Array, Floats
-
-
-class CameraModel(NamedTuple):
-    """A depth camera, as far as segmentation reckons with it.
-
-    Attributes:
-        width: Pixels in a row.
-        height: Pixels in a column.
-        fx: Focal length along x [px].
-        fy: Along y [px].
-        cx: Principal point, for whole-numbered pixels [px].
-        cy: Likewise [px].
-        noise: The standard deviation of a depth z is ``noise z^2`` [1/m].
-    """
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    noise: float
+from feasigrasp.models.arrays import Array, Floats, Frozen
 
 
-class CameraView(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class CameraView(Frozen):
     """One image.
 
     Attributes:

@@ -17,8 +17,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Floats, Indices, Mask
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.edges import EDGE_JUMP
-from feasigrasp.models.segmentation.camera_view import CameraModel
 
 #: Fewer pixels are no surface.
 MIN_PIXELS = 30
@@ -64,7 +64,7 @@ class Components(NamedTuple):
         return [np.flatnonzero(group == g) for g in range(group.max() + 1)]
 
 
-def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: CameraModel) -> Components:
+def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: Camera) -> Components:
     """The components of the chosen pixels, those of fewer than `MIN_PIXELS` left out.
 
     Args:
@@ -79,7 +79,7 @@ def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: CameraMod
         chosen,
         camera.width,
         np.ascontiguousarray(p_WC, dtype=float),
-        _JUMP_SIGMAS * camera.noise,
+        _JUMP_SIGMAS * camera.depth_noise,
         number,
     )
     pixels = np.bincount(number + 1, minlength=count + 1)[1:]

@@ -7,8 +7,9 @@ from typing import Protocol
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Floats, Indices, Mask
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
-from feasigrasp.models.segmentation.camera_view import CameraModel, CameraView
+from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import Components
 
 #: A point agrees with the field that is no farther from its zero [m]: the error of the predicted
@@ -76,7 +77,7 @@ def agreeing(
     return kept, np.concatenate(single)
 
 
-def moved_share(points: Array, before: CameraView, camera: CameraModel, sigmas: float) -> float:
+def moved_share(points: Array, before: CameraView, camera: Camera, sigmas: float) -> float:
     """The share of some points that lie where an earlier view has looked through.
 
     Args:
@@ -89,7 +90,8 @@ def moved_share(points: Array, before: CameraView, camera: CameraModel, sigmas: 
         Of the points that the earlier view would have shown, in [0, 1]; 0 if it shows none.
     """
     X_CW = inverse_kernel(np.ascontiguousarray(before.X_WC))
-    u, v, z = _projected(_to(X_CW, points), camera)
+    points_C = _to(X_CW, points)
+    z, (u, v) = points_C[:, 2], (np.rint(c).astype(np.int64) for c in camera.pixels(points_C))
     inside = (z > 0.0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     if not inside.any():
         return 0.0
@@ -97,7 +99,7 @@ def moved_share(points: Array, before: CameraView, camera: CameraModel, sigmas: 
     with np.errstate(invalid="ignore"):  # infinite where nothing was seen
         z_before = _to(X_CW, before.points[pixel].astype(float))[:, 2]
     z_before = np.where(np.isfinite(z_before), z_before, np.inf)
-    off = _MOVED + sigmas * camera.noise * z**2
+    off = _MOVED + sigmas * camera.depth_noise * z**2
     shown = z_before > z - off  # what was hidden may have been there
     came = np.count_nonzero(z_before > z + off)
     return float(came) / max(int(np.count_nonzero(shown)), 1)
@@ -108,7 +110,7 @@ def nearest_to(p: Array, groups: list[Indices], components: Components) -> int:
     return int(np.argmin([_distance(p, group, components) for group in groups]))
 
 
-def in_box(mask_of: list[Mask], camera: CameraModel, box: Array) -> int | None:
+def in_box(mask_of: list[Mask], camera: Camera, box: Array) -> int | None:
     """Of some masks (n,) the one that has most pixels in a box, None if none has one.
 
     Args:
@@ -132,15 +134,6 @@ def _distance(p: Array, group: Indices, components: Components) -> float:
 def _beside(bounds: Array, points: Array) -> Array:
     """How far points (m, 3) are outside a box (2, 3) along the worst axis, (m,)."""
     return np.asarray(np.maximum(bounds[0] - points, points - bounds[1]).max(axis=1))
-
-
-def _projected(points_C: Array, camera: CameraModel) -> tuple[Indices, Indices, Array]:
-    """Columns, rows and depths of points (m, 3) in the camera's frame."""
-    z = points_C[:, 2]
-    scale = np.where(z > 1e-6, 1.0 / np.maximum(z, 1e-6), 0.0)
-    u = np.rint(camera.fx * points_C[:, 0] * scale + camera.cx).astype(np.int64)
-    v = np.rint(camera.fy * points_C[:, 1] * scale + camera.cy).astype(np.int64)
-    return u, v, z
 
 
 def _to(X: Array, points: Array) -> Array:

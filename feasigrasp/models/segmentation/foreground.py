@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, find_objects
 
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.segmentation.camera_view import CameraModel, CameraView
+from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import Components, find_components
 from feasigrasp.models.segmentation.evidence import (
     LEAST_MOVED,
@@ -79,7 +80,7 @@ class Known(NamedTuple):
 
 
 def segment(
-    view: CameraView, known: Known, bodies: KnownBodies, camera: CameraModel
+    view: CameraView, known: Known, bodies: KnownBodies, camera: Camera
 ) -> NDArray[np.int16]:
     """Labels the pixels of a depth image.
 
@@ -93,7 +94,7 @@ def segment(
         A `Label` for each pixel, shape (height, width). Pixels without depth amid the object count
         as the object's.
     """
-    kinds = bodies.kinds(view.points, view.X_WC, known.q, known.opening, camera.noise)
+    kinds = bodies.kinds(view.points, view.X_WC, known.q, known.opening, camera.depth_noise)
     p_WG = forward_kinematics(known.q, bodies.gripper.X_FG)[:3, 3]
     free = kinds == FREE
     where = np.flatnonzero(free)
@@ -130,7 +131,7 @@ def _followed(components: Components, view: CameraView, known: Known) -> Mask | 
     return mask
 
 
-def _chosen(components: Components, known: Known, p_WG: Array, camera: CameraModel) -> Indices:
+def _chosen(components: Components, known: Known, p_WG: Array, camera: Camera) -> Indices:
     """The components of the body that is taken for the object."""
     groups = components.groups()
     pixels = [components.pixels[group].sum() for group in groups]

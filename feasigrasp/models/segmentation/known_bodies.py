@@ -93,7 +93,7 @@ class KnownBodies:
             X_WC: Pose of the camera, shape (4, 4).
             q: Measured joint positions, shape (7,) [rad].
             opening: Measured distance between the pads [m].
-            noise: Of the camera, see `CameraModel` [1/m].
+            noise: Of its depths, see `Camera.depth_noise` [1/m].
 
         Returns:
             Shape (n,).

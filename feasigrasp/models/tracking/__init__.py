@@ -1,7 +1,8 @@
 """Tracking: an object is followed by its own distance field, in depth images alone."""
 
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.tracker import FieldTrack, track
-from feasigrasp.models.tracking.view import Camera, ObjectView
+from feasigrasp.models.tracking.view import ObjectView
 
 __all__ = ["Camera", "FieldTrack", "ObjectView", "SequenceTracker", "track"]

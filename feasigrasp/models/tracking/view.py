@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, minimum_filter
 
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
+from feasigrasp.models.clouds.camera import Camera
 
 #: Pixels along the side of a cell, in which silhouettes are kept.
 CELL = 2
@@ -22,38 +23,6 @@ CELL = 2
 _AROUND = 24
 #: What is so much farther away than a point of the model is behind it [m].
 _BEHIND = 0.02
-
-
-@dataclass(frozen=True, eq=False)
-class Camera(Frozen):
-    """A pinhole camera without distortion.
-
-    Attributes:
-        intrinsics: fx, fy, cx, cy for whole-numbered pixels [px].
-        width: Pixels in a row.
-        height: Pixels in a column.
-        near: Least depth that it measures [m].
-        depth_noise: Standard deviation of a depth z is this times z^2 [1/m]: subpixel error over
-            focal length and baseline.
-    """
-
-    intrinsics: tuple[float, float, float, float]
-    width: int
-    height: int
-    near: float
-    depth_noise: float
-
-    def pixels(self, points_C: Array) -> tuple[Array, Array]:
-        """Columns and rows of points (n, 3) in the camera's frame, shape (n,) each [px]."""
-        fx, fy, cx, cy = self.intrinsics
-        z = np.maximum(points_C[:, 2], 1e-6)
-        return fx * points_C[:, 0] / z + cx, fy * points_C[:, 1] / z + cy
-
-    def in_image(self, points_C: Array) -> Mask:
-        """Which points (n, 3) are in the image and far enough to be measured, shape (n,)."""
-        u, v = self.pixels(points_C)
-        inside = (u > 1.0) & (u < self.width - 2.0) & (v > 1.0) & (v < self.height - 2.0)
-        return np.asarray(inside & (points_C[:, 2] > self.near))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
@@ -9,20 +11,13 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageLabel16I
 
-from feasigrasp.models.arrays import Frozen
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.segmentation.camera_view import CameraModel, CameraView
+from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, segment
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.systems.ports import declare_input, declare_output
-
-
-class _FirstView(Frozen):
-    """The view at the start, which tells what has moved since; None before."""
-
-    def __init__(self, view: CameraView | None) -> None:
-        self.view = view
 
 
 class ForegroundSegmentation(LeafSystem):
@@ -53,7 +48,7 @@ class ForegroundSegmentation(LeafSystem):
     told apart how is said in `models.segmentation.foreground`.
     """
 
-    def __init__(self, camera: CameraModel, bodies: KnownBodies) -> None:
+    def __init__(self, camera: Camera, bodies: KnownBodies) -> None:
         """A segmentation of the images of ``camera``, by what is known of robot and cell."""
         super().__init__()
         self._camera, self._bodies = camera, bodies
@@ -67,7 +62,8 @@ class ForegroundSegmentation(LeafSystem):
         )
         self._gpdf = declare_input(self, "gpdf")
         self._box = self.DeclareVectorInputPort("box", 4)
-        self._first = self.DeclareAbstractState(AbstractValue.Make(_FirstView(None)))
+        # The view at the start, which tells what has moved since; None before.
+        self._first = self.DeclareAbstractState(AbstractValue.Make(None))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
         _compile(camera, bodies)
@@ -84,19 +80,18 @@ class ForegroundSegmentation(LeafSystem):
 
     def _remember(self, context: Context, state: State) -> EventStatus:
         view = self._view(context)
-        first = _FirstView(view._replace(points=view.points.copy()))
+        first = replace(view, points=view.points.copy())
         state.get_mutable_abstract_state(int(self._first)).set_value(first)
         return EventStatus.Succeeded()
 
     def _calc(self, context: Context) -> ImageLabel16I:
-        first: _FirstView = context.get_abstract_state(int(self._first)).get_value()
         known = Known(
             q=self._position.Eval(context),
             opening=float(self._gripper.Eval(context)[0]),
             field=self._gpdf.Eval(context),
             X_WO=self._object_pose.Eval(context).GetAsMatrix4(),
             lost=self._tracking.Eval(context).lost,
-            before=first.view,
+            before=context.get_abstract_state(int(self._first)).get_value(),
             box=self._box.Eval(context) if self._box.HasValue(context) else None,
         )
         labels = segment(self._view(context), known, self._bodies, self._camera)
@@ -105,7 +100,7 @@ class ForegroundSegmentation(LeafSystem):
         return image
 
 
-def _compile(camera: CameraModel, bodies: KnownBodies) -> None:
+def _compile(camera: Camera, bodies: KnownBodies) -> None:
     """Segments an image of a wall once, so that no kernel is compiled at the first image."""
     points = np.zeros((camera.width * camera.height, 3), dtype=np.float32)
     points[:, 0] = np.arange(len(points)) % camera.width * 1e-3

@@ -12,12 +12,13 @@ from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.tracking.tracker import FieldTrack, track
-from feasigrasp.models.tracking.view import Camera, ObjectView
+from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
 

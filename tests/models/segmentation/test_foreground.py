@@ -1,19 +1,22 @@
 """Balls before a wall: found, told apart, followed, chosen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.segmentation.camera_view import CameraModel, CameraView
+from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import MIN_PIXELS, find_components
 from feasigrasp.models.segmentation.foreground import Known, Label, segment
 from feasigrasp.models.segmentation.known_bodies import Boxes, KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 WIDTH, HEIGHT, F = 160, 120, 130.0
-CAMERA = CameraModel(WIDTH, HEIGHT, F, F, 79.5, 59.5, 0.0)
+CAMERA = Camera((F, F, 79.5, 59.5), WIDTH, HEIGHT, 0.1, 0.0)
 GRIPPER = ParallelGripper()
 Q = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 X_WG = forward_kinematics(Q, GRIPPER.X_FG)
@@ -26,7 +29,8 @@ RADIUS = 0.03
 def view(balls, wall=0.8, noise=0.0, seed=0, X_WC=X_WC):
     """A picture of balls (centre in the first camera's frame) before a wall, by ray casting."""
     u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
-    rays = np.stack([(u - CAMERA.cx) / F, (v - CAMERA.cy) / F, np.ones_like(u, float)], -1)
+    _, _, cx, cy = CAMERA.intrinsics
+    rays = np.stack([(u - cx) / F, (v - cy) / F, np.ones_like(u, float)], -1)
     rays = rays.reshape(-1, 3)
     depth = np.full(len(rays), wall)
     shows = np.zeros(len(rays), dtype=int)
@@ -52,7 +56,7 @@ BODIES = KnownBodies(GRIPPER, wall_box())
 
 
 def labels(balls, camera=CAMERA, known=None, bodies=BODIES, **options):
-    image, shows = view(balls, noise=camera.noise, **options)
+    image, shows = view(balls, noise=camera.depth_noise, **options)
     return segment(image, known or Known(Q, 0.085), bodies, camera), shows
 
 
@@ -71,7 +75,7 @@ def test_noise_of_either_camera_leaves_the_mask(noise):
     fly = rim.ravel() & (np.random.default_rng(1).random(rim.size) < 0.3)
     camera = image.X_WC[:3, 3]
     image.points[fly] = camera + 1.25 * (image.points[fly] - camera)
-    found = segment(image, Known(Q, 0.085), BODIES, CAMERA._replace(noise=noise))
+    found = segment(image, Known(Q, 0.085), BODIES, replace(CAMERA, depth_noise=noise))
     mask, truth = found == Label.OBJECT, (shows == 1) & ~fly.reshape(shows.shape)
     assert np.count_nonzero(mask & truth) > 0.97 * np.count_nonzero(truth)
     assert not mask[shows == 0].any()

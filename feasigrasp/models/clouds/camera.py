@@ -1,0 +1,53 @@
+"""A depth camera, as far as numerics reckon with it: where points appear, and how well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Frozen, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Camera(Frozen):
+    """A pinhole camera without distortion.
+
+    Attributes:
+        intrinsics: fx, fy, cx, cy for whole-numbered pixels [px].
+        width: Pixels in a row.
+        height: Pixels in a column.
+        near: Least depth that it measures [m].
+        depth_noise: Standard deviation of a depth z is this times z^2 [1/m]: subpixel error over
+            focal length and baseline.
+    """
+
+    intrinsics: tuple[float, float, float, float]
+    width: int
+    height: int
+    near: float
+    depth_noise: float
+
+    def pixels(self, points_C: Array) -> tuple[Array, Array]:
+        """Columns and rows of points (n, 3) in the camera's frame, shape (n,) each [px]."""
+        return project(points_C, self.intrinsics)
+
+    def in_image(self, points_C: Array) -> Mask:
+        """Which points (n, 3) are in the image and far enough to be measured, shape (n,)."""
+        u, v = self.pixels(points_C)
+        inside = (u > 1.0) & (u < self.width - 2.0) & (v > 1.0) & (v < self.height - 2.0)
+        return np.asarray(inside & (points_C[:, 2] > self.near))
+
+
+def project(points_C: Array, intrinsics: tuple[float, float, float, float]) -> tuple[Array, Array]:
+    """Columns and rows of points (n, 3) in a camera's frame, shape (n,) each [px].
+
+    Those behind the camera project to somewhere far off; whoever may have such asks for their z.
+
+    Args:
+        points_C: The points, z forward [m].
+        intrinsics: fx, fy, cx, cy [px].
+    """
+    fx, fy, cx, cy = intrinsics
+    z = np.maximum(points_C[:, 2], 1e-6)
+    return fx * points_C[:, 0] / z + cx, fy * points_C[:, 1] / z + cy
