@@ -6,7 +6,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.motion_capture import measured_pose
 from feasigrasp.models.objects.pose_filter import (
     STATE_SIZE,
     Noise,
@@ -138,25 +138,6 @@ class ObjectTracker(LeafSystem):
     def _filtered(self, context: Context) -> Array:
         """The state of the filter."""
         return context.get_discrete_state_vector().value()[1 : 1 + STATE_SIZE]
-
-
-def measured_pose(X_WO: Array, time: float, config: TrackerConfig) -> Array | None:
-    """What a motion-capture system measures at a time [s]; None where it loses a measurement.
-
-    Args:
-        X_WO: The true pose, shape (4, 4).
-        time: When; the errors depend on it and on the seed only.
-        config: What the system is like.
-    """
-    if max(config.position_noise, config.rotation_noise, config.dropout) == 0.0:
-        return X_WO
-    rng = np.random.default_rng([config.seed, round(time / config.period)])
-    lost = rng.random() < config.dropout
-    noise = rng.standard_normal(6)
-    X = X_WO.copy()
-    X[:3, :3] = se3.so3_exp(config.rotation_noise * noise[:3]) @ X[:3, :3]
-    X[:3, 3] += config.position_noise * noise[3:]
-    return None if lost else X
 
 
 def _compile(noise: Noise) -> None:

@@ -10,9 +10,9 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.motion_capture import measured_pose
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.systems.hardware.channels import POSE_NAMES
-from feasigrasp.systems.object_tracker import measured_pose
 from feasigrasp.systems.ports import declare_input, declare_output
 
 _ROW = 8  # time, then the pose as it is sent
