@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, DependencyTicket, LeafSystem
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
@@ -60,6 +61,30 @@ class Perceived(Frozen):
         """The same, and one more view that could not be used."""
         said = f"{fault}: {detail}" if detail else str(fault)
         return replace(self, faults=self.faults + Counter([fault]), last_fault=said)
+
+
+def declare_perceived(
+    system: LeafSystem, perceived: Callable[[Context], Perceived], state: set[DependencyTicket]
+) -> None:
+    """The output ports ``gpdf``, ``perceived``, ``seen_at`` and ``view_faults`` of a perception.
+
+    Args:
+        system: The perception, see `PointCloudToGPDF` for what they are.
+        perceived: What it has seen.
+        state: What that depends on.
+    """
+
+    def calc_seen_at(context: Context, output) -> None:
+        times = perceived(context).views.times
+        output.SetAtIndex(0, times[-1] if len(times) else np.nan)
+
+    def calc_faults(context: Context, output) -> None:
+        output.SetAtIndex(0, float(perceived(context).faults.total()))
+
+    declare_output(system, "gpdf", lambda context: perceived(context).gpdf, state)
+    declare_output(system, "perceived", perceived, state)
+    system.DeclareVectorOutputPort("seen_at", 1, calc_seen_at, state)
+    system.DeclareVectorOutputPort("view_faults", 1, calc_faults, state)
 
 
 class PointCloudToGPDF(LeafSystem):
@@ -148,18 +173,7 @@ class PointCloudToGPDF(LeafSystem):
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._tracking = declare_input(self, "tracking", Tracking.of_age(0.0, np.inf))
         self._seen = PeriodicState(self, Perceived(nothing, None), period, self._look)
-        state = {self._seen.ticket()}
-        declare_output(self, "gpdf", lambda context: self._seen.Eval(context).gpdf, state)
-        declare_output(self, "perceived", self._seen.Eval, state)
-        self.DeclareVectorOutputPort("seen_at", 1, self._calc_seen_at, state)
-        self.DeclareVectorOutputPort("view_faults", 1, self._calc_faults, state)
-
-    def _calc_seen_at(self, context: Context, output) -> None:
-        times = self._seen.Eval(context).views.times
-        output.SetAtIndex(0, times[-1] if len(times) else np.nan)
-
-    def _calc_faults(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(self._seen.Eval(context).faults.total()))
+        declare_perceived(self, self._seen.Eval, {self._seen.ticket()})
 
     def _look(self, context: Context) -> Perceived:
         seen: Perceived = self._seen.Eval(context)

@@ -13,8 +13,8 @@ from feasigrasp.models.shape.completion import Preset
 from feasigrasp.models.tracking.sequence import LearntShape
 from feasigrasp.models.tracking.tracker import Keyframe
 from feasigrasp.scenario.schema import PerceptionConfig
-from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.point_cloud_to_gpdf import Perceived, declare_perceived
+from feasigrasp.systems.ports import PeriodicState, declare_input
 
 
 class KeyframesToGPDF(LeafSystem):
@@ -73,11 +73,7 @@ class KeyframesToGPDF(LeafSystem):
         _ = None if compiled is None else compiled.completion
         self._keyframe = declare_input(self, "keyframe")
         self._learnt = PeriodicState(self, nothing, period, self._look)
-        state = {self._learnt.ticket()}
-        declare_output(self, "gpdf", lambda context: self._learnt.Eval(context).gpdf, state)
-        declare_output(self, "perceived", self._perceived, state)
-        self.DeclareVectorOutputPort("seen_at", 1, self._calc_seen_at, state)
-        self.DeclareVectorOutputPort("view_faults", 1, self._calc_faults, state)
+        declare_perceived(self, self._perceived, {self._learnt.ticket()})
 
     def _look(self, context: Context) -> LearntShape:
         learnt: LearntShape = self._learnt.Eval(context)
@@ -95,10 +91,3 @@ class KeyframesToGPDF(LeafSystem):
             outliers=learnt.outliers,
             faults=learnt.faults,
         )
-
-    def _calc_seen_at(self, context: Context, output) -> None:
-        times = self._learnt.Eval(context).views.times
-        output.SetAtIndex(0, times[-1] if len(times) else np.nan)
-
-    def _calc_faults(self, context: Context, output) -> None:
-        output.SetAtIndex(0, float(self._learnt.Eval(context).faults.total()))
