@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import Preset
 from feasigrasp.models.tracking.sequence import LearntShape
@@ -79,7 +80,10 @@ class KeyframesToGPDF(LeafSystem):
         learnt: LearntShape = self._learnt.Eval(context)
         if self._max_views and len(learnt.views.times) >= self._max_views:
             return learnt
-        return learnt.merged(self._keyframe.Eval(context), **self._options)
+        after = learnt.merged(self._keyframe.Eval(context), **self._options)
+        if after.gpdf is not None:
+            object_grid(after.gpdf)  # now, and not in the tick of a controller that looks it up
+        return after
 
     def _perceived(self, context: Context) -> Perceived:
         learnt: LearntShape = self._learnt.Eval(context)
