@@ -6,8 +6,8 @@ unknown voxels that may belong to a seen surface are kept clear of until they ar
 *behind* it, and those that continue it *beside* its rim, in its own plane. Unknown space in front
 of a surface, or far from any, holds up nobody; an arm must be able to move where it cannot look.
 
-A library's occupancy map or truncated distance field keeps voxels near surfaces alone; what counts
-here is the free space in between, on the lattice on which distances to obstacles are kept anyway.
+A truncated distance field, as libraries have it, keeps voxels near surfaces alone; what counts here
+is the free space in between, on the lattice on which distances to obstacles are kept anyway.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class FieldTracker(LeafSystem):
     origin is the middle of what was seen, its axes are the world's. ``keyframe`` is the last
     `Keyframe`, a view worth merging; None before the first. Images are read every
     ``image_period``; in between, and while the object is out of sight, the outputs follow the
-    filter. After ``silence`` without a pose the object is lost, and looked for in every image.
+    filter. After ``silence`` without a pose the object is lost; it is still looked for.
     """
 
     def __init__(self, camera: Camera, config: TrackerConfig | None = None) -> None:
