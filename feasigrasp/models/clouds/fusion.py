@@ -192,16 +192,12 @@ def _seen_through(image: ViewImage, points: Array) -> float:
 
     Points beside the silhouette say nothing: a hand may hide the object there.
     """
-    x, y, z = image.in_camera(points).T
-    scale = 1.0 / (np.maximum(z, 1e-6) * image.pixel)
-    size = len(image.mask)
-    column, row = (np.rint(c * scale + 0.5 * (size - 1)).astype(int) for c in (x, y))
-    inside = (row >= 0) & (row < size) & (column >= 0) & (column < size)
-    inside[inside] = image.mask[row[inside], column[inside]]
+    row, column, z, inside = image.project(points)
+    inside &= image.mask[row, column]
     if np.count_nonzero(inside) < _MIN_SURFACE:
         return 0.0
-    through = image.front[row[inside], column[inside]] - z[inside] > _OUT_OF_PLACE
-    return float(np.mean(through))
+    through = image.front[row, column] - z > _OUT_OF_PLACE
+    return float(np.mean(through[inside]))
 
 
 def _agreeing(image: ViewImage, points: Array) -> ViewImage | None:

@@ -69,6 +69,20 @@ class ViewImage:
         """Points (n, 3) given in O as seen from the camera."""
         return np.asarray((x - self.X_OC[:3, 3]) @ self.X_OC[:3, :3])
 
+    def project(self, x: Array) -> tuple[Indices, Indices, Array, Mask]:
+        """Where points (n, 3) given in O are in the picture.
+
+        Returns:
+            Row and column, at the border for those outside; depth along z [m]; and which are in the
+            picture; shape (n,) each.
+        """
+        u, v, z = self.in_camera(x).T
+        scale = np.maximum(z, 1e-6)
+        column = np.rint(u / scale / self.pixel + 0.5 * (SIDE - 1)).astype(int)
+        row = np.rint(v / scale / self.pixel + 0.5 * (SIDE - 1)).astype(int)
+        inside = (row >= 0) & (row < SIDE) & (column >= 0) & (column < SIDE)
+        return np.clip(row, 0, SIDE - 1), np.clip(column, 0, SIDE - 1), z, inside
+
     def moved(self, X: Array) -> ViewImage:
         """The same view after a rigid motion X of object and camera, shape (4, 4)."""
         return replace(self, X_OC=X @ self.X_OC)

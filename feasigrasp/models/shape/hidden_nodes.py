@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.free_space import free_distance
-from feasigrasp.models.clouds.view_image import SIDE, ViewImage
+from feasigrasp.models.clouds.view_image import ViewImage
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.hidden_side import BackSurface
@@ -82,11 +82,8 @@ def _of_picture(image: ViewImage, back: BackSurface) -> tuple[Array, Array]:
 
 def _inside(image: ViewImage, back: BackSurface, points: Array) -> Mask:
     """Which points (n, 3) a picture puts inside the object, by more than its far side may err."""
-    x, y, z = image.in_camera(points).T
-    column = np.rint(x / z / image.pixel + 0.5 * (SIDE - 1)).astype(int)
-    row = np.rint(y / z / image.pixel + 0.5 * (SIDE - 1)).astype(int)
-    within = (column >= 0) & (column < SIDE) & (row >= 0) & (row < SIDE)
-    at = np.clip(row, 0, SIDE - 1), np.clip(column, 0, SIDE - 1)
+    row, column, z, within = image.project(points)
+    at = row, column
     before = z < back.depth[at] - np.maximum(2.0 * back.deviation[at], 3e-3)
     behind = z > image.depth[at] + 3e-3
     inside: Mask = within & image.mask[at] & before & behind
