@@ -29,6 +29,7 @@ def test_the_hand_is_as_long_as_its_parts():
 
 def test_the_wider_hand_takes_the_wide_side(wide_box):
     narrow = AntipodalSampler(ParallelGripper())(wide_box)
+    # Of all that it finds: the best are those of the narrow side.
     wide = AntipodalSampler(WSG_50, least_score=0.0, n_grasps=400)(wide_box)
     assert len(narrow) > 0 and np.abs(narrow.width - 0.070).max() < 0.006
     assert np.abs(wide.width - 0.096).min() < 0.004
