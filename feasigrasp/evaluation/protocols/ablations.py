@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
+from feasigrasp.evaluation.protocols.changes import Change, unchanged
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.results.finished import Record
@@ -13,7 +14,7 @@ from feasigrasp.results.statistics import mean_of_objects
 from feasigrasp.scenario.schema import Scenario
 
 
-def _with(keys: Mapping[str, Any]) -> Callable[[Scenario], None]:
+def _with(keys: Mapping[str, Any]) -> Change:
     """Sets keys, ``section.name``, of a scenario."""
 
     def change(scenario: Scenario) -> None:
@@ -28,7 +29,7 @@ def _with(keys: Mapping[str, Any]) -> Callable[[Scenario], None]:
 FULL, NO_DENSITY = "-full", "-no-density"
 #: What is taken away, one thing at a time, by the end of the runs' names.
 ABLATIONS = {
-    FULL: _with({}),
+    FULL: unchanged,
     NO_DENSITY: _with({"control.density": False}),
     "-no-score": _with({"control.score": False}),
     "-no-look-ahead": _with(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
+from feasigrasp.evaluation.protocols.changes import Change, both, unchanged
 from feasigrasp.models.faults.images import MaskDilated, MaskEroded, MaskShifted
 from feasigrasp.scenario.schema import Scenario
-
-Change = Callable[[Scenario], None]
 
 #: Speed of the object [m/s].
 SPEED = 0.1
@@ -85,19 +83,11 @@ def _all(scenario: Scenario) -> None:
     scenario.object.mass_factor = float(np.exp(rng.uniform(*np.log(_MASS))))
 
 
-def _after_perfect(change: Change) -> Change:
-    def changed(scenario: Scenario) -> None:
-        perfect_sensors(scenario)
-        change(scenario)
-
-    return changed
-
-
 #: By name, every degradation, on top of perfect sensors; the first is none.
 DEGRADATIONS: dict[str, Change] = {
-    name: _after_perfect(change)
+    name: both(perfect_sensors, change)
     for name, change in {
-        "none": lambda scenario: None,
+        "none": unchanged,
         "camera-noise": _camera_noise,
         "hand-eye": _hand_eye,
         "pose-noise": motion_capture,

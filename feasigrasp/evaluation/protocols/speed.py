@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
+from feasigrasp.evaluation.protocols.changes import Change
 from feasigrasp.scenario.schema import BezierPath, MotionConfig, Scenario
-
-Change = Callable[[Scenario], None]
 
 #: Motions of the speed curve by the word that its rows have for them.
 MOTIONS = {"circle": "ReachCircular", "line": "ReachLinear", "bezier": "ReachBezier"}

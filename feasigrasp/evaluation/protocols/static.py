@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from pydrake.common.schema import Rotation
 
+from feasigrasp.evaluation.protocols.changes import Change
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.scenario.schema import Scenario
-
-Change = Callable[[Scenario], None]
 
 
 def honest(scenario: Scenario) -> None:
@@ -62,13 +60,3 @@ ABLATIONS: dict[str, Change] = {
     for sampler in SamplerName
     for stage, parts in _STAGES.items()
 }
-
-
-def both(first: Change, second: Change) -> Change:
-    """One change after the other."""
-
-    def changed(scenario: Scenario) -> None:
-        first(scenario)
-        second(scenario)
-
-    return changed

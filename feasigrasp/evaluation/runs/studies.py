@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from feasigrasp.evaluation.protocols.ablations import ABLATIONS, NO_DENSITY
+from feasigrasp.evaluation.protocols.changes import Change, both, unchanged
 from feasigrasp.evaluation.protocols.degradations import (
     DEGRADATIONS,
     SPEED,
@@ -13,30 +14,13 @@ from feasigrasp.evaluation.protocols.degradations import (
     perfect_sensors,
 )
 from feasigrasp.evaluation.protocols.speed import AT_SPEEDS, AT_SPINS, MOTIONS, at_speed
-from feasigrasp.scenario.schema import Scenario
-
-#: Changes a scenario, whose seed is set by then.
-Change = Callable[[Scenario], None]
 
 #: Object of the size of the paper's, 5.8 x 5.4 x 4.1 cm.
 PAPER_OBJECT = "duck"
-
-
-def _as_it_is(scenario: Scenario) -> None:
-    """The conditions of the scenario file."""
-
-
-def _at_one_speed(changes: Mapping[str, Change]) -> dict[str, Change]:
-    """Each degradation of an object that moves at `SPEED`, by the end of its runs' names."""
-
-    def at_that(change: Change) -> Change:
-        def changed(scenario: Scenario) -> None:
-            at_speed(SPEED)(scenario)
-            change(scenario)
-
-        return changed
-
-    return {f"-with-{name}": at_that(change) for name, change in changes.items()}
+#: Each degradation of an object that moves at `SPEED`, by the end of its runs' names.
+_DEGRADED = {
+    f"-with-{name}": both(at_speed(SPEED), change) for name, change in DEGRADATIONS.items()
+}
 
 
 @dataclass(frozen=True)
@@ -58,7 +42,7 @@ class Study:
     objects: str = "builtin"
     seeds: int = 1
     modes: tuple[str, ...] = ("safe",)
-    variants: Mapping[str, Change] = field(default_factory=lambda: {"": _as_it_is})
+    variants: Mapping[str, Change] = field(default_factory=lambda: {"": unchanged})
     task_only: tuple[str, ...] = ()
     generated: bool = True
 
@@ -86,7 +70,7 @@ STUDIES = {
     ),
     "speed": Study(tuple(MOTIONS.values()), variants=AT_SPEEDS),
     "spin": Study((MOTIONS["circle"],), variants=AT_SPINS),
-    "degradations": Study((MOTIONS["circle"],), variants=_at_one_speed(DEGRADATIONS)),
+    "degradations": Study((MOTIONS["circle"],), variants=_DEGRADED),
     "ablation": Study(_REACH, variants=ABLATIONS, task_only=(NO_DENSITY,)),
 }
 

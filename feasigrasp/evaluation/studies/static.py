@@ -19,7 +19,8 @@ import numpy as np
 
 from feasigrasp.errors import MeshError
 from feasigrasp.evaluation.measures.grasps import GRASPABLE, is_graspable
-from feasigrasp.evaluation.protocols.static import ABLATIONS, PROTOCOLS, WHOLE, both
+from feasigrasp.evaluation.protocols.changes import both
+from feasigrasp.evaluation.protocols.static import ABLATIONS, PROTOCOLS, WHOLE
 from feasigrasp.evaluation.runs.conditions import conditions
 from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import Plan, Split, add_scenario_arguments, plan_run
