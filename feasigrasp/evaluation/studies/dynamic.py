@@ -11,17 +11,15 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from feasigrasp.evaluation.runs.conditions import conditions
-from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import add_plan_arguments, plan
+from feasigrasp.evaluation.runs.run_plan import run_plan
 from feasigrasp.evaluation.runs.summary import format_table, summary_rows
 from feasigrasp.results.arguments import add_common_arguments
 from feasigrasp.results.conditions import conditions_text
 from feasigrasp.results.finished import Record
-from feasigrasp.results.interrupts import Unfinished
 from feasigrasp.results.provenance import git_revision
 from feasigrasp.results.rows import report_rows, write_csv
-from feasigrasp.results.workers import add_worker_arguments, shard_folders
+from feasigrasp.results.workers import add_worker_arguments
 
 _HEADS = ("scenario", "controller", "mode", "object", "seed", "git")
 
@@ -41,23 +39,7 @@ def flat(record: Record) -> Record:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    planned = plan(args).share(args.shard)
-    found = conditions(planned, args.split)
-    try:
-        records = run_all(
-            planned.runs,
-            args.out / "runs",
-            args.jobs,
-            desc="dynamic",
-            cluster=args.cluster,
-            elsewhere=[folder / "runs" for folder in shard_folders(args.out)],
-        )
-    except Unfinished as stopped:
-        if stopped.records:
-            _report(args, stopped.records, found, partial=True)
-        raise
-    _report(args, records, found, **({} if args.shard is None else {"partial": True}))
-    return report_crashes(records)
+    return run_plan(args, plan(args), args.split, _report, desc="dynamic")
 
 
 def _report(

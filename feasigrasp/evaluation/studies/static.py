@@ -21,19 +21,17 @@ from feasigrasp.errors import MeshError
 from feasigrasp.evaluation.measures.grasps import GRASPABLE, is_graspable
 from feasigrasp.evaluation.protocols.changes import both
 from feasigrasp.evaluation.protocols.static import ABLATIONS, PROTOCOLS, WHOLE
-from feasigrasp.evaluation.runs.conditions import conditions
-from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import Plan, Split, add_scenario_arguments, plan_run
+from feasigrasp.evaluation.runs.run_plan import run_plan
 from feasigrasp.evaluation.runs.studies import Study
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.conditions import conditions_text
 from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.interrupts import Unfinished
 from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.results.statistics import grouped, mean_of_objects, share_of_objects
-from feasigrasp.results.workers import add_worker_arguments, shard_folders
+from feasigrasp.results.workers import add_worker_arguments
 from feasigrasp.training.data.grasp_examples import true_input
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 
@@ -69,23 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    planned = plan(args).share(args.shard)
-    found = conditions(planned, Split.DEVELOPMENT)
-    try:
-        records = run_all(
-            planned.runs,
-            args.out / "runs",
-            args.jobs,
-            desc="static",
-            cluster=args.cluster,
-            elsewhere=[folder / "runs" for folder in shard_folders(args.out)],
-        )
-    except Unfinished as stopped:
-        if stopped.records:
-            _report(args, stopped.records, found, partial=True)
-        raise
-    _report(args, records, found, **({} if args.shard is None else {"partial": True}))
-    return report_crashes(records)
+    return run_plan(args, plan(args), Split.DEVELOPMENT, _report, desc="static")
 
 
 def plan(args: argparse.Namespace) -> Plan:
