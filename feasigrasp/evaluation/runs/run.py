@@ -114,13 +114,7 @@ def run(
     context = simulator.get_context()
     times, samples, metrics = measured(diagram, context, scenario, broke_off=error is not None)
     metrics |= tick_times.metrics()
-    simulated = context.get_time()
-    timings = {
-        "build_s": started - built,
-        "wall_s": ended - started,
-        "simulated_s": simulated,
-        "real_time_factor": simulated / (ended - started),
-    }
+    timings = timings_of(built, started, ended, context.get_time())
     history = status_history(diagram, context)
     status = [[s.time, str(s.code), s.detail] for s in history]
     record |= {"timings": timings, "metrics": metrics, "error": error, "status": status}
@@ -130,6 +124,16 @@ def run(
         camera = diagram.GetSubsystemByName("camera_pictures")
         write_replay(meshcat, replay, history, camera.pictures)
     return RunResult(record, times, samples)
+
+
+def timings_of(built: float, started: float, ended: float, simulated: float) -> dict[str, float]:
+    """What a record says of time, by when building and simulation began and ended [s]."""
+    return {
+        "build_s": started - built,
+        "wall_s": ended - started,
+        "simulated_s": simulated,
+        "real_time_factor": simulated / (ended - started),
+    }
 
 
 def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:

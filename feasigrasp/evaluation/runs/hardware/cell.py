@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from feasigrasp.evaluation.metrics.motion_limits import ROUNDING
 from feasigrasp.evaluation.runs.console import StatusLine
 from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
-from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, measured
+from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, measured, timings_of
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -76,13 +76,7 @@ def simulate_cell(
     ended = time.perf_counter()
     context = simulator.get_context()
     metrics, said = _judged(diagram, context, scenario, heard, broke_off=error is not None)
-    simulated = context.get_time()
-    timings = {
-        "build_s": started - built,
-        "wall_s": ended - started,
-        "simulated_s": simulated,
-        "real_time_factor": simulated / (ended - started),
-    }
+    timings = timings_of(built, started, ended, context.get_time())
     record |= {"timings": timings, "metrics": metrics, "error": error, "hardware": said}
     keep(record)
     return record
