@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
+from feasigrasp.cli import exit_status
 from tools.render_replay import render
 
 
@@ -34,8 +35,8 @@ def animate(args: argparse.Namespace) -> None:
     """Renders the pictures, and writes them as one file that plays in real time, again and again.
 
     Raises:
-        FileNotFoundError: There is no such replay, or no browser.
-        RuntimeError: The browser makes no picture.
+        InputError: There is no such replay.
+        BrowserError: There is no browser, or it makes no picture.
     """
     times = np.linspace(0.0, args.until, args.frames)
     with tempfile.TemporaryDirectory(prefix="replay-") as folder:
@@ -64,13 +65,9 @@ def animate(args: argparse.Namespace) -> None:
 
 def main() -> int:
     """Makes one moving picture."""
-    try:
-        animate(parse_arguments())
-    except (FileNotFoundError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    animate(parse_arguments())
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_status(main))

@@ -6,11 +6,13 @@ For example::
 """
 
 import argparse
-import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from feasigrasp.cli import exit_status
+from feasigrasp.errors import InputError
+from feasigrasp.evaluation.runs.replay import screenshot
 
 #: Moves the animation to a time as soon as it is there, and hides the controls.
 _SEEK = """
@@ -34,13 +36,10 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("image", type=Path, help="PNG file to write")
     parser.add_argument("--time", type=float, default=0.0, help="moment to show [s]")
     parser.add_argument("--size", type=int, nargs=2, default=(1200, 800), metavar=("W", "H"))
-    parser.add_argument("--chromium", default="chromium", help="name or path of the browser")
     return parser.parse_args()
 
 
-def render(
-    replay: Path, image: Path, time: float, size: tuple[int, int], chromium: str = "chromium"
-) -> None:
+def render(replay: Path, image: Path, time: float, size: tuple[int, int]) -> None:
     """Writes a picture of a replay.
 
     Args:
@@ -48,50 +47,25 @@ def render(
         image: PNG file to write.
         time: Moment to show [s]; past the end it is the last picture.
         size: Width and height [pixels].
-        chromium: Name or path of the browser.
 
     Raises:
-        FileNotFoundError: If there is no such replay or browser.
-        RuntimeError: If the browser makes no picture.
+        InputError: There is no such replay.
+        BrowserError: There is no browser, or it makes no picture.
     """
-    browser = shutil.which(chromium)
-    if browser is None:
-        raise FileNotFoundError(f"no {chromium!r} on the PATH; name a Chromium with --chromium")
-    html = replay.read_text()
-    image.parent.mkdir(parents=True, exist_ok=True)
+    if not replay.is_file():
+        raise InputError(f"there is no file {replay}")
     with tempfile.TemporaryDirectory(prefix="replay-") as folder:
-        page, shot = Path(folder) / "replay.html", Path(folder) / "shot.png"
-        page.write_text(html.replace("</body>", _SEEK.format(time=time) + "</body>"))
-        command = [
-            browser,
-            "--headless",
-            "--no-sandbox",  # the sandbox does not start as root, e.g. in a container
-            "--use-gl=angle",
-            "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader",
-            "--hide-scrollbars",
-            f"--user-data-dir={folder}/profile",
-            f"--window-size={size[0]},{size[1]}",
-            "--virtual-time-budget=8000",
-            f"--screenshot={shot}",
-            page.as_uri(),
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-        if not shot.is_file():
-            raise RuntimeError(f"{browser} made no picture:\n{done.stderr[-2000:]}")
-        shutil.move(shot, image)
+        page = Path(folder) / "replay.html"
+        page.write_text(replay.read_text().replace("</body>", _SEEK.format(time=time) + "</body>"))
+        screenshot(page, image, size)
 
 
 def main() -> int:
     """Renders one picture."""
     args = parse_arguments()
-    try:
-        render(args.replay, args.image, args.time, tuple(args.size), args.chromium)
-    except (FileNotFoundError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    render(args.replay, args.image, args.time, tuple(args.size))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_status(main))

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -206,9 +205,9 @@ def files() -> Iterator[Finding]:
 
 def browser() -> Iterator[Finding]:
     """Whether there is a browser that takes pictures of replays."""
-    from feasigrasp.evaluation.runs.replay import BROWSERS
+    from feasigrasp.evaluation.runs import replay
 
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    found = replay.browser()
     if found:
         yield Finding(Health.OK, f"browser for pictures of replays: {found}")
     else:

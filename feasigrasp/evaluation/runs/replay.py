@@ -15,6 +15,7 @@ from string import Template
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
+from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.control.status import Status
 from feasigrasp.outputs import write_text
 from feasigrasp.systems.monitoring.camera_pictures import Picture
@@ -25,6 +26,10 @@ FRAMES_PER_SECOND = 32.0
 _WIDTH, _HEIGHT = 960, 600
 #: Browsers that take pictures without a window.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+class BrowserError(FeasigraspError, RuntimeError):
+    """No browser, or one that takes no pictures."""
 
 
 def quiet_meshcat() -> Meshcat:
@@ -90,35 +95,64 @@ def _script(value: object) -> str:
     return json.dumps(value).replace("</", "<\\/")
 
 
+def browser() -> str | None:
+    """A browser that takes pictures without a window; None if there is none."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+def screenshot(page: Path, picture: Path, size: tuple[int, int]) -> None:
+    """Writes a PNG of a page, as a browser without a window shows it after some seconds.
+
+    Args:
+        page: HTML file.
+        picture: The PNG.
+        size: Width and height [pixels].
+
+    Raises:
+        BrowserError: There is no browser, or it takes no picture.
+    """
+    program = browser()
+    if program is None:
+        raise BrowserError(f"there is no browser for pictures: install {BROWSERS[0]}")
+    with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
+        shot = Path(folder) / "shot.png"
+        command = [
+            program,
+            "--headless",
+            "--no-sandbox",  # the sandbox does not start as root, e.g. in a container
+            "--use-gl=angle",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+            "--hide-scrollbars",
+            "--virtual-time-budget=6000",
+            f"--user-data-dir={folder}/profile",
+            f"--window-size={size[0]},{size[1]}",
+            f"--screenshot={shot}",
+            page.resolve().as_uri(),
+        ]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+        except (OSError, subprocess.SubprocessError) as error:
+            raise BrowserError(f"{program}: {error}") from error
+        if not shot.is_file():
+            raise BrowserError(f"{program} made no picture: {done.stderr[-2000:]}")
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        shutil.move(shot, picture)
+
+
 def take_picture(replay: Path) -> bool:
-    """Renders a replay, as it stands at its start, to a PNG beside it, by a browser without window.
+    """Renders a replay, as it stands some seconds after it began to play, to a PNG beside it.
 
     Returns:
         Whether there is a picture that is not older than the replay.
     """
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     picture = replay.with_suffix(".png")
     if not replay.exists():
         return False
     if picture.exists() and picture.stat().st_mtime >= replay.stat().st_mtime:
         return True
-    if browser is None:
+    try:
+        screenshot(replay, picture, (_WIDTH, _HEIGHT))
+    except BrowserError:
         return False
-    with tempfile.TemporaryDirectory(prefix="feasigrasp-") as profile:
-        command = [
-            browser,
-            "--headless",
-            "--no-sandbox",
-            "--use-gl=swiftshader",
-            "--enable-unsafe-swiftshader",
-            "--virtual-time-budget=6000",
-            f"--user-data-dir={profile}",
-            f"--window-size={_WIDTH},{_HEIGHT}",
-            f"--screenshot={picture.resolve()}",
-            replay.resolve().as_uri(),
-        ]
-        try:
-            subprocess.run(command, check=True, capture_output=True, timeout=120)
-        except (OSError, subprocess.SubprocessError):
-            return False
-    return picture.exists()
+    return True
