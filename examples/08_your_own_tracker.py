@@ -22,12 +22,10 @@ picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/08_your_own_t
 class LastTwoPoses(LeafSystem):
     """Knows the last two measured poses: no filter, no prediction, no doubt."""
 
-    def __init__(self, config=None, period=0.02):
+    def __init__(self, period=0.02):
         super().__init__()
-        self._period, self._pose = (
-            period,
-            self.DeclareAbstractInputPort("pose", Value(RigidTransform())),
-        )
+        self._period = period
+        self._pose = self.DeclareAbstractInputPort("pose", Value(RigidTransform()))
         self.DeclareDiscreteState(np.full(32, np.nan))  # not known: the arm waits
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._measure)
         self.DeclareAbstractOutputPort("object_pose", Value[RigidTransform], self._last)

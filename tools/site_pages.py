@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from importlib import import_module
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -60,8 +61,6 @@ def _reference() -> str:
 
 def _public_names(face: str) -> list[str]:
     """What ``__all__`` of a package lists."""
-    from importlib import import_module
-
     return list(import_module(face).__all__)
 
 

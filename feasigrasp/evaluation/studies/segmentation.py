@@ -57,10 +57,7 @@ def first_masks(
 
 def mask_rows(raw: list[dict[str, Any]]) -> list[Row]:
     """The rows ``tracking.first_mask_iou.*``, of all starts and of each object."""
-    groups = {
-        "all": raw,
-        **{name: group for name, group in grouped(raw, itemgetter("object")).items()},
-    }
+    groups = {"all": raw} | grouped(raw, itemgetter("object"))
     rows = []
     for preset, group in groups.items():
         ious = [start["iou"] for start in group]

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.errors import MeshError
+from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.evaluation.measures.grasps import GRASPABLE, is_graspable
 from feasigrasp.evaluation.protocols.changes import both
 from feasigrasp.evaluation.protocols.static import ABLATIONS, PROTOCOLS, WHOLE
@@ -97,7 +97,7 @@ def _variants(protocols: Sequence[str], *, ablation: bool) -> dict[str, Any]:
     """What a scenario is changed by, by the end of its runs' names."""
     unknown = [name for name in protocols if name not in PROTOCOLS]
     if unknown:
-        raise MeshError(f"--protocols {', '.join(unknown)}: choose of {', '.join(PROTOCOLS)}")
+        raise ScenarioError(f"--protocols {', '.join(unknown)}: choose of {', '.join(PROTOCOLS)}")
     found = {f"-{name}": PROTOCOLS[name] for name in protocols}
     if ablation:
         found |= {

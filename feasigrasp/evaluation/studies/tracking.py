@@ -55,7 +55,7 @@ HIDDEN = (3.0, 4.0)
 _BACK, _BACK_WITHIN = 10.0, 1.0
 #: Twist and prediction count from here on [s].
 _SETTLED = 0.5
-#: Figures per image: column, row, unit, percentile, and whether only images in view count.
+#: Figures per image: column, row, unit and percentile.
 FIGURES = (
     ("surface_mm", "tracking.surface_mm.median", "mm", 50.0),
     ("surface_mm", "tracking.surface_mm.p95", "mm", 95.0),

@@ -65,7 +65,8 @@ class Relay:
         self._thread.join()
 
     def _take(self, to: int, channel: str, data: bytes) -> None:
-        copies, now = [time.monotonic()], time.monotonic()
+        now = time.monotonic()
+        copies = [now]
         # The guard belongs on the driver's own computer: no network is between those two.
         if self.begun and channel != channels.IIWA_COMMAND:
             if channel.startswith(_IMAGES) and self._fault is Network.NO_IMAGES:
