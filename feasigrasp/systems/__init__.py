@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from feasigrasp.systems.reachability_filter import ReachabilityFilter
     from feasigrasp.systems.rmm_task_controller import RMMTaskController
     from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
-    from feasigrasp.systems.station.station import Station, StationConfig
+    from feasigrasp.systems.station.cell_models import StationConfig
+    from feasigrasp.systems.station.station import Station
     from feasigrasp.systems.velocity_drive import VelocityDrive
 
 __all__ = [
@@ -40,7 +41,7 @@ __getattr__ = hand_on(
     __name__,
     {
         "Station": "station.station",
-        "StationConfig": "station.station",
+        "StationConfig": "station.cell_models",
         "SegmentPointCloud": "segmentation.segment_point_cloud",
         "PointCloudToGPDF": "point_cloud_to_gpdf",
         "GraspSampler": "grasp_sampler",

@@ -48,7 +48,8 @@ from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_boxes import cell_boxes
-from feasigrasp.systems.station.station import Station, StationConfig
+from feasigrasp.systems.station.cell_models import StationConfig
+from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
 

@@ -24,9 +24,9 @@ from feasigrasp.evaluation.runs.hand_load import HandLoad
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import model_path
+from feasigrasp.systems.station.cell_models import FINGER_KD, FINGER_KP
 from feasigrasp.systems.station.friction import set_friction
 from feasigrasp.systems.station.object_model import add_object
-from feasigrasp.systems.station.station import FINGER_KD, FINGER_KP
 
 #: As in the scenarios.
 _PLANT = MultibodyPlantConfig(

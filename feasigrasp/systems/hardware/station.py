@@ -47,8 +47,8 @@ from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
 from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
+from feasigrasp.systems.station.cell_models import add_cell
 from feasigrasp.systems.station.pose_at import PositionAt
-from feasigrasp.systems.station.station import add_cell
 
 
 class HardwareStation(Diagram):

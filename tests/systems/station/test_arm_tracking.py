@@ -12,7 +12,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
-from feasigrasp.systems.station.station import ARM_KD, ARM_KP, Station, StationConfig
+from feasigrasp.systems.station.cell_models import ARM_KD, ARM_KP, StationConfig
+from feasigrasp.systems.station.station import Station
 
 SPEED = 0.8
 

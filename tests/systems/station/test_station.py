@@ -11,7 +11,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object, make_motion
 from feasigrasp.systems.from_scenario import make_station
-from feasigrasp.systems.station.station import Station, StationConfig
+from feasigrasp.systems.station.cell_models import StationConfig
+from feasigrasp.systems.station.station import Station
 from tests.cell import FILE, HOME, OPEN, Cell, scenario
 
 

@@ -1,0 +1,133 @@
+"""What stands in the robot cell beside the object: its description, and its models in a plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.common.schema import Transform
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import (
+    FlattenModelDirectives,
+    ModelDirective,
+    ModelDirectives,
+    PackageMap,
+    Parser,
+    ProcessModelDirectives,
+)
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
+from pydrake.systems.sensors import CameraConfig
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.hand_eye import HandEyeError
+from feasigrasp.models.faults.object import ObjectPulled
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.resources import model_path
+from feasigrasp.scenario.schema import ObjectConfig
+
+#: Gains of the joints' PD controllers, from the base to the flange [Nm/rad], [Nm s/rad]: no less
+#: than two thirds of critical damping at the largest inertia of a joint, with that of its rotor.
+ARM_KP = np.array([6000.0, 6000.0, 3000.0, 3000.0, 800.0, 500.0, 300.0])
+ARM_KD = np.array([350.0, 350.0, 150.0, 150.0, 51.0, 40.0, 31.0])
+#: The gripper's position controller [N/m]: saturates at the finger's effort limit when squeezing.
+FINGER_KP, FINGER_KD = 3000.0, 60.0
+
+
+@dataclass
+class StationConfig:
+    """What stands in the cell.
+
+    Attributes:
+        plant: Drake's plant settings.
+        directives: Model directives with model instances ``iiwa`` and ``gripper``.
+        cameras: Cameras by name.
+        q_start: Joint positions at the start [rad], shape (7,).
+        friction: Coulomb friction between the gripper and the object.
+        enforce_constraints: Whether joints have end stops and the robot is blocked by itself and by
+            its cell. The paper's tests are "without constraints": joints turn on, links pass
+            through each other, and there is no table. What goes beyond is counted.
+        touch_object: Whether robot and object touch. The paper's dynamic test puts the object back
+            on its path at every step, whatever touches it.
+        camera_noise: Errors of the depth images, by camera; a camera not named has none.
+        hand_eye: Errors of where cameras are believed to be, by camera, likewise.
+        noise_seed: Seed of those errors.
+        hand_error: Where the hand truly is, in the frame of the one that is planned with, shape
+            (4, 4) [m].
+        pulls: What pulls at the object once it is let go.
+    """
+
+    plant: MultibodyPlantConfig
+    directives: list[ModelDirective] = field(default_factory=list)
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    q_start: np.ndarray = field(default_factory=lambda: np.zeros(IIWA_7.joints))
+    friction: float = ObjectConfig.friction
+    enforce_constraints: bool = True
+    touch_object: bool = True
+    camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
+    hand_eye: dict[str, HandEyeError] = field(default_factory=dict)
+    noise_seed: int = 0
+    hand_error: np.ndarray = field(default_factory=lambda: np.eye(4))
+    pulls: list[ObjectPulled] = field(default_factory=list)
+
+
+def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:
+    """Adds the arm, what it carries, and what stands around it to a plant.
+
+    Raises:
+        ScenarioError: Drake cannot load the directives.
+    """
+    parser = Parser(plant)
+    parser.package_map().AddPackageXml(str(model_path("package.xml")))
+    try:
+        directives = _with_hand_error(config, parser.package_map())
+        ProcessModelDirectives(directives, plant, parser)
+    except RuntimeError as error:
+        raise ScenarioError(
+            "the directives of the cell cannot be loaded; if they name package://drake_models, "
+            "Drake must find or download it, else use package://feasigrasp/iiwa/cell.dmd.yaml. "
+            f"Drake says: {error}"
+        ) from error
+    iiwa = plant.GetModelInstanceByName("iiwa")
+    for name, kp, kd, q in zip(IIWA_7.joint_names, ARM_KP, ARM_KD, config.q_start, strict=True):
+        joint = plant.GetJointByName(name, iiwa)
+        actuator = plant.GetJointActuatorByName(name, iiwa)
+        actuator.set_controller_gains(PdControllerGains(p=kp, d=kd))
+        joint.set_default_positions([q])
+        if not config.enforce_constraints:
+            joint.set_position_limits([-np.inf], [np.inf])
+            actuator.set_effort_limit(np.inf)
+    gripper = plant.GetModelInstanceByName("gripper")
+    finger = plant.GetJointActuatorByName("left_finger_joint", gripper)
+    finger.set_controller_gains(PdControllerGains(p=FINGER_KP, d=FINGER_KD))
+    for name in ("left_finger_joint", "right_finger_joint"):
+        joint = plant.GetJointByName(name, gripper)
+        joint.set_default_positions(joint.position_upper_limits())
+    # The real arm compensates its own weight and its tool's.
+    for instance in robot_instances(plant):
+        plant.set_gravity_enabled(instance, False)
+
+
+def _with_hand_error(config: StationConfig, packages: PackageMap) -> ModelDirectives:
+    """The directives of the cell, with the hand welded to the flange as far off as it errs."""
+    directives = ModelDirectives(directives=config.directives)
+    if np.array_equal(config.hand_error, np.eye(4)):
+        return directives
+    directives = FlattenModelDirectives(directives, packages)
+    X_FG = ParallelGripper().X_FG
+    X_FF = RigidTransform(X_FG @ config.hand_error @ se3.inverse(X_FG))
+    for each in directives.directives:
+        if each.add_weld is not None and each.add_weld.child.startswith("gripper::"):
+            given = each.add_weld.X_PC
+            X_PC = RigidTransform() if given is None else given.GetDeterministicValue()
+            each.add_weld.X_PC = Transform(X_FF @ X_PC)
+    return directives
+
+
+def robot_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
+    """Model instances of the arm and of what it carries."""
+    names = filter(plant.HasModelInstanceNamed, ("iiwa", "gripper", "camera"))
+    return [plant.GetModelInstanceByName(name) for name in names]
