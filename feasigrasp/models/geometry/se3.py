@@ -131,6 +131,21 @@ def extrapolate(X_WB: ArrayLike, V_WB: ArrayLike, dt: float) -> Array:
     return X
 
 
+def interpolate(X_WA: ArrayLike, X_WB: ArrayLike, share: float) -> Array:
+    """Pose on the screw from one pose to another.
+
+    Args:
+        X_WA: Where it begins, shape (4, 4).
+        X_WB: Where it ends, shape (4, 4); less than half a turn away.
+        share: Share of the way: 0 is A, 1 is B.
+
+    Returns:
+        Pose, shape (4, 4): X_WA exp(share log(X_AB)).
+    """
+    X_AB = inverse(X_WA) @ np.asarray(X_WB)
+    return np.asarray(np.asarray(X_WA) @ exp(share * log(X_AB)))
+
+
 def _checked(array: ArrayLike, shape: tuple[int, ...]) -> Array:
     """The input as a contiguous float64 array whose trailing axes have the given shape."""
     array = np.ascontiguousarray(array, dtype=float)

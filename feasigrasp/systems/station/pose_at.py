@@ -114,7 +114,7 @@ def _interpolated(rows: Array, stamp: float) -> Array:
         return _matrix(rows[0 if older == 0 else -1])
     X_a, X_b = _matrix(rows[older]), _matrix(rows[older - 1])
     share = (stamp - rows[older, 0]) / (rows[older - 1, 0] - rows[older, 0])
-    return np.asarray(X_a @ se3.exp(share * se3.log(se3.inverse(X_a) @ X_b)))
+    return se3.interpolate(X_a, X_b, share)
 
 
 def _matrix(row: Array) -> Array:

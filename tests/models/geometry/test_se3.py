@@ -199,6 +199,15 @@ def test_extrapolation_turns_about_the_moving_origin(rng):
     np.testing.assert_allclose(spin, V[:3], atol=1e-8)
 
 
+def test_interpolation_is_a_motion_at_one_twist(rng):
+    X, V = se3.random_pose(rng, 1)[0], twist_of_angle(rng, 2.0)[0]
+    end = X @ expm(algebra(V))
+    for share in (0.0, 0.3, 1.0):
+        np.testing.assert_allclose(
+            se3.interpolate(X, end, share), X @ expm(share * algebra(V)), atol=1e-12
+        )
+
+
 def test_nan_stays_nan_and_raises_nothing():
     X = np.eye(4)
     X[0, 0] = np.nan
