@@ -1,4 +1,4 @@
-"""The parts of the pipeline that a scenario chooses: robot cell, grasp sampler and controller."""
+"""The parts of the pipeline as a scenario has them, from the robot cell to the controller."""
 
 from __future__ import annotations
 

@@ -34,6 +34,7 @@ def test_axial_noise_grows_with_the_square_of_the_depth(z, expected):
     smooth = DepthNoise(disparity_step=0.0, depth_step=0.0).apply(depth, INTRINSICS, rng())
     assert np.std(smooth) == pytest.approx(expected, rel=0.02)
     assert z**2 * 0.08 / (FX * 0.05) == pytest.approx(expected, rel=0.005)
+    assert z**2 * DepthNoise().axial(FX) == pytest.approx(expected, rel=0.005)
     # The mean of f B / (disparity + error) is z (1 + (sigma / z)^2) to second order.
     standard_error = expected / np.sqrt(depth.size)
     assert np.mean(smooth) == pytest.approx(z + expected**2 / z, abs=4 * standard_error)
