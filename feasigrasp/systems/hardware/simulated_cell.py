@@ -23,7 +23,6 @@ from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubsc
 from pydrake.systems.primitives import (
     ConstantValueSource,
     ConstantVectorSource,
-    LogVectorOutput,
     StateInterpolatorWithDiscreteDerivative,
 )
 
@@ -36,9 +35,8 @@ from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.images import publish_images
 from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
 from feasigrasp.systems.hardware.simulated_driver import Handover, SimulatedIiwaDriver
-from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
-from feasigrasp.systems.station.object_contact import ObjectContact
-from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
+from feasigrasp.systems.stages.cell import Cell
+from feasigrasp.systems.stages.measurement import add_judges
 from feasigrasp.systems.station.station import Station
 
 
@@ -62,7 +60,10 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     mask = scenario.perception.segmentation == Segmentation.LABELS
     for name, camera in scenario.cameras.items():
         publish_images(builder, station, name, camera, bus, mask=mask)
-    _add_judges(builder, station, scenario)
+    nothing = AbstractValue.Make(GraspSet.empty())
+    none = builder.AddNamedSystem("no_grasps", ConstantValueSource(nothing)).get_output_port()
+    cell = Cell(builder, scenario, ParallelGripper(), station)
+    add_judges(cell, builder.GetSubsystemByName("handover"), grasps=none, sampled_grasps=none)
     diagram = builder.Build()
     diagram.set_name("simulated_cell")
     return diagram
@@ -147,36 +148,3 @@ def _add_gripper(
     _publish(
         builder, channels.WSG_STATUS, lcmt_schunk_wsg_status, status.get_output_port(), lcm, period
     )
-
-
-def _add_judges(builder: DiagramBuilder, station: Station, scenario: Scenario) -> None:
-    phase = builder.GetSubsystemByName("handover").GetOutputPort("phase")
-    none = builder.AddNamedSystem(
-        "no_grasps", ConstantValueSource(AbstractValue.Make(GraspSet.empty()))
-    ).get_output_port()
-    state = station.GetOutputPort("iiwa.state_estimated")
-    metrics = builder.AddNamedSystem("metrics", Metrics(ParallelGripper()))
-    for name, port in (
-        ("state", state),
-        ("object_pose", station.GetOutputPort("object.pose")),
-        ("grasps", none),
-        ("sampled_grasps", none),
-        ("phase", phase),
-    ):
-        builder.Connect(port, metrics.GetInputPort(name))
-    distance = ObstacleDistance(station.plant, station.robot_instances())
-    builder.AddNamedSystem("obstacle_distance", distance)
-    builder.Connect(station.GetOutputPort("query_object"), distance.get_input_port())
-    contact = ObjectContact(station.plant, station.object_body.index(), station.robot_instances())
-    builder.AddNamedSystem("contact", contact)
-    results = station.GetOutputPort("contact_results")
-    builder.Connect(results, contact.GetInputPort("contact_results"))
-    builder.Connect(phase, contact.GetInputPort("phase"))
-    torque = station.GetOutputPort("iiwa.torque_measured")
-    for name, port, period in (
-        ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
-        ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
-        ("arm", state, scenario.control.period),
-        ("torque", torque, station.plant.time_step()),
-    ):
-        LogVectorOutput(port, builder, period).set_name(f"log({name})")

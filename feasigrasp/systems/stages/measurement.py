@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydrake.systems.framework import OutputPort
+from pydrake.systems.framework import OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
 
 from feasigrasp.models.objects.tracker_config import TrackerKind
@@ -31,34 +31,43 @@ def add_status(cell: Cell) -> None:
 
 def add_measurement(cell: Cell) -> None:
     """Adds what reads the truth, and the logs of what arm and drive do."""
-    station, control_period = cell.station, cell.scenario.control.period
-    state = station.GetOutputPort("iiwa.state_estimated")
-    pose = station.GetOutputPort("object.pose")
-    distance = ObstacleDistance(station.plant, station.robot_instances())
-    metrics = Metrics(cell.gripper)
     frame: dict[str, OutputPort] = {}
     if cell.scenario.tracker.kind == TrackerKind.CAMERA:  # whose frame is that of its first view
+        pose = cell.station.GetOutputPort("object.pose")
         tracked = cell["tracker"].GetOutputPort("object_pose")
         judge = cell.add("true_frame", TrueFrame(), object_pose=pose, tracked_pose=tracked)
         frame["frame_pose"] = judge.get_output_port()
-    cell.add(
-        "metrics",
-        metrics,
+    add_judges(
+        cell,
         cell["sequencer"],
         **frame,
-        state=state,
-        object_pose=pose,
         sampled_grasps=cell["latency"].get_output_port(),
         seen_at=_as_late_as_the_grasps(cell, cell["perception"].GetOutputPort("seen_at")),
     )
+    desired = cell["drive"].GetOutputPort("desired_state")
+    LogVectorOutput(desired, cell.builder, cell.scenario.control.period).set_name("log(drive)")
+
+
+def add_judges(cell: Cell, sequencer: System, **inputs: OutputPort) -> None:
+    """Adds what a run is judged by, in the whole pipeline or beside the drivers, and its logs.
+
+    Args:
+        cell: A cell whose station is simulated.
+        sequencer: What tells the phase of the grasp, and may tell grasps.
+        inputs: Further inputs of `Metrics`.
+    """
+    station = cell.station
+    state = station.GetOutputPort("iiwa.state_estimated")
+    inputs |= {"state": state, "object_pose": station.GetOutputPort("object.pose")}
+    metrics = cell.add("metrics", Metrics(cell.gripper), sequencer, **inputs)
+    distance = ObstacleDistance(station.plant, station.robot_instances())
     cell.add("obstacle_distance", distance, station)
     contact = ObjectContact(station.plant, station.object_body.index(), station.robot_instances())
-    cell.add("contact", contact, station, cell["sequencer"])
+    cell.add("contact", contact, station, sequencer)
     for name, port, period in (
         ("metrics", metrics.get_output_port(), SAMPLE_PERIOD),
         ("obstacle_distance", distance.get_output_port(), SAMPLE_PERIOD),
-        ("drive", cell["drive"].GetOutputPort("desired_state"), control_period),
-        ("arm", state, control_period),
+        ("arm", state, cell.scenario.control.period),
         # At every step of the plant, which computes them anyway; in between it would do so anew.
         ("torque", station.GetOutputPort("iiwa.torque_measured"), station.plant.time_step()),
     ):
