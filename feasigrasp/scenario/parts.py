@@ -62,7 +62,7 @@ def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
     """
     where = f"parts.{key}.name: {part.name!r}"
     module_name, colon, name = part.name.partition(":")
-    if not (colon and module_name and name):
+    if not (colon and module_name and name) or module_name.startswith("."):
         raise ScenarioError(f"{where} is not of the form package.module:Name")
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # behind all that is installed

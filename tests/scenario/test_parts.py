@@ -65,6 +65,7 @@ def test_a_named_sampler_and_tracker_run_in_the_diagram(module):
         ("{sampler: {name: 'my_parts:Fev'}}", "my_parts has no such class; do you mean Few"),
         ("{sampler: {name: 'my_parts:number'}}", "my_parts has no such class"),
         ("{sampler: {name: my_parts}}", "not of the form package.module:Name"),
+        ("{sampler: {name: '.my_parts:Few'}}", "not of the form package.module:Name"),
         ("{samplr: {name: 'my_parts:Few'}}", "parts is 'samplr'.*do you mean sampler"),
         ("{sampler: {name: 'my_parts:Few', options: {most: [1]}}}", "options.most is a list"),
         ("{sampler: {nam: 'my_parts:Few'}}", "has no key 'nam'.*do you mean name"),
