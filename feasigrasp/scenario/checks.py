@@ -68,7 +68,7 @@ def _check_steps(scenario: Scenario) -> None:
     """
     period, step = scenario.control.period, scenario.plant_config.time_step
     steps = max(1, math.ceil(period / step - 1e-6))
-    if step > 0.0 and abs(steps * step - period) > 1e-6 * period:
+    if abs(steps * step - period) > 1e-6 * period:
         raise ScenarioError(
             f"plant_config.time_step: {step:g} s does not divide control.period, {period:g} s; "
             f"give {period / steps:g}"

@@ -82,13 +82,6 @@ class MotionConfig:
     spin: float = 0.2
 
 
-class Segmentation(StrEnum):
-    """By what the object's pixels are told."""
-
-    LABELS = "labels"
-    DEPTH = "depth"
-
-
 @dc.dataclass
 class BezierPath:
     """A path of Bezier curves with stops and turns, drawn from the seed; see `BezierMotion`.
@@ -108,6 +101,13 @@ class BezierPath:
     stop: float = 0.5
     spin_axis: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 1.0])
     spin: float = 0.2
+
+
+class Segmentation(StrEnum):
+    """By what the object's pixels are told."""
+
+    LABELS = "labels"
+    DEPTH = "depth"
 
 
 @dc.dataclass
