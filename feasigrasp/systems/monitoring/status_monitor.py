@@ -59,8 +59,8 @@ class _Said(Frozen):
         """With what is judged now, and the two counts; what passes at once is not said."""
         if self.history and code == self.history[-1].code:
             return _Said(self.history, None, *counts)
-        going_on = self.next is not None and self.next.code == code
-        now = Status(self.next.time if going_on and self.next else time, code, detail)
+        since = self.next.time if self.next is not None and self.next.code == code else time
+        now = Status(since, code, detail)
         if time - now.time >= LASTS.get(code, PERIOD) - 1e-9:
             return _Said((*self.history, now), None, *counts)
         return _Said(self.history, now, *counts)
