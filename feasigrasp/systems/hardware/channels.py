@@ -12,6 +12,7 @@ from drake import (
     lcmt_schunk_wsg_status,
 )
 from pydrake.lcm import DrakeLcm
+from pydrake.manipulation import kIiwaLcmStatusPeriod
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.scenario.schema import Scenario
@@ -27,7 +28,7 @@ WSG_STATUS, WSG_COMMAND = "SCHUNK_WSG_STATUS", "SCHUNK_WSG_COMMAND"
 OBJECT_POSE = "FEASIGRASP_OBJECT_POSE"
 
 #: Time between messages of the arm's driver and of the gripper's [s].
-IIWA_PERIOD, WSG_PERIOD = 0.005, 0.05
+IIWA_PERIOD, WSG_PERIOD = kIiwaLcmStatusPeriod, 0.05
 #: The order in which a pose is sent, that of Drake's floating joints.
 POSE_NAMES = ["qw", "qx", "qy", "qz", "x", "y", "z"]
 #: Labels of a mask: everything else is 0.

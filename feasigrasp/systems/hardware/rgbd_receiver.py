@@ -30,7 +30,9 @@ class RgbdReceiver(LeafSystem):
     ``message`` is an ``lcmt_image_array``. ``depth_image`` is ``ImageDepth32F`` [m], infinite where
     the camera measured nothing (0 or 65535 millimetres); ``label_image`` is ``ImageLabel16I``, all
     0 if no mask came with the depth; ``stamp`` is V1, the time stamp of the message [s], NaN before
-    the first. An image of another size or kind than expected counts as one without depth.
+    the first. An image of another size or kind than expected counts as one without depth. Drake's
+    own ``LcmImageArrayToImages`` believes the size that a message claims, reads beyond its end, and
+    takes 0 mm for a depth.
     """
 
     def __init__(self, width: int, height: int) -> None:
