@@ -61,9 +61,9 @@ class Metrics(LeafSystem):
         output_ports:
         - sample
 
-    ``state`` is the arm's V14 state, ``object_pose`` the true one, ``frame_pose`` the true pose of
-    the object frame in which the grasps are, where that is not the object's own (see `TrueFrame`;
-    the port may stay unconnected), ``grasps`` what the controller is given, in the object frame,
+    ``state`` is the arm's V14 state, ``object_pose`` the true one, X_WB, ``frame_pose`` the true
+    pose X_WO of the object frame in which the grasps are, where that is not the object's own (see
+    `TrueFrame`; the port may stay unconnected), ``grasps`` what the controller is given, in O,
     ``sampled_grasps`` what reachability was judged of, ``seen_at`` the time of the last view behind
     ``grasps`` (NaN without one; the port may stay unconnected).
     ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint limit (negative beyond it);
@@ -89,28 +89,28 @@ class Metrics(LeafSystem):
 
     def _calc(self, context: Context, output) -> None:
         q, v = np.split(self._state.Eval(context), 2)
-        X_WO = self._pose.Eval(context).GetAsMatrix4()
+        X_WB = self._pose.Eval(context).GetAsMatrix4()
         X_WH = forward_kinematics(q, self._gripper.X_FG)
-        X_OH = inverse_kernel(X_WO) @ X_WH
+        X_BH = inverse_kernel(X_WB) @ X_WH
         grasps: GraspSet = self._grasps.Eval(context)
         nearest = np.full(2, np.nan)
         if len(grasps) > 0:
-            X_FH = X_OH
+            X_OH = X_BH
             if self._frame_pose.HasValue(context):
-                X_FH = inverse_kernel(self._frame_pose.Eval(context).GetAsMatrix4()) @ X_WH
-            errors = grasp_errors(grasps.X_OG, X_FH)
+                X_OH = inverse_kernel(self._frame_pose.Eval(context).GetAsMatrix4()) @ X_WH
+            errors = grasp_errors(grasps.X_OG, X_OH)
             nearest = errors[np.argmin(errors[:, 0] + 0.1 * errors[:, 1])]
-        p_HO = inverse_kernel(X_OH)[:3, 3]
+        p_HB = inverse_kernel(X_BH)[:3, 3]
         seen_at = self._seen_at.Eval(context)[0] if self._seen_at.HasValue(context) else np.nan
         output.SetFromVector(
             np.concatenate(
                 [
                     arm_condition_kernel(q, v),
                     nearest,
-                    p_HO,
-                    so3_log_kernel(np.ascontiguousarray(X_OH[:3, :3])),
-                    X_WO[:3, 3],
-                    so3_log_kernel(np.ascontiguousarray(X_WO[:3, :3])),
+                    p_HB,
+                    so3_log_kernel(np.ascontiguousarray(X_BH[:3, :3])),
+                    X_WB[:3, 3],
+                    so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
                     self._phase.Eval(context),
                     [len(self._sampled.Eval(context)), len(grasps), context.get_time() - seen_at],
                 ]
