@@ -89,7 +89,8 @@ def make_dynamic_grasp(
     ``log(arm)`` the commanded and the true state of the arm at the control rate, ``log(torque)``
     the torques of its motors at every step of the plant. With a Meshcat there are ``scene``,
     ``visualizer`` and ``camera_pictures`` as well; with a scene field ``scene_perception``,
-    ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth`` ``foreground``; with
+    ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth`` ``foreground``; with a
+    tracker of ``kind: camera`` ``true_frame``; where images have a stamp ``pose_at_view``; with
     faults systems that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log of one's own when it has

@@ -20,8 +20,8 @@ from feasigrasp.systems.hardware.station import HardwareStation
 class ControlLoop:
     """The pipeline of a scenario behind the drivers' messages, one step for every status.
 
-    Nothing in it looks at the computer's clock: where the drivers are simulated, slowly, it is as
-    slow as they are.
+    By the computer's clock it only gives up waiting: where the drivers are simulated, slowly, it is
+    as slow as they are.
 
     Attributes:
         diagram: The pipeline, see `make_dynamic_grasp`.

@@ -77,8 +77,8 @@ class HardwareStation(Diagram):
     commands the arm. ``iiwa.torque_external`` is V7 [Nm], as the driver estimates it.
     ``object.pose`` is a measurement, made at ``object.stamp``. ``<camera>.pose`` X_WC follows from
     the measured joints at the instant of the image, ``<camera>.position`` (V7); that instant is
-    ``<camera>.stamp``. Stamps are V1 [s], of the
-    clock of the arm's status messages, which the diagram's time has to follow.
+    ``<camera>.stamp``. Stamps are V1 [s], of the clock of the arm's status messages, which the
+    diagram's time has to follow.
 
     Attributes:
         plant: The cell without the object: the frames that cameras are mounted on.
