@@ -22,6 +22,9 @@ from feasigrasp.models.robot.capsule_kernels import (
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
 
+#: So many rows keep off an object at most. A hand that opens round it has hundreds of points inside
+#: their clearance, most of them beside each other: the QP would take several ticks for them.
+MOST_OBJECT_ROWS = 64
 #: No point of the arm is farther from a joint's axis [m]; a bound on how a joint moves it.
 _LEVER = 1.5
 _UP = (0.0, 0.0, 1.0)
@@ -127,14 +130,17 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
 
 
 @njit(cache=True)
-def object_rows_kernel(R, p, lower, upper, options, guarded, grid, frame, X_WO, V_WO, rows, bounds):
+def object_rows_kernel(
+    R, p, lower, upper, options, guarded, grid, frame, X_WO, V_WO, most, rows, bounds
+):
     """Writes rows (m, 7) and bounds (m,) that keep arm and hand off a moving object; returns m.
 
     ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is
     kept off, one line of link, x, y, z and radius each: points of the hand (radius 0), which keep a
     small clearance, and balls that cover the arm, which keep the one to obstacles. Either may
     approach the surface at most at gain x what is left beyond the clearance, relative to the
-    surface as it moves: ``n . (v_point - v_surface)``.
+    surface as it moves: ``n . (v_point - v_surface)``. Of more than ``most`` those are kept
+    that ask for the greatest speed away from it.
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
@@ -172,4 +178,9 @@ def object_rows_kernel(R, p, lower, upper, options, guarded, grid, frame, X_WO, 
         surface = V_WO[3] + turning[0], V_WO[4] + turning[1], V_WO[5] + turning[2]
         add_lever(x, normal, 0, link, R, p, rows[m])
         m = _keep(rows, bounds, m, dot(normal, surface) - allowed, lower, upper)
+    if m > most:
+        kept = np.sort(np.argsort(-bounds[:m])[:most])
+        for i in range(most):
+            rows[i], bounds[i] = rows[kept[i]], bounds[kept[i]]
+        m = most
     return m

@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.control.safety.clearance_rows import (
+    MOST_OBJECT_ROWS,
     Body,
     object_rows_kernel,
     rows_kernel,
@@ -110,7 +111,7 @@ def problem_kernel(
     )
     total = m + object_rows_kernel(
         *(R, p, lower, upper, settings, guarded, object_grid, object_frame, X_WO, V_WO),
-        *(matrix[7 + m :], lower[7 + m :]),
+        *(MOST_OBJECT_ROWS, matrix[7 + m :], lower[7 + m :]),
     )
     upper[7 : 7 + total] = _UNBOUNDED
     if not _write_request(

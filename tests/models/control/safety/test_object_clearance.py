@@ -7,7 +7,10 @@ import pytest
 
 from feasigrasp.models.arrays import record
 from feasigrasp.models.control.safety.arm_balls import arm_balls
-from feasigrasp.models.control.safety.clearance_rows import object_rows_kernel
+from feasigrasp.models.control.safety.clearance_rows import (
+    MOST_OBJECT_ROWS,
+    object_rows_kernel,
+)
 from feasigrasp.models.control.safety.obstacle_grid import (
     MovingObject,
     box_distance_kernel,
@@ -139,7 +142,7 @@ def test_hand_points_lie_on_the_hand():
     np.testing.assert_allclose(in_world, HAND @ X_WG[:3, :3].T + X_WG[:3, 3], atol=1e-12)
 
 
-def all_rows(q, grid, X_WO, V_WO):
+def all_rows(q, grid, X_WO, V_WO, most=10_000):
     hand = np.pad(hand_points(), ((0, 0), (1, 1)))  # radius 0 ...
     hand[:, 0] = 7.0  # ... on link 7
     rows, bounds = np.empty((len(hand) + 1, 7)), np.empty(len(hand) + 1)
@@ -147,9 +150,8 @@ def all_rows(q, grid, X_WO, V_WO):
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
     options = record(SafetyOptions(object_clearance=0.0, approach_gain=1.0))[0]
-    m = object_rows_kernel(
-        *(R, p, -wide, wide, options, hand, grid.values, grid.frame, X_WO, V_WO, rows, bounds)
-    )
+    moving = grid.values, grid.frame, X_WO, V_WO
+    m = object_rows_kernel(R, p, -wide, wide, options, hand, *moving, most, rows, bounds)
     return rows[:m].copy(), bounds[:m].copy()
 
 
@@ -178,6 +180,19 @@ def test_rows_are_the_rates_of_the_distances_as_hand_and_object_move(grid):
         assert np.mean(error < 1e-3 * (1 + np.abs(rate))) > 0.9  # apart from faces of voxels
         checked += 1
     assert checked > 10
+
+
+def test_of_too_many_rows_the_most_urgent_stay(grid):
+    """The ball lies in the open hand; each row keeps its bound, and their order."""
+    X_WO, V_WO = at(forward_kinematics(Q, GRIPPER.X_FG)[:3, 3]), np.full(6, 0.1)
+    rows, bounds = all_rows(Q, grid, X_WO, V_WO)
+    assert len(rows) > MOST_OBJECT_ROWS
+    urgent = np.sort(np.argsort(-bounds)[:MOST_OBJECT_ROWS])
+    kept = all_rows(Q, grid, X_WO, V_WO, MOST_OBJECT_ROWS)
+    np.testing.assert_array_equal(kept[0], rows[urgent])
+    np.testing.assert_array_equal(kept[1], bounds[urgent])
+    enough = all_rows(Q, grid, X_WO, V_WO, len(rows))
+    np.testing.assert_array_equal(enough[0], rows)
 
 
 @pytest.mark.parametrize("direction", [[0, 0, -0.3], [0.2, 0, -0.2], [0, 0.2, -0.2]])
