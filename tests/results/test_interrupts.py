@@ -17,6 +17,14 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
 
 
+@pytest.fixture(autouse=True)
+def heard_interrupts():
+    """Of a process in a shell's background Python leaves interrupts ignored, as it finds them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def small_run():
     text = "{object: {model: ball}}"
     return load_scenario(diagram_path("dynamic.scenarios.yaml"), "PaperLinear", text)
