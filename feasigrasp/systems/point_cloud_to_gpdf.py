@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context, DependencyTicket, LeafSystem
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.clouds.usable import ViewFault, usable_points
+from feasigrasp.models.clouds.usable import ViewFault, of_one_depth, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
@@ -182,7 +182,8 @@ class PointCloudToGPDF(LeafSystem):
         if self._tracking.HasValue(context) and self._tracking.Eval(context).lost:
             return replace(seen, contradicted=False).without(ViewFault.UNKNOWN_POSE)
         X_OW = self._object_pose.Eval(context).inverse()
-        p_OC = X_OW @ self._camera_pose.Eval(context).translation()
+        X_WC = self._camera_pose.Eval(context)
+        p_OC = X_OW @ X_WC.translation()
         if not (np.isfinite(X_OW.GetAsMatrix4()).all() and np.isfinite(p_OC).all()):
             return seen.without(ViewFault.UNKNOWN_POSE)
         time = context.get_time()
@@ -199,6 +200,8 @@ class PointCloudToGPDF(LeafSystem):
             doubted = seen.contradicted and time < seen.looked + DOUBTED_FOR - 1e-9
             return replace(seen, contradicted=doubted)
         kept, fault, detail = usable_points(points_O, p_OC, self._min_points, seen.cloud.points)
+        if fault is None and of_one_depth(points_W[finite], X_WC.GetAsMatrix4()):
+            fault, detail = ViewFault.ONE_DEPTH, f"{len(points_O)} points"
         if fault is not None:
             return seen.without(fault, detail)
         contradicted = seen.cloud.contradicted(kept, p_OC) > MAX_CONTRADICTION

@@ -175,7 +175,7 @@ FAULTS: dict[str, StudiedFault] = {
         "the object is five times as fast",
         _FOLLOW,
         ObjectPace(factor=5.0),
-        ("none_reachable", "never_settled"),
+        ("none_reachable", "never_settled", "missed"),
     ),
     "object_out_of_reach": StudiedFault(
         "the object leaves, 1.3 m from the base",

@@ -16,6 +16,11 @@ _COLUMNS = (
     ("limits_broken", "limits broken", 0),
     ("crashes", "crashes", 0),
 )
+#: What is said of the rows about an arm whose object is lost for good.
+_RESTS = {
+    "rest_s": "told to rest {:.2f} s after the stated silence or after a touch since then",
+    "rest_pushed_s": "in motion, pushed by the object or not, {:.2f} s after the stated silence",
+}
 
 
 def faults_report(rows: Sequence[Row]) -> str:
@@ -43,9 +48,11 @@ def faults_report(rows: Sequence[Row]) -> str:
     ]
     if leaks := found.get(("all", "truth_leaks")):
         parts.append(f"Truth leaked in {leaks.value:.0f} of {leaks.n} pairs of runs.")
-    if rest := found.get(("all", "rest_s")):
-        parts.append(
-            f"With the pose lost for good, the arm was at rest {rest.value:.2f} s after the stated "
-            f"silence at the latest ({rest.n} runs)."
-        )
+    for key, when in _RESTS.items():
+        if rest := found.get(("all", key)):
+            parts.append(
+                f"With the pose lost for good, the arm was {when} at the latest ({rest.n} runs).".format(
+                    rest.value
+                )
+            )
     return "\n\n".join(parts)

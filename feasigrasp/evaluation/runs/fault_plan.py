@@ -25,10 +25,8 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 
-#: The object moves as in these, instant by instant.
+#: The object moves as in these, in turn.
 MOTIONS = STUDIES["reach"].scenarios
-#: A run ends at the latest so long after its fault began [s].
-_AFTERWARDS = 12.0
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
 _LIMITS = (
     "joint_limit_violation_percent",
@@ -62,8 +60,9 @@ class FaultRun(PlannedRun):
 def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
     """The runs without a fault: one for every object, controller and instant.
 
-    Instants differ in motion and seed; instant 0 is the beginning, to which as many are added as
-    ``args`` asks for. With ``--quick``, one object and controller, and one instant that is drawn.
+    Instants differ in motion and seed, and objects in where the turn of motions begins. Instant 0
+    is the beginning, to which as many are added as ``args`` asks for. With ``--quick``, one object
+    and controller, and one instant that is drawn.
 
     Raises:
         ScenarioError: Unknown scenario, key or value.
@@ -82,8 +81,10 @@ def nominal_runs(args: argparse.Namespace) -> list[FaultRun]:
         for motion, controller in itertools.product(MOTIONS, controllers)
     }
     runs = []
-    for (name, model), controller, k in itertools.product(objects, controllers, instants):
-        motion = MOTIONS[k % len(MOTIONS)]
+    for (j, (name, model)), controller, k in itertools.product(
+        enumerate(objects), controllers, instants
+    ):
+        motion = MOTIONS[(j + k) % len(MOTIONS)]
         scenario = copy.deepcopy(cells[motion, controller])
         scenario.random_seed = scenario.tracker.seed = args.seed + k
         scenario.object.model = model
@@ -99,7 +100,8 @@ def faulty_runs(
 ) -> list[FaultRun]:
     """The runs with faults, which begin while the same run without a fault approaches, or lifts.
 
-    At instant 0 that is at the very beginning of it; all others are drawn.
+    At instant 0 that is at the very beginning of it; all others are drawn, for every fault, object
+    and controller anew, so that few instants cover the whole approach.
 
     Args:
         nominal: The runs without a fault.
@@ -122,13 +124,13 @@ def faulty_runs(
 
 def _with_fault(run: FaultRun, record: Record, name: str, seed: int) -> FaultRun:
     fault, scenario = FAULTS[name], copy.deepcopy(run.scenario)
-    key = [seed, run.instant, zlib.crc32(f"{name} {run.object_name}".encode())]
+    which = f"{name} {run.object_name} {scenario.control.controller}"
+    key = [seed, run.instant, zlib.crc32(which.encode())]
     share = float(np.random.default_rng(key).random()) if run.instant else 0.0
     first, last = _window(fault, scenario, record)
     start = round(first + share * (last - first), 3)
     scenario.faults = [*scenario.faults, *fault.beginning_at(start)]  # type: ignore[list-item]
     scenario.tracker = dc.replace(scenario.tracker, **fault.tracker)
-    scenario.simulation_duration = min(scenario.simulation_duration, start + _AFTERWARDS)
     check_scenario(scenario)
     return dc.replace(run, scenario=scenario, fault=name, start=start)
 

@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.images import CameraGone
 from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.models.faults.pose import PoseFrozen, PoseNan
+from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.files import parse_scenario
 from feasigrasp.scenario.schema import Scenario
@@ -34,11 +36,14 @@ class ArmLog(NamedTuple):
         times: [s], shape (m,).
         commanded: Joint velocities sent to it [rad/s], shape (m, 7).
         measured: Its true joint velocities [rad/s], shape (m, 7).
+        handled: When it touched the object, in truth, or its fingers had closed on it [s], in
+            order, shape (k,).
     """
 
     times: Array
     commanded: Array
     measured: Array
+    handled: Array
 
 
 def arm_log(scenario: Scenario) -> ArmLog:
@@ -47,13 +52,45 @@ def arm_log(scenario: Scenario) -> ArmLog:
         diagram = make_dynamic_grasp(scenario)
         simulator = Simulator(diagram)
         ApplySimulatorConfig(scenario.simulator_config, simulator)
+        handled = Handled(diagram)
+        simulator.set_monitor(handled)
         simulator.AdvanceTo(scenario.simulation_duration)
     found = {
         name: diagram.GetSubsystemByName(f"log({name})").FindLog(simulator.get_context())
         for name in ("drive", "arm")
     }
     velocities = {name: log.data()[IIWA_7.joints :].T.copy() for name, log in found.items()}
-    return ArmLog(found["arm"].sample_times().copy(), velocities["drive"], velocities["arm"])
+    return ArmLog(
+        found["arm"].sample_times().copy(),
+        velocities["drive"],
+        velocities["arm"],
+        np.array(handled.times),
+    )
+
+
+class Handled:
+    """A simulator's monitor that notes when arm or hand touch the object, or the fingers closed.
+
+    Attributes:
+        times: When that was so [s], in order.
+    """
+
+    def __init__(self, diagram: Diagram) -> None:
+        """Watches a diagram of `make_dynamic_grasp`."""
+        self.times: list[float] = []
+        self._contact = diagram.GetSubsystemByName("contact")
+        self._sequencer = diagram.GetSubsystemByName("sequencer")
+        self._touched = 0.0
+
+    def __call__(self, root: Context) -> EventStatus:
+        """Called after every step of the simulation, with the diagram's context."""
+        contact, sequencer = self._contact, self._sequencer
+        approach = contact.GetOutputPort("approach").Eval(contact.GetMyContextFromRoot(root))
+        phase = sequencer.GetOutputPort("phase").Eval(sequencer.GetMyContextFromRoot(root))[0]
+        if approach[1] > self._touched or phase != Phase.APPROACH:
+            self.times.append(root.get_time())
+        self._touched = approach[1]
+        return EventStatus.DidNothing()
 
 
 def blind_pairs(scenario: Scenario) -> dict[str, tuple[Scenario, Scenario]]:
@@ -90,15 +127,39 @@ def leaks(texts: Sequence[str]) -> bool:
     return not np.array_equal(one, other)
 
 
-def rest_time(text: str, lost_at: float) -> float:
-    """How long after the stated silence the arm was last in motion [s].
+class Rest(NamedTuple):
+    """How long an arm goes on whose object is lost for good.
+
+    Attributes:
+        untouched_s: The longest that its command was in motion after the stated silence, or after
+            the last touch since then [s]: an arm gives way to what pushes it.
+        any_s: How long after the stated silence the arm was last in motion, pushed or not [s].
+    """
+
+    untouched_s: float
+    any_s: float
+
+
+def rest_times(text: str, lost_at: float) -> Rest:
+    """How long after the stated silence the arm is in motion.
+
+    An arm that has closed its fingers on the object by then goes on with it, and counts as touched.
 
     Args:
         text: A scenario, as text, in which no pose is measured from some time on.
         lost_at: That time [s]; from then on counts the scenario's ``tracker.silence``.
     """
     scenario = parse_scenario(text)
-    due = lost_at + scenario.tracker.silence
-    log = arm_log(scenario)
-    moving = log.times[np.abs(log.measured).max(axis=1) > _REST]
-    return max(float(moving[-1]) - due, 0.0) if len(moving) else 0.0
+    return rest_of(arm_log(scenario), lost_at + scenario.tracker.silence)
+
+
+def rest_of(log: ArmLog, due: float) -> Rest:
+    """The same, by what the arm did, and when the stated silence ends [s]."""
+    moving, told = (
+        log.times[(np.abs(speeds).max(axis=1) > _REST) & (log.times > due)]
+        for speeds in (log.measured, log.commanded)
+    )
+    # What a command follows that is in motion: the end of the silence, or a later touch.
+    causes = np.concatenate([[due], log.handled[log.handled > due]])
+    after = told - causes[np.searchsorted(causes, told, side="right") - 1]
+    return Rest(float(after.max(initial=0.0)), float((moving - due).max(initial=0.0)))

@@ -16,7 +16,7 @@ import numpy as np
 
 from feasigrasp.evaluation.protocols.fault_table import FAULTS
 from feasigrasp.evaluation.runs.fault_plan import FaultRun, faulty_runs, nominal_runs, outcome
-from feasigrasp.evaluation.runs.fault_probe import blind_pairs, leaks, rest_time
+from feasigrasp.evaluation.runs.fault_probe import blind_pairs, leaks, rest_times
 from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
 from feasigrasp.evaluation.runs.plan import add_scenario_arguments
 from feasigrasp.results.arguments import add_common_arguments, names, positive
@@ -96,9 +96,10 @@ def _probe_rows(
     results = [result for (result,) in found.values()]
     leaking = [result["leaks"] for result in results if "leaks" in result]
     rows = [Row.plain("faults.truth_leaks", "all", sum(leaking), "1", len(leaking))]
-    rest = [result["rest_s"] for result in results if "rest_s" in result]
-    if rest:
-        rows.append(Row.plain("faults.rest_s", "all", max(rest), "s", len(rest)))
+    rests = [result for result in results if "rest_s" in result]
+    for key in ("rest_s", "rest_pushed_s") if rests else ():
+        longest = max(result[key] for result in rests)
+        rows.append(Row.plain(f"faults.{key}", "all", longest, "s", len(rests)))
     return rows
 
 
@@ -106,4 +107,5 @@ def probe(_: str, item: Record) -> list[Record]:
     """What one probe finds."""
     if "pair" in item:
         return [{"leaks": leaks(item["pair"])}]
-    return [{"rest_s": rest_time(item["text"], item["lost_at"])}]
+    rest = rest_times(item["text"], item["lost_at"])
+    return [{"rest_s": rest.untouched_s, "rest_pushed_s": rest.any_s}]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from feasigrasp.models.arrays import Mask
 
 #: Points of neighbouring pixels on an object that are farther apart lie on different surfaces [m].
 EDGE_JUMP = 0.02
+#: A mask of fewer pixels shows too little of an object, and is grown by so many [pixels].
+SCANTY, GROWTH = 150, 10
 
 
 def edge_pixels(
@@ -42,3 +45,25 @@ def edge_pixels(
         edge[one] |= apart | ~(seen[next_] | of_body[next_])
         edge[next_] |= apart | ~(seen[one] | of_body[one])
     return edge
+
+
+def grown_mask(points: NDArray[np.floating], mask: Mask, free: Mask, jump: float) -> Mask:
+    """A mask of too few pixels, grown along the surface that it is on; any other as it is.
+
+    It grows up to the edges of the surface, and by `GROWTH` pixels at most: so one that misses the
+    object's rim is mended, and one that lies on a wall does not become the wall.
+
+    Args:
+        points: Points by pixel, not finite where nothing was seen, shape (3, h, w) [m].
+        mask: Pixels that are taken for the object, shape (h, w).
+        free: Pixels that are not known to show anything else, shape (h, w).
+        jump: See `edge_pixels` [m].
+
+    Returns:
+        Shape (h, w).
+    """
+    if not 0 < np.count_nonzero(mask) < SCANTY:
+        return mask
+    seen = np.isfinite(points).all(axis=0)
+    surface = seen & (free | mask) & ~edge_pixels(points, seen, mask, jump)
+    return mask | binary_dilation(mask & surface, iterations=GROWTH, mask=surface)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.clouds.checks import MAX_EXTENT
+from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.outliers import outliers
 
 #: A view of which less remains without its outliers shows no object.
@@ -16,6 +16,8 @@ _LEAST_KEPT = 0.5
 #: So far beyond what was seen before an object does not reach [m]; points that do show that the
 #: mask is wrong, unless all of them do and could be the object: then it is elsewhere.
 _BEYOND, _LIKE_THE_OBJECT = 0.1, 1.5
+#: Depths that differ less all over an object are not measured: a camera's noise is larger [m].
+_ONE_DEPTH = 1e-4
 
 
 class ViewFault(StrEnum):
@@ -26,8 +28,22 @@ class ViewFault(StrEnum):
     TOO_WIDE = "too wide for an object"
     MOSTLY_OUTLIERS = "mostly outliers"
     BACKGROUND = "nothing but background"
+    ONE_DEPTH = "the same depth everywhere"
     NO_SURFACE = "points on a spot or line"
     NO_FIELD = "no field fits"
+
+
+def of_one_depth(points: Array, X_WC: Array) -> bool:
+    """Whether all points have the same depth, which no camera measures of an object.
+
+    Not even of a plane: it would be at right angles to the camera's axis within a thousandth.
+
+    Args:
+        points: In W, shape (n, 3) [m].
+        X_WC: Pose of the camera, z forward, shape (4, 4).
+    """
+    depth = (points - X_WC[:3, 3]) @ X_WC[:3, 2]
+    return len(points) > 0 and float(np.ptp(depth)) < _ONE_DEPTH
 
 
 def usable_points(
@@ -51,6 +67,8 @@ def usable_points(
     kept = points[~bad]
     if len(kept) < max(min_points, _LEAST_KEPT * len(bad)):
         return kept, ViewFault.MOSTLY_OUTLIERS, f"{bad.sum()} of {len(bad)} points"
+    if spread_across(kept) < MIN_SPREAD:
+        return kept, ViewFault.NO_SURFACE, f"{len(kept)} points"
     unlike = False
     if len(known) > 0:
         lower, upper = known.min(axis=0), known.max(axis=0)

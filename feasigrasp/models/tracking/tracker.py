@@ -16,7 +16,7 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
-from feasigrasp.models.objects.tracking import TrackingState
+from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.tracking.information import surface_deviation
 from feasigrasp.models.tracking.model import TrackedModel
@@ -34,9 +34,9 @@ _LEAST_VIEW, _LEAST_INLIERS, _MOST_BESIDE = 0.25, 0.6, 0.35
 _KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.2e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
-#: After so long without a pose the twist dies away [s]; after so long the object is searched for
-#: from several starts, and again so much later [s].
-_COASTING_AFTER, _SEARCH_AFTER, _SEARCH_PERIOD = 0.1, 0.25, 0.2
+#: After so long without a pose the object is searched for from several starts, and again so much
+#: later [s].
+_SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
 #: What the tracked path is worth to the predictor of the motion.
 _PATH_NOISE = Noise(position=1.5e-3, rotation=8e-3)
 
@@ -83,14 +83,14 @@ class FieldTrack(Frozen):
     searched_at: float = -np.inf
     motion: Array = field(default_factory=empty_state)
 
-    def state(self, time: float, silence: float, period: float) -> TrackingState:
-        """What the tracker does at a time, if an image is due every ``period``."""
+    def state(self, time: float, silence: float) -> TrackingState:
+        """What the tracker does at a time."""
         if self.estimate is None:
             return TrackingState.SEARCHING
         age = time - self.measured_at
         if age >= silence:
             return TrackingState.LOST
-        return TrackingState.COASTING if age > 2.5 * period else TrackingState.TRACKING
+        return TrackingState.COASTING if age > COASTING_AFTER else TrackingState.TRACKING
 
 
 def track(
@@ -114,7 +114,7 @@ def track(
         model = TrackedModel(gpdf)
     before = replace(before, image_time=time, model=model)
     gap = time - before.measured_at
-    coasting = gap > _COASTING_AFTER
+    coasting = gap > COASTING_AFTER
     expected = before.estimate.predicted(time, coasting=coasting)  # type: ignore[union-attr]
     found = None
     if model is not None and len(view.points_W) >= _LEAST_POINTS:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from pydrake.geometry import RenderLabel
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.models.arrays import Mask
-from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
+from feasigrasp.models.clouds.edges import EDGE_JUMP, GROWTH, edge_pixels, grown_mask
 from feasigrasp.systems.ports import declare_input, declare_output
+
+#: Labels of pixels that show nothing that is known: that of the world, and none.
+_UNKNOWN = (0, int(RenderLabel.kEmpty))
 
 
 class SegmentPointCloud(LeafSystem):
@@ -30,7 +34,7 @@ class SegmentPointCloud(LeafSystem):
 
     Pixels on the edge of a surface are dropped: there a real camera mixes the depths of two
     surfaces, and the label is a guess. Where the body touches another one, and the depth does not
-    jump, nothing is lost.
+    jump, nothing is lost. A mask of a few pixels only is grown along the surface that it is on.
     """
 
     def __init__(self, label: int, *, edge_jump: float | None = EDGE_JUMP) -> None:
@@ -59,9 +63,12 @@ class SegmentPointCloud(LeafSystem):
         of_body = labels[around] == self.label
         points = xyz.reshape(3, *labels.shape)[:, *around]
         seen = np.isfinite(points).all(axis=0)
-        keep = of_body & seen
-        if self._edge_jump is not None:
-            keep &= ~edge_pixels(points, seen, of_body, self._edge_jump)
+        if self._edge_jump is None:
+            keep = of_body & seen
+        else:
+            unknown = np.isin(labels[around], _UNKNOWN)
+            of_body = grown_mask(points, of_body, unknown, self._edge_jump)
+            keep = of_body & seen & ~edge_pixels(points, seen, of_body, self._edge_jump)
         chosen = points[:, keep]
         cloud = PointCloud(chosen.shape[1])
         cloud.mutable_xyzs()[:] = chosen
@@ -69,9 +76,9 @@ class SegmentPointCloud(LeafSystem):
 
 
 def _box_about(mask: Mask) -> tuple[slice, slice]:
-    """Rows and columns that show a mask, and one more on each side: it looks no further."""
+    """Rows and columns that show a mask, and `GROWTH` and one more on each side, no further."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if len(rows) == 0:
         return slice(0), slice(0)
-    a, b = (slice(max(at[0] - 1, 0), at[-1] + 2) for at in (rows, columns))
+    a, b = (slice(max(at[0] - GROWTH - 1, 0), at[-1] + GROWTH + 2) for at in (rows, columns))
     return a, b

@@ -76,7 +76,7 @@ class FieldTracker(LeafSystem):
     def tracking(self, context: Context) -> Tracking:
         """How much the pose is worth at present."""
         found: FieldTrack = self._track.Eval(context)
-        state = found.state(context.get_time(), self._config.silence, self._config.image_period)
+        state = found.state(context.get_time(), self._config.silence)
         if found.estimate is None:
             return Tracking(state, np.inf, in_view=0.0, deviation=np.inf)
         return Tracking(

@@ -26,6 +26,7 @@ from feasigrasp.evaluation.runs.fault_probe import ArmLog, blind_pairs, leaks
 from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.evaluation.studies import faults
 from feasigrasp.models.control.status import StatusCode
+from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import Row
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
@@ -110,7 +111,7 @@ def test_faults_begin_in_the_approach_of_the_run_without_them_or_in_its_lift():
         for run in runs:
             (fault,) = run.scenario.faults
             assert fault.start == run.start
-            assert run.scenario.simulation_duration <= run.start + 12.0
+            assert run.scenario.simulation_duration == Scenario().simulation_duration
             assert parse_scenario(dump_scenario(run.scenario)).faults == [fault]
 
 
@@ -122,6 +123,18 @@ def test_instants_are_drawn_from_the_seed():
         return [run.start for run in faulty_runs(nominal, records, ["pose_nan"], seed)]
 
     assert starts(0) == starts(0) != starts(1)
+
+
+def test_one_instant_comes_at_another_time_to_every_fault_object_and_controller():
+    nominal = nominal_runs(options("--instants", "1"))
+    records = [record(run.scenario) for run in nominal]
+    runs = [run for run in faulty_runs(nominal, records, list(FAULTS), 0) if run.instant == 1]
+    starts = np.array([run.start for run in runs if not FAULTS[run.fault].while_lifting])
+    assert len(set(starts)) >= 0.95 * len(starts)
+    counts = np.histogram(starts, bins=4, range=(0.0, 6.0))[0]
+    assert counts.min() >= 0.6 * counts.mean()
+    motions = {each: {run.name for run in nominal if run.instant == each} for each in (0, 1)}
+    assert motions == {0: {*MOTIONS[:2]}, 1: {*MOTIONS[1:]}}
 
 
 def test_what_is_always_so_is_told_to_the_tracker():
@@ -221,7 +234,9 @@ def fake_runs(monkeypatch):
 
     def probe(name, item):
         ran.append(name)
-        return [{"leaks": "joint" in name} if "pair" in item else {"rest_s": item["lost_at"]}]
+        if "pair" in item:
+            return [{"leaks": "joint" in name}]
+        return [{"rest_s": item["lost_at"], "rest_pushed_s": item["lost_at"] + 1.0}]
 
     monkeypatch.setattr(isolated, "run_isolated", run)
     monkeypatch.setattr(faults, "probe", probe)
@@ -242,6 +257,7 @@ def test_it_runs_and_goes_on_where_it_was(fake_runs, tmp_path):
         lines = list(csv.DictReader(file))
     starts = [float(each["start_s"]) for each in lines if each["fault"] == "pose_nan"]
     assert rows["all", "faults.rest_s"]["value"] == max(starts) > 0.0
+    assert rows["all", "faults.rest_pushed_s"]["value"] == max(starts) + 1.0
     fake_runs.clear()
     assert cli.main(line) == 0 and fake_runs == []
 
@@ -261,7 +277,7 @@ def test_a_leak_is_any_bit_of_the_commands(monkeypatch):
     def log(scenario):
         commanded = np.zeros((4, 7))
         commanded[2, 3] = next(values)
-        return ArmLog(np.arange(4), commanded, commanded)
+        return ArmLog(np.arange(4), commanded, commanded, np.zeros(0))
 
     monkeypatch.setattr(fault_probe, "arm_log", log)
     monkeypatch.setattr(fault_probe, "parse_scenario", lambda text: text)
@@ -276,9 +292,66 @@ def test_rest_is_counted_from_the_end_of_the_silence(monkeypatch):
     measured = np.zeros((500, 7))
     measured[times < 2.6, 5] = -0.3
     measured[times > 2.6, 2] = 0.009
-    monkeypatch.setattr(fault_probe, "arm_log", lambda _: ArmLog(times, measured, measured))
-    assert fault_probe.rest_time(dump_scenario(scenario), 2.0) == pytest.approx(0.34, abs=0.011)
-    assert fault_probe.rest_time(dump_scenario(scenario), 4.0) == 0.0
+    log = ArmLog(times, measured, measured, np.zeros(0))
+    monkeypatch.setattr(fault_probe, "arm_log", lambda _: log)
+    for found in fault_probe.rest_times(dump_scenario(scenario), 2.0):
+        assert found == pytest.approx(0.34, abs=0.011)
+    assert fault_probe.rest_times(dump_scenario(scenario), 4.0) == (0.0, 0.0)
+
+
+def test_giving_way_to_a_touch_is_counted_from_the_touch():
+    """Silent from 1 s on: told to move until 1.3 s, touched from 2 to 3 s, and it gives way."""
+    times = np.arange(0.0, 5.0, 0.01)
+    commanded, measured = np.zeros((2, 500, 7))
+    commanded[times < 1.295, 0] = 0.2
+    commanded[(times > 2.045) & (times < 3.195), 3] = 0.2
+    measured[times < 3.495, 1] = -0.1
+    handled = times[(times > 1.995) & (times < 3.005)]
+    rest = fault_probe.rest_of(ArmLog(times, commanded, measured, handled), 1.0)
+    assert rest.untouched_s == pytest.approx(0.29, abs=1e-6)
+    assert rest.any_s == pytest.approx(2.49, abs=1e-6)
+    # The same motion without a touch is none that was called for.
+    alone = fault_probe.rest_of(ArmLog(times, commanded, measured, handled[:0]), 1.0)
+    assert alone.untouched_s == pytest.approx(2.19, abs=1e-6)
+
+
+def test_a_touch_and_closed_fingers_are_noted():
+    """A run of five steps: nothing, a touch, nothing, a longer touch, fingers that close."""
+
+    class Port:
+        def __init__(self, values):
+            self.values = values
+
+        def Eval(self, root):
+            return self.values[root.step]
+
+    class Part:
+        def __init__(self, port, values):
+            self.GetOutputPort = {port: Port(values)}.__getitem__
+
+        def GetMyContextFromRoot(self, root):
+            return root
+
+    class Root:
+        def __init__(self, step):
+            self.step = step
+
+        def get_time(self):
+            return 0.1 * self.step
+
+    touched = [[0.0, t, 0.0] for t in (0.0, 0.1, 0.1, 0.3, 0.3)]
+    parts = {
+        "contact": Part("approach", touched),
+        "sequencer": Part("phase", [[Phase.APPROACH]] * 4 + [[Phase.CLOSE]]),
+    }
+
+    class Cell:
+        GetSubsystemByName = parts.__getitem__
+
+    handled = fault_probe.Handled(Cell)
+    for step in range(5):
+        handled(Root(step))
+    assert handled.times == pytest.approx([0.1, 0.3, 0.4])
 
 
 # ------------------------------------------------------------------------------------------ soak

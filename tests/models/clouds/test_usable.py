@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.clouds.usable import ViewFault, usable_points
+from feasigrasp.models.clouds.usable import ViewFault, of_one_depth, usable_points
 from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.geometry.se3 import make_pose, so3_exp
 
 P_OC = np.array([0.0, 0.0, 0.35])
 KNOWN = sphere_points(800, 0.04)
@@ -41,3 +42,22 @@ def test_an_object_that_is_elsewhere_is_seen_there(away):
 def test_of_a_first_view_nothing_is_left_out():
     kept, fault, _ = usable_points(CAP + [0.3, 0.0, 0.0], P_OC, 30, np.empty((0, 3)))
     assert fault is None and len(kept) >= 0.95 * len(CAP)
+
+
+def test_points_in_the_camera_are_no_object_that_is_elsewhere():
+    """Depths that are all zero contradict nothing."""
+    black = np.tile(P_OC, (500, 1)) + 1e-7 * np.random.default_rng(0).standard_normal((500, 3))
+    for known in (KNOWN, np.empty((0, 3))):
+        assert usable_points(black, P_OC, 30, known)[1] is ViewFault.NO_SURFACE
+
+
+def test_one_depth_everywhere_is_not_measured_but_a_plane_may_be():
+    X_WC = make_pose(so3_exp(np.array([0.4, -2.0, 0.3])), np.array([0.3, -0.1, 0.8]))
+    plane_C = wall(0.0, 0.1, 20) + [0.0, 0.0, 0.4]
+    noise = 5e-4 * np.random.default_rng(1).standard_normal(len(plane_C))
+    tilted = plane_C @ so3_exp(np.array([0.01, 0.0, 0.0])).T
+    noisy = plane_C * (1.0 + noise / 0.4)[:, None]
+    for points_C, one in ((plane_C, True), (tilted, False), (noisy, False)):
+        points_W = (points_C @ X_WC[:3, :3].T + X_WC[:3, 3]).astype(np.float32)
+        assert of_one_depth(points_W, X_WC) is one
+    assert not of_one_depth(np.empty((0, 3)), X_WC)

@@ -59,7 +59,7 @@ def test_it_stays_on_the_object(followed):
         if 0.3 < t < GAP[0]:
             X = tracker.track.estimate.X_WO @ se3.inverse(X_BO)
             assert surface_error(X, X_WB) < 1.5e-3
-            assert tracker.track.state(t, 0.5, PERIOD) is TrackingState.TRACKING
+            assert tracker.track.state(t, 0.5) is TrackingState.TRACKING
 
 
 def test_it_knows_the_twist(followed):
@@ -77,15 +77,15 @@ def test_it_knows_the_twist(followed):
 def test_out_of_sight_it_coasts_and_is_back_at_once(followed):
     coasting = [tr.track for t, tr, _, _ in followed if GAP[0] + 0.15 < t < GAP[1]]
     times = [t for t, _, _, _ in followed if GAP[0] + 0.15 < t < GAP[1]]
-    states = [c.state(t, 0.5, PERIOD) for c, t in zip(coasting, times, strict=True)]
+    states = [c.state(t, 0.5) for c, t in zip(coasting, times, strict=True)]
     assert set(states) == {TrackingState.COASTING}
     speeds = [np.linalg.norm(c.estimate.V_WO[3:]) for c in coasting]
     assert np.all(np.diff(speeds) < 0.0)  # the twist dies away
     spread = [np.trace(c.estimate.pose_covariance[3:, 3:]) for c in coasting]
     assert np.all(np.diff(spread) > 0.0)
-    assert coasting[-1].state(times[-1] + 1.0, 0.5, PERIOD) is TrackingState.LOST
+    assert coasting[-1].state(times[-1] + 1.0, 0.5) is TrackingState.LOST
     t, tracker, X_WB, X_BO = followed[-1]
-    assert tracker.track.state(t, 0.5, PERIOD) is TrackingState.TRACKING
+    assert tracker.track.state(t, 0.5) is TrackingState.TRACKING
     assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X_WB) < 2e-3
 
 
@@ -111,7 +111,7 @@ def test_an_old_image_changes_nothing(followed):
 def test_searching_until_there_is_enough_to_see():
     nothing = ObjectView(look(SURFACE, X0, CAMERA).camera, CAMERA, np.zeros((5, 3)), None)
     tracker = SequenceTracker().looked(nothing, 0.0)
-    assert tracker.track.state(0.0, 0.5, PERIOD) is TrackingState.SEARCHING
+    assert tracker.track.state(0.0, 0.5) is TrackingState.SEARCHING
     assert tracker.learnt().shape.gpdf is None
 
 
