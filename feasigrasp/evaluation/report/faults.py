@@ -51,8 +51,7 @@ def faults_report(rows: Sequence[Row]) -> str:
     for key, when in _RESTS.items():
         if rest := found.get(("all", key)):
             parts.append(
-                f"With the pose lost for good, the arm was {when} at the latest ({rest.n} runs).".format(
-                    rest.value
-                )
+                f"With the pose lost for good, the arm was {when.format(rest.value)} at the latest "
+                f"({rest.n} runs)."
             )
     return "\n\n".join(parts)
