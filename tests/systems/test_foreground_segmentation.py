@@ -53,7 +53,7 @@ def inputs(cloud):
 def test_ports_are_those_of_the_docstring(dut, ports, documented_ports):
     given, outputs = ports(dut)
     assert (list(given), list(outputs)) == documented_ports(ForegroundSegmentation)
-    assert given["position"] == 7 and given["gripper_state"] == 2 and given["box"] == 4
+    assert given["position"] == 7 and given["gripper_state"] == 2
 
 
 def test_its_label_image_fits_the_port_of_the_point_cloud(dut, fixed_context):

@@ -1,1 +1,1 @@
-"""Recordings of the wrist camera, and trackers judged on them."""
+"""Recordings of the wrist camera and of others, and trackers played or judged on them."""

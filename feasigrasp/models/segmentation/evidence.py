@@ -31,7 +31,9 @@ LEAST_MOVED = 0.04
 class DistanceField(Protocol):
     """What is asked of the object's field; a `Gpdf` is one."""
 
-    bounds: Array
+    @property
+    def bounds(self) -> Array:
+        """Lower and upper corner of the object, shape (2, 3) [m]."""
 
     def distance_and_gradient(self, x: Array) -> tuple[Array, Array]:
         """Raw distance (m,) and its gradient (m, 3) at x (m, 3)."""

@@ -1,13 +1,14 @@
 """Which pixels of a depth image show the object, by depth and what is known of the cell.
 
-1. What is the robot, at its measured joints, or the cell that stands still, is not the object.
+1. What is known, the robot at its measured joints or the cell that stands still, is not the object
+   (`feasigrasp.models.segmentation.known_bodies`).
 2. What is left is cut into components, `components`; pixels that belong to none (those that fly
    between two surfaces, above all) show nothing clear.
 3. With a field of the object, the components are kept that agree with it at the predicted pose.
 4. Without one, or when the object was lost, the components are grouped to bodies. A box that
    somebody drew decides which is the object; else there may be one only; else the one that moves,
    seen from an earlier view; else that nearest to where the object was or, before it was seen, to
-   the hand.
+   the hand or whatever else it is looked for from.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from scipy.ndimage import binary_closing, find_objects
 
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import Components, find_components
 from feasigrasp.models.segmentation.evidence import (
@@ -38,7 +38,6 @@ from feasigrasp.models.segmentation.known_bodies import (
     ROBOT,
     SIGMAS,
     UNSEEN,
-    KnownBodies,
 )
 
 #: Farther from the hand than this is nothing to be grasped now [m].
@@ -61,8 +60,6 @@ class Known(NamedTuple):
     """What is known when an image is taken.
 
     Attributes:
-        q: Measured joint positions, shape (7,) [rad].
-        opening: Measured distance between the pads [m].
         field: The object's distance field in O; None as long as there is none.
         X_WO: Its predicted pose, shape (4, 4); NaN if it is not known.
         lost: Whether that pose is good for nothing but to say where it was.
@@ -70,8 +67,6 @@ class Known(NamedTuple):
         box: What somebody drew about the object: first column and row, last ones, shape (4,) [px].
     """
 
-    q: Array
-    opening: float
     field: DistanceField | None = None
     X_WO: Array | None = None
     lost: bool = False
@@ -80,25 +75,24 @@ class Known(NamedTuple):
 
 
 def segment(
-    view: CameraView, known: Known, bodies: KnownBodies, camera: Camera
+    view: CameraView, known: Known, kinds: NDArray[np.uint8], p_WH: Array, camera: Camera
 ) -> NDArray[np.int16]:
     """Labels the pixels of a depth image.
 
     Args:
         view: The image.
         known: What is known besides.
-        bodies: Robot and cell.
+        kinds: What each pixel shows that is known, see `KnownBodies.kinds`, shape (n,).
+        p_WH: The object is looked for about this point, that of the hand, shape (3,) [m].
         camera: The camera.
 
     Returns:
         A `Label` for each pixel, shape (height, width). Pixels without depth amid the object count
         as the object's.
     """
-    kinds = bodies.kinds(view.points, view.X_WC, known.q, known.opening, camera.depth_noise)
-    p_WG = forward_kinematics(known.q, bodies.gripper.X_FG)[:3, 3]
     free = kinds == FREE
     where = np.flatnonzero(free)
-    far = np.square(view.points[where] - p_WG).sum(axis=1) > WITHIN**2
+    far = np.square(view.points[where] - p_WH).sum(axis=1) > WITHIN**2
     free[where[far]] = False
     components = find_components(view.points, free, view.X_WC[:3, 3], camera)
 
@@ -107,7 +101,7 @@ def segment(
     labels[kinds == ROBOT] = Label.ROBOT
     followed = _followed(components, view, known)
     if followed is None:
-        group = _chosen(components, known, p_WG, camera)
+        group = _chosen(components, known, p_WH, camera)
         found = components.mask(group)
     else:
         found = followed
@@ -131,7 +125,7 @@ def _followed(components: Components, view: CameraView, known: Known) -> Mask | 
     return mask
 
 
-def _chosen(components: Components, known: Known, p_WG: Array, camera: Camera) -> Indices:
+def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -> Indices:
     """The components of the body that is taken for the object."""
     groups = components.groups()
     pixels = [components.pixels[group].sum() for group in groups]
@@ -153,8 +147,8 @@ def _chosen(components: Components, known: Known, p_WG: Array, camera: Camera) -
         ]
         if max(shares) > LEAST_MOVED:
             return groups[int(np.argmax(shares))]
-    was_at = known.X_WO[:3, 3] if known.lost and known.X_WO is not None else p_WG
-    return groups[nearest_to(was_at if np.isfinite(was_at).all() else p_WG, groups, components)]
+    was_at = known.X_WO[:3, 3] if known.lost and known.X_WO is not None else p_WH
+    return groups[nearest_to(was_at if np.isfinite(was_at).all() else p_WH, groups, components)]
 
 
 def _closed(mask: Mask, unseen: Mask) -> Mask:

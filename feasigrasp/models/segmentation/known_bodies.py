@@ -83,6 +83,10 @@ class KnownBodies:
         self.gripper, self._cell = gripper, cell or Boxes.none()
         self._arm = capsule_model(with_hand=False)
 
+    def hand(self, q: Array) -> Array:
+        """Where the hand is at joint positions (7,) [rad], shape (3,) [m]."""
+        return forward_kinematics(q, self.gripper.X_FG)[:3, 3]
+
     def kinds(
         self, points: Floats, X_WC: Array, q: Array, opening: float, noise: float
     ) -> NDArray[np.uint8]:

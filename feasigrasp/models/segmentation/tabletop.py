@@ -39,16 +39,10 @@ def object_on_table(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -
     Raises:
         PointCloudError: Nothing stands on the largest plane.
     """
-    import open3d as o3d  # a slow import that most clouds do not need
-
     cloud = np.asarray(points, dtype=float)
     keys = voxel_keys(cloud, _RESOLUTION)
     thin, _ = grouped_means(cloud, keys, np.ones(len(cloud)))
-    o3d.utility.random.seed(0)
-    plane, _ = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(thin)).segment_plane(
-        _THICKNESS, 3, _DRAWS
-    )
-    normal, offset = _facing(plane, np.asarray(viewpoint, dtype=float))
+    normal, offset = _plane(thin, viewpoint)
     standing = np.flatnonzero(thin @ normal + offset > _STANDS)
     if len(standing) < _LEAST:
         raise PointCloudError(
@@ -66,8 +60,36 @@ def object_on_table(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -
     return np.asarray(of_object[voxel] & above)
 
 
-def _facing(plane: Array, viewpoint: Array) -> tuple[Array, float]:
-    """Unit normal and offset of a plane, the camera on its positive side."""
+def table_plane(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """The plane that holds most points, e.g. of a table.
+
+    Args:
+        points: Finite points, shape (n, 3) [m].
+        viewpoint: Where the camera was, shape (3,) [m].
+
+    Returns:
+        Its unit normal, towards the camera, and its offset: ``n . x + d`` is the height of x, (4,).
+
+    Raises:
+        PointCloudError: There are hardly any points.
+    """
+    cloud = np.asarray(points, dtype=float)
+    keys = voxel_keys(cloud, _RESOLUTION)
+    thin, _ = grouped_means(cloud, keys, np.ones(len(cloud)))
+    if len(thin) < _LEAST:
+        raise PointCloudError(f"a cloud of {len(thin)} voxels of 4 mm shows no table")
+    normal, offset = _plane(thin, viewpoint)
+    return np.append(normal, offset)
+
+
+def _plane(thin: Array, viewpoint: ArrayLike) -> tuple[Array, float]:
+    """Unit normal and offset of the plane with most points, the camera on its positive side."""
+    import open3d as o3d  # a slow import that most clouds do not need
+
+    o3d.utility.random.seed(0)
+    plane, _ = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(thin)).segment_plane(
+        _THICKNESS, 3, _DRAWS
+    )
     normal, offset = np.asarray(plane[:3]), float(plane[3])
-    sign = 1.0 if normal @ viewpoint + offset > 0.0 else -1.0
+    sign = 1.0 if normal @ np.asarray(viewpoint, dtype=float) + offset > 0.0 else -1.0
     return sign * normal, sign * offset

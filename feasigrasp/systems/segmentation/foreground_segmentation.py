@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageLabel16I
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -34,18 +36,16 @@ class ForegroundSegmentation(LeafSystem):
         - object_pose
         - tracking
         - gpdf
-        - box
         output_ports:
         - label_image
 
     ``point_cloud`` is pixel-ordered and in the world frame W, ``camera_pose`` X_WC,
     ``position`` V7 the measured joints [rad], ``gripper_state`` V2 the measured distance between
     the pads [m] and its rate. ``object_pose`` X_WO and ``tracking`` come from the tracker, ``gpdf``
-    is the object's field in O, or None before there is one. ``box`` V4, which may stay unconnected,
-    is what somebody drew about the object: first column and row, last ones; for a click the same
-    twice [px]. ``label_image`` holds a `Label` for each pixel: it fits the port of the same name of
-    `SegmentPointCloud` and `PointCloudToScene` as a label image of the simulation does. What is
-    told apart how is said in `models.segmentation.foreground`.
+    is the object's field in O, or None before there is one. ``label_image`` holds a `Label` for
+    each pixel: it fits the port of the same name of `SegmentPointCloud` and `PointCloudToScene` as
+    a label image of the simulation does. What is told apart how is said in
+    `models.segmentation.foreground`.
     """
 
     def __init__(self, camera: Camera, bodies: KnownBodies) -> None:
@@ -61,7 +61,6 @@ class ForegroundSegmentation(LeafSystem):
             self, "tracking", Tracking(TrackingState.SEARCHING, float("inf"))
         )
         self._gpdf = declare_input(self, "gpdf")
-        self._box = self.DeclareVectorInputPort("box", 4)
         # The view at the start, which tells what has moved since; None before.
         self._first = self.DeclareAbstractState(AbstractValue.Make(None))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
@@ -86,18 +85,23 @@ class ForegroundSegmentation(LeafSystem):
 
     def _calc(self, context: Context) -> ImageLabel16I:
         known = Known(
-            q=self._position.Eval(context),
-            opening=float(self._gripper.Eval(context)[0]),
             field=self._gpdf.Eval(context),
             X_WO=self._object_pose.Eval(context).GetAsMatrix4(),
             lost=self._tracking.Eval(context).lost,
             before=context.get_abstract_state(int(self._first)).get_value(),
-            box=self._box.Eval(context) if self._box.HasValue(context) else None,
         )
-        labels = segment(self._view(context), known, self._bodies, self._camera)
+        q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
+        labels = _segment(self._view(context), known, q, opening, self._bodies, self._camera)
         image = ImageLabel16I(self._camera.width, self._camera.height)
         image.mutable_data[:, :, 0] = labels
         return image
+
+
+def _segment(
+    view: CameraView, known: Known, q: Array, opening: float, bodies: KnownBodies, camera: Camera
+) -> NDArray[np.int16]:
+    kinds = bodies.kinds(view.points, view.X_WC, q, opening, camera.depth_noise)
+    return segment(view, known, kinds, bodies.hand(q), camera)
 
 
 def _compile(camera: Camera, bodies: KnownBodies) -> None:
@@ -106,4 +110,5 @@ def _compile(camera: Camera, bodies: KnownBodies) -> None:
     points[:, 0] = np.arange(len(points)) % camera.width * 1e-3
     points[:, 1] = np.arange(len(points)) // camera.width * 1e-3
     points[:, 2] = 0.5
-    segment(CameraView(points, np.eye(4)), Known(np.zeros(IIWA_7.joints), 0.0), bodies, camera)
+    q = np.zeros(IIWA_7.joints)
+    _segment(CameraView(points, np.eye(4)), Known(), q, 0.0, bodies, camera)

@@ -57,7 +57,12 @@ BODIES = KnownBodies(GRIPPER, wall_box())
 
 def labels(balls, camera=CAMERA, known=None, bodies=BODIES, **options):
     image, shows = view(balls, noise=camera.depth_noise, **options)
-    return segment(image, known or Known(Q, 0.085), bodies, camera), shows
+    return segmented(image, known or Known(), bodies, camera), shows
+
+
+def segmented(image, known, bodies, camera):
+    kinds = bodies.kinds(image.points, image.X_WC, Q, 0.085, camera.depth_noise)
+    return segment(image, known, kinds, bodies.hand(Q), camera)
 
 
 def test_a_ball_before_a_known_wall_is_the_object_and_nothing_else():
@@ -75,7 +80,7 @@ def test_noise_of_either_camera_leaves_the_mask(noise):
     fly = rim.ravel() & (np.random.default_rng(1).random(rim.size) < 0.3)
     camera = image.X_WC[:3, 3]
     image.points[fly] = camera + 1.25 * (image.points[fly] - camera)
-    found = segment(image, Known(Q, 0.085), BODIES, replace(CAMERA, depth_noise=noise))
+    found = segmented(image, Known(), BODIES, replace(CAMERA, depth_noise=noise))
     mask, truth = found == Label.OBJECT, (shows == 1) & ~fly.reshape(shows.shape)
     assert np.count_nonzero(mask & truth) > 0.97 * np.count_nonzero(truth)
     assert not mask[shows == 0].any()
@@ -87,7 +92,7 @@ def test_pixels_without_depth_amid_the_object_are_the_objects():
     hole = np.ravel_multi_index((60, 80), shows.shape)
     outside = np.ravel_multi_index((5, 5), shows.shape)
     image.points[[hole, outside]] = np.inf
-    found = segment(image, Known(Q, 0.085), BODIES, CAMERA).ravel()
+    found = segmented(image, Known(), BODIES, CAMERA).ravel()
     assert (found[hole], found[outside]) == (Label.OBJECT, Label.SURROUNDINGS)
 
 
@@ -102,9 +107,9 @@ def test_of_several_balls_that_nearest_to_the_hand_is_taken():
 def test_of_several_balls_that_which_moves_is_taken():
     near, far, moved = [-0.10, 0.0, 0.50], [0.10, -0.05, 0.62], [0.085, -0.05, 0.62]
     before, _ = view([near, far])
-    found, shows = labels([near, moved], known=Known(Q, 0.085, before=before))
+    found, shows = labels([near, moved], known=Known(before=before))
     np.testing.assert_array_equal(found == Label.OBJECT, shows == 2)
-    still, shows = labels([near, far], known=Known(Q, 0.085, before=before))
+    still, shows = labels([near, far], known=Known(before=before))
     np.testing.assert_array_equal(still == Label.OBJECT, shows == 1)
 
 
@@ -113,9 +118,9 @@ def test_a_click_or_a_box_decides():
     _, shows = view(balls)
     row, column = np.argwhere(shows == 2).mean(axis=0)
     for box in ([column, row, column, row], [column - 20, row - 20, column + 20, row + 20]):
-        found, _ = labels(balls, known=Known(Q, 0.085, box=np.array(box)))
+        found, _ = labels(balls, known=Known(box=np.array(box)))
         np.testing.assert_array_equal(found == Label.OBJECT, shows == 2)
-    nothing = Known(Q, 0.085, box=np.zeros(4))
+    nothing = Known(box=np.zeros(4))
     assert not (labels(balls, known=nothing)[0] == Label.OBJECT).any()
 
 
@@ -137,7 +142,7 @@ def pose_at(p_C):
 def test_with_a_field_the_object_is_followed_whatever_else_there_is():
     other, ball = [-0.10, 0.0, 0.50], [0.10, -0.05, 0.62]
     expected = [0.095, -0.05, 0.62]  # 5 mm off
-    known = Known(Q, 0.085, field_of_a_ball(), pose_at(expected))
+    known = Known(field_of_a_ball(), pose_at(expected))
     found, shows = labels([other, ball], known=known)
     np.testing.assert_array_equal(found == Label.OBJECT, shows == 2)
     assert (found[shows == 1] == Label.SURROUNDINGS).all()
@@ -154,7 +159,7 @@ def test_with_a_field_the_object_is_followed_whatever_else_there_is():
 def test_what_touches_a_larger_body_is_found_pixel_by_pixel():
     """The ball rests against a wall that nobody knows of."""
     ball = [0.0, 0.0, 0.50]
-    known = Known(Q, 0.085, field_of_a_ball(), pose_at(ball))
+    known = Known(field_of_a_ball(), pose_at(ball))
     found, shows = labels([ball], known=known, bodies=KnownBodies(GRIPPER), wall=0.505)
     mask, truth = found == Label.OBJECT, shows == 1
     assert np.count_nonzero(mask & truth) > 0.9 * np.count_nonzero(truth)

@@ -2,26 +2,15 @@
 
 import numpy as np
 import pytest
-import trimesh
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
-from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.view import ObjectView
 from tests.object_views import look
+from tests.tracked_block import MESH, SURFACE
 
-#: Without symmetry: a block with a nose.
-MESH = trimesh.util.concatenate(
-    [
-        trimesh.creation.box((0.06, 0.08, 0.12)),
-        trimesh.creation.box(
-            (0.03, 0.05, 0.03), transform=se3.make_pose(np.eye(3), [0.0, 0.05, 0.03])
-        ),
-    ]
-)
-SURFACE = Raycaster(MESH.vertices, MESH.faces)
 TWIST = np.array([0.05, 0.1, 0.2, 0.02, -0.06, 0.01])
 X0 = se3.make_pose(se3.so3_exp([0.2, 0.1, 0.4]), [0.5, 0.0, 0.5])
 CAMERA = se3.make_pose(se3.so3_exp([0.0, 0.5 * np.pi, 0.0]), [0.1, 0.0, 0.5])

@@ -1,0 +1,116 @@
+"""``feasigrasp track``: follow an object through recorded depth images, and learn its shape.
+
+For example::
+
+    feasigrasp track --folder my_recording --on_table --box 250 130 390 300
+
+The folder is as TUM RGB-D's or BOP's: 16-bit ``depth/*.png``, ``camera.json`` with ``fx``, ``fy``,
+``cx``, ``cy`` and ``depth_scale`` (millimetres per unit), and, if there are any, ``depth.txt``
+(times), ``mask/*.png`` and ``groundtruth.txt`` (poses of the camera). No robot and no model of the
+object is needed. The object's poses are written as TUM's trajectories are, its shape as a cloud.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+from feasigrasp.errors import PointCloudError
+from feasigrasp.evaluation.tracking.depth_folder import DepthFolder, read_depth_folder
+from feasigrasp.evaluation.tracking.unaided import UnaidedTracker
+from feasigrasp.models.arrays import Array
+from feasigrasp.outputs import check_outputs, replacing
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument("--folder", type=Path, required=True, help="depth images and camera.json")
+    parser.add_argument(
+        "--poses", type=Path, help="text to write (default: out/track/<folder>.txt)"
+    )
+    parser.add_argument(
+        "--shape", type=Path, help="cloud (.ply) to write (default: beside the poses)"
+    )
+    parser.add_argument(
+        "--on_table",
+        action="store_true",
+        help="the first image shows a table: nothing of it is the object",
+    )
+    parser.add_argument(
+        "--box",
+        type=int,
+        nargs=4,
+        metavar=("LEFT", "TOP", "RIGHT", "BOTTOM"),
+        help="about the object in the first image [px] (default: what is nearest to the camera)",
+    )
+    parser.add_argument(
+        "--rate", type=_rate, default=30.0, help="images per second, if nothing tells their times"
+    )
+
+
+def _rate(text: str) -> float:
+    """Reads a rate from the command line."""
+    rate = float(text)
+    if not 0.0 < rate < np.inf:
+        raise argparse.ArgumentTypeError(f"{text}: give images per second")
+    return rate
+
+
+def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTracker, Array]:
+    """Plays a recording.
+
+    Returns:
+        The tracker at the end; and X_WO of the images that gave a pose, NaN for the others, shape
+        (n, 4, 4).
+    """
+    poses = np.full((len(recording.files), 4, 4), np.nan)
+    for k in tqdm(range(len(recording.files)), unit="image", desc="tracking"):
+        time = float(recording.times[k])
+        tracker = tracker.looked(recording.depth(k), recording.X_WC[k], time, recording.mask(k))
+        track = tracker.tracker.track
+        if track.estimate is not None and track.measured_at == time:
+            poses[k] = track.estimate.X_WO
+    return tracker, poses
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    poses_file = args.poses or Path("out/track") / f"{args.folder.resolve().name}.txt"
+    shape_file = args.shape or poses_file.with_suffix(".ply")
+    check_outputs({"--poses": poses_file, "--shape": shape_file})
+    recording = read_depth_folder(args.folder, args.rate)
+    box = None if args.box is None else np.array(args.box, dtype=float)
+    tracker, poses = followed(recording, UnaidedTracker(recording.camera, args.on_table, box))
+    tracked, shape = np.isfinite(poses).all(axis=(1, 2)), tracker.tracker.shape
+    if not tracked.any() or shape.gpdf is None:
+        raise PointCloudError(
+            f"no object was found in the {len(poses)} images of {args.folder}; give a --box about "
+            "it, --on_table if it stands on one, or masks"
+        )
+    with replacing(poses_file) as file:
+        np.savetxt(
+            file,
+            np.column_stack(
+                [
+                    recording.times[tracked],
+                    poses[tracked, :3, 3],
+                    Rotation.from_matrix(poses[tracked, :3, :3]).as_quat(),
+                ]
+            ),
+            fmt="%.6f",
+            header="time tx ty tz qx qy qz qw",
+        )
+    with replacing(shape_file) as file:
+        trimesh.PointCloud(shape.cloud.points).export(file, file_type="ply")
+    size = 1e2 * np.ptp(shape.gpdf.completion.points, axis=0)
+    print(f"{args.folder}: {len(poses)} images, a pose in {int(tracked.sum())} of them")
+    print(f"  {'views merged':34s} {len(shape.views.times):6d}")
+    print(f"  {'completed size [cm]':34s} {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f}")
+    print(f"  wrote {poses_file} and {shape_file}")
+    print(f"  grasps: feasigrasp perceive --merged --cloud {shape_file}")
+    return 0

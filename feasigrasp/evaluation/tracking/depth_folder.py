@@ -1,0 +1,190 @@
+"""Depth images that somebody recorded: a folder in the layouts of TUM RGB-D and BOP.
+
+::
+
+    depth/*.png      16-bit depth images
+    camera.json      fx, fy, cx, cy [px] and depth_scale, millimetres per unit (BOP)
+    depth.txt        optional, "time file" line by line (TUM); else the files' names are times if
+                     they are numbers with a point, as TUM's are, or the images come at a rate
+    mask/*.png       optional, of the same names: other than zero where the object is
+    groundtruth.txt  optional, "time tx ty tz qx qy qz qw" of the camera (TUM); else it stands still
+
+In ``camera.json`` may also be ``near`` [m], the least depth that is measured, and ``baseline`` [m]
+of a stereo camera, which say how far its depth is believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from feasigrasp.errors import CameraError, InputError
+from feasigrasp.inputs import read_json
+from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.geometry import se3
+
+#: Least depth that is measured, unless the folder says so [m].
+_NEAR = 0.1
+#: A pose of the camera is that of an image that was taken no farther from it in time [s].
+_SAME_TIME = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class DepthFolder(Frozen):
+    """A recorded sequence; images are read when they are asked for.
+
+    Attributes:
+        camera: The camera.
+        files: Depth images in the order of their times.
+        times: When they were taken, shape (n,) [s].
+        unit: Metres per unit of the images.
+        X_WC: Poses of the camera, shape (n, 4, 4).
+        masks: Masks of the object, by the names of the depth images; empty if there are none.
+    """
+
+    camera: Camera
+    files: list[Path]
+    times: Array
+    unit: float
+    X_WC: Array
+    masks: dict[str, Path] = field(default_factory=dict)
+
+    def depth(self, k: int) -> Array:
+        """Depth image k, 0 where nothing was measured, shape (height, width) [m].
+
+        Raises:
+            InputError: It cannot be read, or has another size than the first.
+        """
+        return self.unit * self._image(self.files[k]).astype(float)
+
+    def mask(self, k: int) -> Mask | None:
+        """The object's pixels in image k, if there is a mask of it, shape (height, width).
+
+        Raises:
+            InputError: It cannot be read, or has another size than the depth.
+        """
+        file = self.masks.get(self.files[k].stem)
+        return None if file is None else self._image(file) > 0
+
+    def _image(self, file: Path) -> NDArray[np.integer]:
+        image = _read_image(file)
+        if image.shape != (self.camera.height, self.camera.width):
+            raise InputError(
+                f"{file} has {image.shape[1]} x {image.shape[0]} pixels, but the first image "
+                f"{self.camera.width} x {self.camera.height}"
+            )
+        return image
+
+
+def read_depth_folder(folder: str | Path, rate: float = 30.0) -> DepthFolder:
+    """Reads what a folder says; see above.
+
+    Args:
+        folder: The folder.
+        rate: Images per second, where nothing says when they were taken.
+
+    Raises:
+        InputError: Something is missing or cannot be read.
+        CameraError: The camera has no focal length.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise InputError(f"there is no folder {root}")
+    files, times = _stamped(root, rate)
+    height, width = _read_image(files[0]).shape
+    content = read_json(root / "camera.json")
+    try:
+        fx, fy, cx, cy = (float(content[name]) for name in ("fx", "fy", "cx", "cy"))
+        scale, near, baseline = (
+            float(content.get(name, usual))
+            for name, usual in (
+                ("depth_scale", 1.0),
+                ("near", _NEAR),
+                ("baseline", DepthNoise.baseline),
+            )
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"{root / 'camera.json'}: {error!r}; give the numbers fx, fy, cx, cy [px] and "
+            "depth_scale [mm per unit]"
+        ) from error
+    if not (min(fx, fy, scale) > 0.0 and np.isfinite([fx, fy, cx, cy, scale, near]).all()):
+        raise CameraError(f"{root / 'camera.json'}: give positive fx, fy and depth_scale")
+    camera = Camera((fx, fy, cx, cy), width, height, near, DepthNoise(baseline=baseline).axial(fx))
+    masks = {file.stem: file for file in sorted((root / "mask").glob("*.png"))}
+    return DepthFolder(camera, files, times, 1e-3 * scale, _camera_poses(root, times), masks)
+
+
+def _stamped(root: Path, rate: float) -> tuple[list[Path], Array]:
+    """The depth images and their times, in the order of these."""
+    list_file = root / "depth.txt"
+    if list_file.is_file():
+        rows = [row.split() for row in _lines(list_file)]
+        try:
+            pairs = [(float(row[0]), root / row[1]) for row in rows]
+        except (ValueError, IndexError):
+            raise InputError(f'{list_file}: give lines "time file", as TUM RGB-D does') from None
+    else:
+        files = sorted((root / "depth").glob("*.png"))
+        named = all("." in file.stem and _is_number(file.stem) for file in files)
+        pairs = [(float(file.stem) if named else k / rate, file) for k, file in enumerate(files)]
+    if not pairs:
+        raise InputError(f"there are no depth images {root / 'depth' / '*.png'}")
+    pairs.sort()
+    return [file for _, file in pairs], np.array([time for time, _ in pairs])
+
+
+def _camera_poses(root: Path, times: Array) -> Array:
+    """X_WC (n, 4, 4) at some times; NaN where there is none near by, and if it stands still I."""
+    file = root / "groundtruth.txt"
+    if not file.is_file():
+        return np.tile(np.eye(4), (len(times), 1, 1))
+    try:
+        rows = np.array([row.split() for row in _lines(file)], dtype=float).reshape(-1, 8)
+        R = Rotation.from_quat(rows[:, 4:]).as_matrix()
+    except ValueError:
+        raise InputError(f'{file}: give lines "time tx ty tz qx qy qz qw"') from None
+    poses = np.full((len(times), 4, 4), np.nan)
+    for k, time in enumerate(times):
+        at = int(np.argmin(np.abs(rows[:, 0] - time)))
+        if abs(rows[at, 0] - time) <= _SAME_TIME:
+            poses[k] = se3.make_pose(R[at], rows[at, 1:4])
+    if not np.isfinite(poses).any():
+        raise InputError(f"{file} has no pose within {_SAME_TIME} s of any image")
+    return poses
+
+
+def _lines(file: Path) -> list[str]:
+    """The lines of a text file that say something."""
+    try:
+        lines = file.read_text().splitlines()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} cannot be read: {error}") from error
+    return [line for line in lines if line.strip() and not line.startswith("#")]
+
+
+def _read_image(file: Path) -> NDArray[np.integer]:
+    """A picture of one channel, shape (h, w)."""
+    try:
+        with Image.open(file) as image:
+            pixels = np.asarray(image)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(f"{file} is no whole picture ({error})") from error
+    if pixels.ndim != 2:
+        raise InputError(f"{file} has {pixels.shape[-1]} channels; a depth image or mask has one")
+    return pixels
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
