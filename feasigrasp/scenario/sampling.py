@@ -19,6 +19,8 @@ from feasigrasp.scenario.schema import BezierPath, Scenario
 
 #: Streams of numbers that are drawn from the seed: where the object is, how the hand errs.
 _PLACE, _HAND = 1, 3
+#: Moments at which the speed is looked at.
+_MOMENTS = 2000
 
 
 def make_camera_noise(scenario: Scenario) -> dict[str, DepthNoise]:
@@ -86,6 +88,13 @@ def make_motion(scenario: Scenario) -> ObjectMotion:
         values |= {"center": center, "start_phase": phase, "R_WO": R_WO}
         motion = HarmonicMotion(**values)
     return altered(motion, scenario.faults)
+
+
+def largest_speed(scenario: Scenario) -> float:
+    """The object's largest speed along its path, over a lap or over the run if there is none."""
+    motion, end = make_motion(scenario), lap(scenario)
+    times = np.linspace(0.0, end if math.isfinite(end) else scenario.simulation_duration, _MOMENTS)
+    return max(float(np.linalg.norm(motion.velocity(t)[3:])) for t in times)
 
 
 def lap(scenario: Scenario) -> float:

@@ -31,7 +31,7 @@ def static_report(rows: Sequence[Row], conditions: str = "") -> str:
 
 def _protocols(found: Rows, protocols: Sequence[str]) -> str:
     mean, deviation = TABLE_1
-    lines = [["printed: the paper", f"{mean:.2f} ({deviation:.2f})", "-", "-", "500"]]
+    lines = [["printed: the paper", f"{mean:.2f} ({deviation:.2f})", "-", "-", "-"]]
     for name in protocols:
         causes = {
             n.removeprefix("cause.").removesuffix("_percent").replace("_", " "): row.value

@@ -6,12 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
 from feasigrasp.evaluation.protocols.ablations import without_ablation
 from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
 from feasigrasp.models.objects.tracker_config import TrackerConfig, TrackerKind
-from feasigrasp.scenario.sampling import lap, make_motion
+from feasigrasp.scenario.sampling import largest_speed
 from feasigrasp.scenario.schema import Scenario, Segmentation
 
 #: What the object's frame is, by what tells its pose.
@@ -31,8 +29,6 @@ _ERRORS = {
     "rotation_noise": "{:.2g} rad",
     "dropout": "{:.0%} lost",
 }
-#: Moments of a lap at which the speed is looked at.
-_MOMENTS = 2000
 
 
 def conditions(plan: Plan, split: str) -> dict[str, Any]:
@@ -73,11 +69,10 @@ def _common(runs: Sequence[PlannedRun], read: Callable[[Scenario], Any]) -> Any:
 
 def _speeds(scenario: Scenario) -> dict[str, float]:
     """Largest speed on the path, and speed of the rotation."""
-    motion = make_motion(scenario)
-    end = lap(scenario)
-    times = np.linspace(0.0, end if math.isfinite(end) else scenario.simulation_duration, _MOMENTS)
-    path = max(float(np.linalg.norm(motion.velocity(t)[3:])) for t in times)
-    return {"path_m_s": round(path, 4), "spin_rad_s": abs(scenario.motion.spin)}
+    return {
+        "path_m_s": round(largest_speed(scenario), 4),
+        "spin_rad_s": abs(scenario.motion.spin),
+    }
 
 
 def _camera(scenario: Scenario) -> str:

@@ -12,8 +12,8 @@ from enum import StrEnum
 from functools import cache
 from pathlib import Path
 
-from feasigrasp.errors import FeasigraspError, MeshError
-from feasigrasp.evaluation.runs.studies import STUDIES, Study, study_of
+from feasigrasp.errors import FeasigraspError, MeshError, ScenarioError
+from feasigrasp.evaluation.runs.studies import STUDIES, Study, study_of, suffix_of
 from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import names, positive, print_notes, select_objects
@@ -252,7 +252,14 @@ def plan_run(
         controller: The controller.
         mode: Its mode.
         seed: Of everything.
+
+    Raises:
+        ScenarioError: The name is like one that a study makes, or the scenario is wrong.
     """
+    if suffix := suffix_of(name):
+        raise ScenarioError(
+            f"scenario {name} ends in {suffix}, as the runs of a study do; give it another name"
+        )
     filename = args.scenario_file or diagram_path("dynamic.scenarios.yaml")
     scenario = deepcopy(_read_once(filename, name, args.scenario_text, controller, mode))
     scenario.random_seed = scenario.tracker.seed = seed

@@ -81,6 +81,7 @@ def try_object(name: str, what: tuple[str, int] | str, grasps: int, seed: int) -
     trials = hold_trials(obj, X_OG, gripper, friction=FRICTION)
     return [
         {"object": name, "valid": bool(v), "cosine": float(c), "held": t.held, "why": t.why}
+        | {"turn_deg": None if np.isnan(t.turn_deg) else t.turn_deg}
         for v, c, t in zip(valid, cosine, trials, strict=True)
     ]
 
@@ -95,6 +96,10 @@ def summary_rows(records: list[Record]) -> list[Row]:
     agree = [r["held"] == r["valid"] for r in records]
     if agree:
         rows.append(Row.percent("labels.agreement_percent", "all", agree))
+    turns = [r["turn_deg"] for r in records if r["valid"] and r["held"]]
+    if turns:
+        turned = float(np.median(turns))
+        rows.append(Row.plain("labels.turn_deg.median", "valid", turned, "deg", len(turns)))
     return rows
 
 
@@ -115,7 +120,9 @@ def main(args: argparse.Namespace) -> int:
         objects, args.out / "objects", settings, try_object, jobs=args.jobs, desc="grasp labels"
     )
     records = [r for name in objects for r in finished[name]]
-    write_csv(args.out / "grasps.csv", records, ("object", "valid", "cosine", "held", "why"))
+    write_csv(
+        args.out / "grasps.csv", records, ("object", "valid", "cosine", "held", "why", "turn_deg")
+    )
     report_rows(args, "evaluate grasp-labels", summary_rows(records))
     return 0
 

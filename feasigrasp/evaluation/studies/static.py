@@ -24,6 +24,7 @@ from feasigrasp.evaluation.protocols.static import ABLATIONS, PROTOCOLS, WHOLE
 from feasigrasp.evaluation.runs.plan import Plan, Split, add_scenario_arguments, plan_run
 from feasigrasp.evaluation.runs.run_plan import run_plan
 from feasigrasp.evaluation.runs.studies import Study
+from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
@@ -59,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also each sampler alone, with the filter, and with reachability as well",
     )
     parser.add_argument(
-        "--controllers", type=names, default=["task"], help="task, joint or both, by commas"
+        "--controller", choices=[*map(str, ControlSpace)], default=str(ControlSpace.TASK)
     )
     add_scenario_arguments(parser)
     add_worker_arguments(parser)
@@ -85,10 +86,8 @@ def plan(args: argparse.Namespace) -> Plan:
         raise MeshError(f"{args.objects}: nothing can be grasped: {left_out}")
     trials = range(args.seed, args.seed + (2 if args.quick else args.trials))
     runs = [
-        plan_run(args, SCENARIO, study, chosen, variant, controller, "safe", seed)
-        for variant, chosen, controller, seed in itertools.product(
-            study.variants, objects.items(), args.controllers, trials
-        )
+        plan_run(args, SCENARIO, study, chosen, variant, args.controller, "safe", seed)
+        for variant, chosen, seed in itertools.product(study.variants, objects.items(), trials)
     ]
     return Plan(runs, left_out)
 

@@ -13,7 +13,7 @@ from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import MARGIN
-from feasigrasp.models.grasps.thinning import LEAST_SCORE, thin_grasps
+from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 
@@ -46,7 +46,7 @@ class AntipodalSampler:
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     n_candidates: int = 800
     n_grasps: int = 64
-    least_score: float = LEAST_SCORE
+    least_score: float = LIKELY
     n_approaches: int = 8
     seed: int = 0
 

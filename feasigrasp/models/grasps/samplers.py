@@ -12,7 +12,7 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.thinning import LEAST_SCORE, thin_grasps
+from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -90,7 +90,7 @@ def make_sampler(
             gripper,
             n_candidates=n_candidates,
             n_grasps=n_grasps,
-            least_score=LEAST_SCORE if least_score is None else least_score,
+            least_score=LIKELY if least_score is None else least_score,
             seed=seed,
         )
         return antipodal if filtered else Unfiltered(antipodal)
@@ -100,7 +100,7 @@ def make_sampler(
 
     paper = chosen == SamplerName.PAPER
     n_approaches = NetworkSampler.n_approaches
-    likely = LEAST_SCORE if paper else NetworkSampler.least_score
+    likely = LIKELY if paper else NetworkSampler.least_score
     network = NetworkSampler(
         gripper,
         load_grasp_network(Preset.PAPER if paper else Preset.DEFAULT),

@@ -12,11 +12,11 @@ from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 SAME_POSITION, SAME_ANGLE = 0.010, np.deg2rad(20.0)
 #: Grasps that score less are left out, as long as `ENOUGH` are there; those less likely than even
 #: are offered only if there is no other.
-LEAST_SCORE, ENOUGH, EVEN = 0.87, 10, 0.5
+LIKELY, ENOUGH, EVEN = 0.87, 10, 0.5
 
 
 def thin_grasps(
-    grasps: GraspSet, count: int, *, least_score: float = LEAST_SCORE, enough: int = ENOUGH
+    grasps: GraspSet, count: int, *, least_score: float = LIKELY, enough: int = ENOUGH
 ) -> GraspSet:
     """The best grasps that differ from each other.
 

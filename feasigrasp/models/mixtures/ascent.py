@@ -23,7 +23,7 @@ from feasigrasp.models.geometry.se3_kernels import (
 from feasigrasp.models.mixtures.kernels import Parameters, evaluate_kernel, posterior_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
-#: Metres that count as much as one radian in comparing pulls.
+#: Metres that count as much as one radian in comparing poses and pulls.
 LENGTH_PER_RADIAN = 0.1
 #: Pulls cancel where their sum is shorter than this share of their lengths ...
 CANCEL = 0.2

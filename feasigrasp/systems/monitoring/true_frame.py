@@ -9,9 +9,6 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.systems.ports import declare_input, declare_output
 
-#: Time between looks for the first tracked pose [s]; so long, at most, the object has moved since.
-_PERIOD = 0.002
-
 
 class TrueFrame(LeafSystem):
     """Follows the object frame O of a tracker as if it were painted on the object.
@@ -32,14 +29,19 @@ class TrueFrame(LeafSystem):
     in O. Before it is X_WB.
     """
 
-    def __init__(self) -> None:
-        """A judge that knows the truth; nothing that is judged may read it."""
+    def __init__(self, period: float) -> None:
+        """A judge that knows the truth; nothing that is judged may read it.
+
+        Args:
+            period: Time between looks for the first tracked pose [s]; so long, at most, the object
+                has moved since. Between two steps of the physics it does not move.
+        """
         super().__init__()
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._tracked_pose = declare_input(self, "tracked_pose", RigidTransform())
         # Discrete: an abstract state would invalidate the caches of the whole diagram.
         self._gauge = self.DeclareDiscreteState(np.full(12, np.nan))
-        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._align)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._align)
         declare_output(self, "frame_pose", self._calc, model=RigidTransform())
 
     def _align(self, context: Context, state) -> EventStatus:

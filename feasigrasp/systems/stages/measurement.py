@@ -35,7 +35,8 @@ def add_measurement(cell: Cell) -> None:
     if cell.scenario.tracker.kind == TrackerKind.CAMERA:  # whose frame is that of its first view
         pose = cell.station.GetOutputPort("object.pose")
         tracked = cell["tracker"].GetOutputPort("object_pose")
-        judge = cell.add("true_frame", TrueFrame(), object_pose=pose, tracked_pose=tracked)
+        looks = TrueFrame(cell.station.plant.time_step())
+        judge = cell.add("true_frame", looks, object_pose=pose, tracked_pose=tracked)
         frame["frame_pose"] = judge.get_output_port()
     add_judges(
         cell,

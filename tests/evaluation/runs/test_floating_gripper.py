@@ -87,10 +87,13 @@ def test_sampled_grasps_are_free_and_half_valid():
 
 
 def test_rows_count_agreement():
-    records = [{"held": h, "valid": v} for h, v in ((1, 1), (1, 1), (0, 1), (1, 0), (0, 0))]
+    tried = ((1, 1, 4.0), (1, 1, 6.0), (0, 1, 90.0), (1, 0, 80.0), (0, 0, None))
+    records = [{"held": h, "valid": v, "turn_deg": turn} for h, v, turn in tried]
     rows = {(row.name, row.preset): row for row in summary_rows(records)}
     assert rows["labels.held_percent", "valid"].value == pytest.approx(100 * 2 / 3)
     assert rows["labels.held_percent", "not antipodal"].value == pytest.approx(50)
     agreement = rows["labels.agreement_percent", "all"]
     assert agreement.value == pytest.approx(60)
     assert agreement.low < 60 < agreement.high and agreement.n == 5
+    turned = rows["labels.turn_deg.median", "valid"]
+    assert turned.value == pytest.approx(5.0) and turned.n == 2

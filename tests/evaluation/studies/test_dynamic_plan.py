@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
+from feasigrasp.errors import ScenarioError
 from feasigrasp.evaluation.protocols.ablations import ABLATIONS
 from feasigrasp.evaluation.runs.plan import plan
 from feasigrasp.evaluation.runs.studies import STUDIES
@@ -41,6 +42,15 @@ def test_the_headline_is_all_objects_under_the_conditions_of_the_scenarios():
 
 
 NOISY = "{camera_noise: {wrist_camera: {}}, perception: {latency: 0.1}}"
+
+
+def test_a_scenario_is_not_named_like_the_runs_of_a_study(tmp_path):
+    file = tmp_path / "own.scenarios.yaml"
+    text = diagram_path("dynamic.scenarios.yaml").read_text()
+    file.write_text(text.replace("ReachLinear:", "Mine-no-score:", 1))
+    own = ("--scenario_file", str(file), "--objects", "mug", "--scenarios", "Mine-no-score")
+    with pytest.raises(ScenarioError, match="Mine-no-score ends in -no-score"):
+        planned(*own)
 
 
 def test_ideal_runs_have_perfect_sensors_and_names_of_their_own():

@@ -21,12 +21,12 @@ def at(dut, context, true, tracked):
 
 
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
-    inputs, outputs = ports(TrueFrame())
+    inputs, outputs = ports(TrueFrame(0.0025))
     assert (list(inputs), list(outputs)) == documented_ports(TrueFrame)
 
 
 def test_it_is_aligned_once_and_then_follows_the_object():
-    dut = TrueFrame()
+    dut = TrueFrame(0.0025)
     context = dut.CreateDefaultContext()
     np.testing.assert_allclose(at(dut, context, X_WB, UNKNOWN), X_WB.GetAsMatrix4())
     first = at(dut, context, X_WB, X_WB @ X_BO)

@@ -17,11 +17,10 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.funnel import grasp_errors_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.mixtures.ascent import LENGTH_PER_RADIAN
 from feasigrasp.models.mixtures.fit import fit_best_mixture
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
-#: Metres that count as much as one radian in comparing hand poses.
-LENGTH_PER_RADIAN = 0.1
 #: No grasp lies farther than this from all means, so that no component straddles twins [rad].
 MAX_ROTATION = np.deg2rad(75.0)
 #: A component is the one before if its mean moved less than this, in metres.

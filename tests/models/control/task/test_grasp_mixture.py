@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.task.grasp_mixture import (
-    LENGTH_PER_RADIAN,
     MAX_ROTATION,
     fit_grasp_mixture,
 )
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.mixtures.ascent import LENGTH_PER_RADIAN
 
 
 def clustered_grasps(n=60, k=3, seed=0):
