@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.errors import CameraError, ScenarioError
+from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.choices import nearest
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
@@ -47,6 +48,7 @@ def check_scenario(scenario: Scenario) -> None:
         # Each fault has a table of its own; what a part takes, the part knows.
         if path[0] not in ("faults", "parts"):
             _check_number(path, index, value)
+    _check_gripper(scenario)
     check_parts(scenario.parts)
     check_faults(scenario.faults)
     _check_steps(scenario)
@@ -58,6 +60,13 @@ def check_scenario(scenario: Scenario) -> None:
         raise ScenarioError(
             f"motion.start_phase has min {phase.min} above max {phase.max}; swap them"
         )
+
+
+def _check_gripper(scenario: Scenario) -> None:
+    try:
+        load_gripper(scenario.gripper)
+    except GraspError as error:
+        raise ScenarioError(str(error)) from error
 
 
 def _check_steps(scenario: Scenario) -> None:

@@ -22,6 +22,7 @@ from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.robot.grippers import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.faults import AnyFault
 from feasigrasp.scenario.parts import PartConfig
@@ -290,6 +291,8 @@ class Scenario:
         simulator_config: Drake's simulator settings.
         plant_config: Drake's plant settings.
         directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``.
+        gripper: The hand: ``EZGripper``, ``WSG_50``, or a YAML file with attributes of
+            `ParallelGripper`; its model is made of them.
         cameras: Cameras by name.
         camera_noise: By camera, errors of its depth image; ``{wrist_camera: {}}`` gives it those of
             a RealSense D435, entries as in `DepthNoise` change them, and those of `HandEyeError`
@@ -316,6 +319,7 @@ class Scenario:
     simulator_config: SimulatorConfig = dc.field(default_factory=_default_simulator)
     plant_config: MultibodyPlantConfig = dc.field(default_factory=_default_plant)
     directives: list[ModelDirective] = dc.field(default_factory=list)
+    gripper: str = PACKAGED
     cameras: dict[str, CameraConfig] = dc.field(default_factory=dict)
     camera_noise: dict[str, dict[str, float]] = dc.field(default_factory=dict)
     q_start: list[float] = dc.field(default_factory=lambda: [0.0] * IIWA_7.joints)

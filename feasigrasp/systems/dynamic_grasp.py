@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import make_hand_error
@@ -126,7 +126,7 @@ def make_dynamic_grasp(
     Raises:
         ScenarioError: A part that the scenario names cannot be made.
     """
-    gripper, scenario = ParallelGripper(), resolve(scenario)
+    gripper, scenario = load_gripper(scenario.gripper), resolve(scenario)
     reachability = Reachability(gripper)
     hand_error = np.eye(4) if station else make_hand_error(scenario)
     builder = DiagramBuilder()

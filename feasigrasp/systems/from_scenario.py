@@ -27,6 +27,7 @@ from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.parts import Part, load_part
@@ -49,6 +50,7 @@ from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSe
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_boxes import cell_boxes
 from feasigrasp.systems.station.cell_models import StationConfig
+from feasigrasp.systems.station.hand import cell_directives
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
@@ -74,7 +76,8 @@ def station_config(scenario: Scenario) -> StationConfig:
     safe = scenario.control.safe
     return StationConfig(
         plant=scenario.plant_config,
-        directives=scenario.directives,
+        directives=cell_directives(scenario),
+        gripper=load_gripper(scenario.gripper),
         cameras=scenario.cameras,
         camera_noise=make_camera_noise(scenario),
         hand_eye=make_hand_eye(scenario),

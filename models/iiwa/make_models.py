@@ -11,12 +11,12 @@ from generator.arm import arm_urdf
 from generator.camera import camera_urdf
 from generator.cell import cell_directives
 from generator.gltf import gltf
-from generator.hand import SIDES, gripper_urdf, pad_size, pad_vtk
 from generator.hand_shapes import camera_parts, finger_parts, gripper_parts
 from generator.housings import link_parts
 from generator.table import table_parts, table_urdf
 
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.hand_model import SIDES, gripper_urdf, pad_size, pad_vtk
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 

@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 
 from feasigrasp.models.arrays import Mask
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_foreground_segmentation, make_station
@@ -29,7 +29,7 @@ def first_mask_iou(scenario: Scenario) -> float:
         scenario: Object, motion, seed, camera and its errors.
     """
     station, camera = make_station(scenario), scenario.perception.camera
-    foreground = make_foreground_segmentation(scenario, ParallelGripper())
+    foreground = make_foreground_segmentation(scenario, load_gripper(scenario.gripper))
     at_start, context = station.CreateDefaultContext(), foreground.CreateDefaultContext()
     cloud = station.GetOutputPort(f"{camera}.point_cloud").Eval(at_start)
     for name, value in (

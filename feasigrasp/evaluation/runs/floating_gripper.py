@@ -19,13 +19,12 @@ from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.errors import GraspError
 from feasigrasp.evaluation.runs.hand_load import HandLoad
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.resources import model_path
 from feasigrasp.systems.station.cell_models import FINGER_KD, FINGER_KP
 from feasigrasp.systems.station.friction import set_friction
+from feasigrasp.systems.station.hand import hand_urdf
 from feasigrasp.systems.station.object_model import add_object
 
 #: As in the scenarios.
@@ -63,28 +62,18 @@ class FloatingGripper:
 
     Args:
         obj: The object.
-        gripper: The hand; the model file describes the default one only.
+        gripper: The hand; its model is made of its description.
         friction: Coulomb friction between pads and object.
-
-    Raises:
-        GraspError: If the hand is not the one of the model file.
     """
 
     def __init__(self, obj: RigidObject, gripper: ParallelGripper, friction: float = 0.6) -> None:
-        if gripper.max_opening != ParallelGripper().max_opening:
-            raise GraspError(
-                f"a hand with max_opening = {gripper.max_opening} m cannot be simulated; the model "
-                f"file models/iiwa/gripper.urdf opens {ParallelGripper().max_opening} m"
-            )
         self._opening = gripper.max_opening
         self._files = tempfile.TemporaryDirectory(prefix="feasigrasp-")
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlant(_PLANT, builder)
         plant = self._plant
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))  # HandLoad's business
-        parser = Parser(plant)
-        parser.package_map().AddPackageXml(str(model_path("package.xml")))
-        (hand,) = parser.AddModels(str(model_path("iiwa", "gripper.urdf")))
+        (hand,) = Parser(plant).AddModels(str(hand_urdf(gripper)))
         instance = add_object(plant, obj, directory=self._files.name, friction=friction)
         self._body = plant.GetBodyByName("object", instance)
         grasp_frame = plant.GetFrameByName("grasp_frame", hand)

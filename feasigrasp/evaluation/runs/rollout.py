@@ -38,7 +38,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.sampling import lap, make_motion
@@ -46,6 +46,7 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_controller, make_reachability_filter
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.station.hand import cell_directives
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 #: Makes the controller of a scenario; its ports are those of `GraspController`.
@@ -118,7 +119,7 @@ def make_rollout(
     ``controller``, ``drive`` and ``metrics``, as in `make_dynamic_grasp`; the logs are
     ``log(metrics)`` at the metrics' rate and ``log(drive)`` at the control rate.
     """
-    gripper = ParallelGripper()
+    gripper = load_gripper(scenario.gripper)
     reachability = Reachability(gripper)
     builder = DiagramBuilder()
     add, connect = builder.AddNamedSystem, builder.Connect
@@ -209,7 +210,7 @@ def roll_out(
     Q = states.T[::every, : IIWA_7.joints]
     return Rollout(
         rollout_metrics(samples, states.T, scenario.control.period)
-        | self_collision_metrics(robot_twin(scenario.directives), Q),
+        | self_collision_metrics(robot_twin(cell_directives(scenario)), Q),
         times,
         samples,
         states.T,

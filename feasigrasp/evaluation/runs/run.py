@@ -28,6 +28,7 @@ from feasigrasp.evaluation.runs.teleport import teleport
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.results.provenance import git_revision, machine, versions
@@ -36,6 +37,7 @@ from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
+from feasigrasp.systems.station.hand import cell_directives
 
 #: The ``error`` of a run that Ctrl-C ended.
 INTERRUPTED = "interrupted"
@@ -102,7 +104,9 @@ def run(
                 # Nor what was built: a full collection would hold up one tick for it.
                 gc.freeze()
                 if scenario.execution.teleport:
-                    teleport(simulator, scenario.simulation_duration)
+                    teleport(
+                        simulator, load_gripper(scenario.gripper), scenario.simulation_duration
+                    )
                 simulator.AdvanceTo(scenario.simulation_duration)
             except RuntimeError as failure:
                 error = str(failure)
@@ -213,7 +217,7 @@ def measured(
         ),
     )
     if len(q):
-        twin = robot_twin(scenario.directives)
+        twin = robot_twin(cell_directives(scenario))
         every = max(1, round(SAMPLE_PERIOD / scenario.control.period))
         metrics |= self_collision_metrics(twin, q[::every])
         at, torques = log("torque")

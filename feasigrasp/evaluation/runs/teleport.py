@@ -13,7 +13,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 _PERIOD = 0.05
 
 
-def teleport(simulator: Simulator, until: float) -> None:
+def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> None:
     """Waits for grasps in reach, then puts the arm at the best of them, at rest.
 
     What the drive sends jumps along with it: the velocities and accelerations of such a run say
@@ -21,11 +21,12 @@ def teleport(simulator: Simulator, until: float) -> None:
 
     Args:
         simulator: Of the diagram of `make_dynamic_grasp`, initialized.
+        gripper: The hand of its cell.
         until: It gives up at this time [s].
     """
     diagram, root = simulator.get_system(), simulator.get_mutable_context()
     station, drive, sequencer = map(diagram.GetSubsystemByName, ("station", "drive", "sequencer"))
-    reachability, plant = Reachability(ParallelGripper()), station.plant
+    reachability, plant = Reachability(gripper), station.plant
     arm = plant.GetModelInstanceByName("iiwa")
     plant_context = plant.GetMyMutableContextFromRoot(root)
     while root.get_time() < until:

@@ -60,7 +60,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also each sampler alone, with the filter, and with reachability as well",
     )
     parser.add_argument(
-        "--controller", choices=[*map(str, ControlSpace)], default=str(ControlSpace.TASK)
+        "--controller",
+        choices=[*map(str, ControlSpace)],
+        default=str(ControlSpace.TASK),
+        help="its space",
     )
     add_scenario_arguments(parser)
     add_worker_arguments(parser)

@@ -20,8 +20,8 @@ from feasigrasp.models.shape.gpdf import Gpdf
 
 #: Cells that a pad is divided into along y and z of the grasp frame.
 CELLS = (5, 7)
-#: How finely a field tells the gap between pad and surface [m]: the pads are taken to be at least
-#: so soft that their force presses the whole pad in by this much.
+#: How finely a field tells the gap between pad and surface [m]: the pads are taken to be so
+#: soft that their force presses the whole pad in by this much; the simulated ones are harder.
 ROUGHNESS = 2e-4
 _STEPS = 2
 
@@ -51,13 +51,12 @@ def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
     Args:
         gpdf: Distance field in frame O.
         grasps: Grasps in O; their widths say where the pads stop.
-        gripper: The hand: size, stiffness and force of its pads.
+        gripper: The hand: size and force of its pads.
     """
     y, z, area = pad_cells(gripper)
     x, half = grasps.X_OG[:, :3, 0], 0.5 * grasps.width[:, None]
     across = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, 1:3], np.column_stack([y, z]))
-    softest = gripper.grip_force / (ROUGHNESS * area * len(y))
-    stiffness = min(gripper.pad_stiffness, softest)
+    stiffness = gripper.grip_force / (ROUGHNESS * area * len(y))
     moment, middle = np.zeros(len(grasps)), np.zeros((len(grasps), 2))
     for way in (-1.0, 1.0):
         on_pad = (grasps.X_OG[:, :3, 3] + way * half * x)[:, None] + across

@@ -37,7 +37,6 @@ class ParallelGripper(Frozen):
             towards the tool axis, which it crosses in front of the finger tips [rad].
         grip_force: With which either pad presses when the hand is closed on something [N]. A pad is
             as wide as the finger and reaches from ``-tip`` to ``tip``.
-        pad_stiffness: Pressure per depth that a pad is pressed in [Pa/m].
     """
 
     max_opening: float = 0.085
@@ -51,7 +50,6 @@ class ParallelGripper(Frozen):
     camera_center: tuple[float, float, float] = (0.0, 0.085, -0.105)
     camera_tilt: float = np.deg2rad(15.0)
     grip_force: float = 40.0
-    pad_stiffness: float = 3.3e9
     X_FG: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -79,10 +77,10 @@ class ParallelGripper(Frozen):
                     f"ParallelGripper.{name} = {getattr(self, name)}: give "
                     f"{'three lengths' if size == 3 else 'a length'} between 0 and 1 m (metres?)"
                 )
-        for name in ("grip_force", "pad_stiffness"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise GraspError(f"ParallelGripper.{name} = {value}: give a positive number in SI")
+        if not (np.isfinite(self.grip_force) and self.grip_force > 0.0):
+            raise GraspError(
+                f"ParallelGripper.grip_force = {self.grip_force}: give a positive number in N"
+            )
         if not -1 < self.heel < 0:
             raise GraspError(
                 f"ParallelGripper.heel = {self.heel}: it lies behind the pad centre; give a "

@@ -27,7 +27,7 @@ from pydrake.systems.primitives import (
 )
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.from_scenario import make_station
@@ -62,7 +62,7 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
         publish_images(builder, station, name, camera, bus, mask=mask)
     nothing = AbstractValue.Make(GraspSet.empty())
     none = builder.AddNamedSystem("no_grasps", ConstantValueSource(nothing)).get_output_port()
-    cell = Cell(builder, scenario, ParallelGripper(), station)
+    cell = Cell(builder, scenario, load_gripper(scenario.gripper), station)
     add_judges(cell, builder.GetSubsystemByName("handover"), grasps=none, sampled_grasps=none)
     diagram = builder.Build()
     diagram.set_name("simulated_cell")
@@ -124,7 +124,7 @@ def _add_arm(builder: DiagramBuilder, station: Station, lcm: LcmInterfaceSystem)
 def _add_gripper(
     builder: DiagramBuilder, station: Station, lcm: LcmInterfaceSystem, scenario: Scenario
 ) -> None:
-    gripper = ParallelGripper()
+    gripper = load_gripper(scenario.gripper)
     command = LcmSubscriberSystem.Make(
         channels.WSG_COMMAND, lcmt_schunk_wsg_command, lcm, use_cpp_serializer=True
     )

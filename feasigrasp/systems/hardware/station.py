@@ -38,6 +38,7 @@ from pydrake.systems.sensors import CameraConfig, PixelType
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.schema import Scenario
@@ -105,7 +106,7 @@ class HardwareStation(Diagram):
         add_cell(self.plant, station_config(scenario))
         self.plant.Finalize()
         self._inbox, self._outbox = inbox, outbox
-        self._add_gripper(builder)
+        self._add_gripper(builder, load_gripper(scenario.gripper))
         position, measured_at = self._add_arm(builder)
         self._add_object(builder)
         for name, camera in scenario.cameras.items():
@@ -154,14 +155,14 @@ class HardwareStation(Diagram):
         builder.Connect(command.get_output_port(), self.request.get_input_port())
         return position, status.GetOutputPort("time_measured")
 
-    def _add_gripper(self, builder: DiagramBuilder) -> None:
+    def _add_gripper(self, builder: DiagramBuilder, gripper: ParallelGripper) -> None:
         status = builder.AddNamedSystem("wsg_status", SchunkWsgStatusReceiver())
         kind = lcmt_schunk_wsg_status
         messages = self._messages(builder, channels.WSG_STATUS, kind, native=True)
         builder.Connect(messages, status.get_input_port(0))
         builder.ExportOutput(status.GetOutputPort("state"), "gripper.state_measured")
         # A real gripper squeezes as hard as its force limit says; it needs no distance below zero.
-        opening = Saturation([0.0], [ParallelGripper().max_opening])
+        opening = Saturation([0.0], [gripper.max_opening])
         builder.AddNamedSystem("opening", opening)
         builder.ExportInput(opening.get_input_port(), "gripper.position")
         command = builder.AddNamedSystem("wsg_command", SchunkWsgCommandSender())

@@ -61,7 +61,7 @@ _LINK_MEND = (
 _HAND_MEND = (
     "grasps are planned for the hand that ParallelGripper describes: weld "
     "package://feasigrasp/iiwa/gripper.urdf to iiwa_flange as cell.dmd.yaml does, or describe this "
-    "hand by a ParallelGripper of its own and make its model with models/iiwa/make_models.py"
+    "hand in a file, whose model is then made: gripper: FILE.yaml"
 )
 
 

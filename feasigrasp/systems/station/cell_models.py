@@ -44,6 +44,7 @@ class StationConfig:
     Attributes:
         plant: Drake's plant settings.
         directives: Model directives with model instances ``iiwa`` and ``gripper``.
+        gripper: The hand that they have.
         cameras: Cameras by name.
         q_start: Joint positions at the start [rad], shape (7,).
         friction: Coulomb friction between the gripper and the object.
@@ -62,6 +63,7 @@ class StationConfig:
 
     plant: MultibodyPlantConfig
     directives: list[ModelDirective] = field(default_factory=list)
+    gripper: ParallelGripper = field(default_factory=ParallelGripper)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
     q_start: np.ndarray = field(default_factory=lambda: np.zeros(IIWA_7.joints))
     friction: float = ObjectConfig.friction
@@ -117,7 +119,7 @@ def _with_hand_error(config: StationConfig, packages: PackageMap) -> ModelDirect
     if np.array_equal(config.hand_error, np.eye(4)):
         return directives
     directives = FlattenModelDirectives(directives, packages)
-    X_FG = ParallelGripper().X_FG
+    X_FG = config.gripper.X_FG
     X_FF = RigidTransform(X_FG @ config.hand_error @ se3.inverse(X_FG))
     for each in directives.directives:
         if each.add_weld is not None and each.add_weld.child.startswith("gripper::"):

@@ -4,9 +4,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from feasigrasp.models.robot import urdf as xml
 from feasigrasp.models.robot.capsules import BODY_PAIRS, arm_capsules
 from feasigrasp.models.robot.iiwa import IIWA_7
-from generator import xml
 
 # Masses and inertias: CAD values scaled to KUKA's total mass of 23.9 kg, as published in the
 # lbr_fri_ros2_stack (iiwa7_description.xacro); KUKA publishes no dynamic model. Per link: mass
@@ -42,7 +42,7 @@ def _link(robot: ET.Element, index: int, height: float) -> None:
     link = ET.SubElement(robot, "link", name=IIWA_7.link_names[index])
     mass, com, inertia = INERTIAS[index]
     xml.inertial(link, mass, np.subtract(com, (0.0, 0.0, height)), inertia)
-    xml.visual_mesh(link, f"link_{index}")
+    xml.visual_mesh(link, xml.packaged_mesh(f"link_{index}.gltf"))
     own = [capsule for capsule in arm_capsules() if capsule.body == index]
     for k, capsule in enumerate(own):
         a, b = np.array(capsule.a), np.array(capsule.b)

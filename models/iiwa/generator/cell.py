@@ -3,9 +3,9 @@
 import numpy as np
 
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.hand_model import camera_pose
 from feasigrasp.models.robot.iiwa import IIWA_7
-from generator.camera import camera_pose
-from generator.xml import number
+from feasigrasp.models.robot.urdf import number
 
 _HEADER = "# Written by models/iiwa/make_models.py.\n"
 

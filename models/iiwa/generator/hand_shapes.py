@@ -4,7 +4,8 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.gripper import ParallelGripper
-from generator.camera import CAMERA_SIZE, camera_pose
+from feasigrasp.models.robot.hand_model import camera_pose
+from generator.camera import CAMERA_SIZE
 from generator.housings import DARK, GREY, ORANGE, SILVER, Parts
 from generator.palette import Material
 from generator.solids import bevelled_box, cylinder, join, lathe, rounded_box, surface, union

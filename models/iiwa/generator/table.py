@@ -4,7 +4,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from generator import xml
+from feasigrasp.models.robot import urdf as xml
 from generator.housings import Parts
 from generator.palette import Material
 from generator.solids import bevelled_box, join
@@ -37,7 +37,7 @@ def table_urdf() -> str:
     top = ET.SubElement(robot, "link", name="table_top")
     center = np.array([0.0, 0.0, -SIZE[2] / 2])
     xml.inertial(top, MASS, center, xml.box_inertia(MASS, SIZE))
-    xml.visual_mesh(top, "table")
+    xml.visual_mesh(top, xml.packaged_mesh("table.gltf"))
     collision = xml.shape(top, "collision", xml.box(SIZE), name="top", xyz=center)
     xml.proximity(collision, friction=FRICTION)
     return xml.document(robot)

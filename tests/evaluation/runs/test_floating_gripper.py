@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.errors import GraspError
 from feasigrasp.evaluation.runs.floating_gripper import FloatingGripper, hold_trials
 from feasigrasp.evaluation.runs.hand_load import (
     GRAVITY,
@@ -16,7 +15,7 @@ from feasigrasp.evaluation.runs.hand_load import (
 )
 from feasigrasp.evaluation.studies.grasp_labels import sample_grasps, summary_rows
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.training.data.grasp_truth import TrueGrasps
 
 
@@ -70,10 +69,12 @@ def test_load_is_weight_lift_and_shakes_along_all_axes():
     np.testing.assert_allclose(np.array(peaks) - [0, 0, GRAVITY], SHAKE * np.eye(3), atol=1e-9)
 
 
-def test_another_hand_is_refused():
-    mesh = trimesh.creation.box((0.03, 0.03, 0.03))
-    with pytest.raises(GraspError, match="max_opening"):
-        FloatingGripper(RigidObject.of_mesh("block", mesh, 0.1), ParallelGripper(max_opening=0.11))
+def test_another_hand_holds_what_is_too_wide_for_the_packaged_one():
+    assert ParallelGripper().max_opening < 0.095 < WSG_50.max_opening
+    block = RigidObject.of_mesh("block", trimesh.creation.box((0.095, 0.03, 0.06)).subdivide(), 0.1)
+    assert hold_trials(block, turned(0.0), WSG_50)[0].held
+    wide = np.roll(np.eye(4)[:, :3], 1, axis=1)  # closes along y, beside the block
+    assert hold_trials(block, np.column_stack([wide, [0, 0.06, 0, 1]]), WSG_50)[0].why == "missed"
 
 
 def test_sampled_grasps_are_free_and_half_valid():

@@ -1,12 +1,17 @@
-"""The URDF of the parallel gripper."""
+"""The simulated model of a parallel gripper, made of its description alone."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import trimesh
+from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.robot import urdf as xml
 from feasigrasp.models.robot.gripper import ParallelGripper
-from generator import xml
 
 #: Static and dynamic friction of pads, fingers and palm.
 FRICTION = 0.8
@@ -16,8 +21,18 @@ PAD_THICKNESS = 0.006
 FINGER_MASS = 0.035
 BODY_MASS = 0.34 + 0.05 - 2 * FINGER_MASS
 FINGER_VELOCITY = 0.2
+# Side of the column that stands for the mount of another hand [m].
+COLUMN = 0.04
 
 SIDES = (("left", 1.0), ("right", -1.0))
+
+
+#: Where the file of a mesh is, by its name.
+Mesh = Callable[[str], str]
+
+
+def _packaged(name: str) -> str:
+    return xml.packaged_mesh(f"{name}{'.vtk' if name == 'pad' else '.gltf'}")
 
 
 def pad_size(gripper: ParallelGripper) -> Array:
@@ -45,7 +60,9 @@ def pad_vtk(gripper: ParallelGripper) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _finger(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper) -> None:
+def _finger(
+    robot: ET.Element, side: str, sign: float, gripper: ParallelGripper, mesh: Mesh
+) -> None:
     """Adds a finger; its frame has the axes of G and its origin on the face of the pad."""
     link = ET.SubElement(robot, "link", name=f"{side}_finger")
     length = gripper.tip - gripper.heel
@@ -53,8 +70,8 @@ def _finger(robot: ET.Element, side: str, sign: float, gripper: ParallelGripper)
     center = np.array([sign * gripper.finger_thickness / 2, 0.0, gripper.tip - length / 2])
     xml.inertial(link, FINGER_MASS, center, xml.box_inertia(FINGER_MASS, size))
     pad_center = np.array([sign * PAD_THICKNESS / 2, 0.0, 0.0])
-    xml.visual_mesh(link, f"{side}_finger")
-    uri = {"filename": "package://feasigrasp/iiwa/meshes/pad.vtk"}
+    xml.visual_mesh(link, mesh(f"{side}_finger"))
+    uri = {"filename": mesh("pad")}
     pad = xml.shape(link, "collision", uri, name="pad", tag="mesh", xyz=pad_center)
     xml.proximity(pad, friction=FRICTION)
     bone_size = size - (PAD_THICKNESS, 0.002, 0.0)
@@ -81,19 +98,27 @@ def _finger_joint(robot: ET.Element, side: str, sign: float, gripper: ParallelGr
         ET.SubElement(joint, "mimic", joint="left_finger_joint", multiplier="1", offset="0")
 
 
-def gripper_urdf(gripper: ParallelGripper) -> str:
-    """Text of gripper.urdf: base frame = the flange F, grasp frame ``grasp_frame``."""
+def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
+    """Text of gripper.urdf: base frame = the flange F, grasp frame ``grasp_frame``.
+
+    Args:
+        gripper: The hand.
+        mesh: Where the files of the meshes are, by name: ``pad``, whose faces touch, and what is
+            seen of ``gripper_body``, ``left_finger`` and ``right_finger``; those of the packaged
+            cell unless given.
+    """
+    mesh = mesh or _packaged
     robot = ET.Element("robot", name="gripper")
     body = ET.SubElement(robot, "link", name="gripper_body")
     palm_x, palm_y, palm_z = gripper.palm_size
     center = np.array([0.0, 0.0, gripper.tool_offset + gripper.heel - palm_z / 2])
     palm = np.array([palm_y, palm_x, palm_z])  # x_G is y_F
     xml.inertial(body, BODY_MASS, center, xml.box_inertia(BODY_MASS, palm))
-    xml.visual_mesh(body, "gripper_body")
+    xml.visual_mesh(body, mesh("gripper_body"))
     collision = xml.shape(body, "collision", xml.box(palm), name="palm", xyz=center)
     xml.proximity(collision, friction=FRICTION)
     for side, sign in SIDES:
-        _finger(robot, side, sign, gripper)
+        _finger(robot, side, sign, gripper, mesh)
     for side, sign in SIDES:
         _finger_joint(robot, side, sign, gripper)
     xml.actuator(robot, "left_finger_joint")
@@ -101,3 +126,54 @@ def gripper_urdf(gripper: ParallelGripper) -> str:
     members = ["gripper_body", "left_finger", "right_finger"]
     xml.collision_filter(robot, "group_gripper", members, ["group_gripper"])
     return xml.document(robot)
+
+
+def camera_pose(gripper: ParallelGripper) -> Array:
+    """Pose X_FC of ``camera_body`` in the flange frame.
+
+    X_C = -x_G, Y_C = -y_G and Z_C = z_G, turned about X_C so that Z_C leans to the tool axis.
+    """
+    c, s = np.cos(gripper.camera_tilt), np.sin(gripper.camera_tilt)
+    X_GC = np.eye(4)
+    X_GC[:3, :3] = np.array([[-1, 0, 0], [0, -c, -s], [0, -s, c]])
+    X_GC[:3, 3] = gripper.camera_center
+    return gripper.X_FG @ X_GC
+
+
+def hand_files(gripper: ParallelGripper) -> dict[str, str]:
+    """Texts of the files of a hand that has no packaged model, by name; all lie in one folder.
+
+    What is seen of it are its boxes, and the column between the flange and its palm.
+    """
+
+    def mesh(name: str) -> str:
+        return f"{name}.vtk" if name == "pad" else f"{name}.obj"
+
+    palm_x, palm_y, palm_z = gripper.palm_size
+    back = gripper.tool_offset + gripper.heel - palm_z
+    body = [_box([palm_y, palm_x, palm_z], [0.0, 0.0, back + palm_z / 2])]
+    if back > 0.0:
+        body.append(_box([COLUMN, COLUMN, back], [0.0, 0.0, back / 2]))
+    files = {"gripper.urdf": gripper_urdf(gripper, mesh), mesh("pad"): pad_vtk(gripper)}
+    files[mesh("gripper_body")] = _obj(body)
+    length = gripper.tip - gripper.heel
+    finger = [gripper.finger_thickness, gripper.finger_width, length]
+    for side, sign in SIDES:
+        middle = [sign * gripper.finger_thickness / 2, 0.0, gripper.tip - length / 2]
+        files[mesh(f"{side}_finger")] = _obj([_box(finger, middle)])
+    return files
+
+
+def _box(size: ArrayLike, middle: ArrayLike) -> trimesh.Trimesh:
+    box = trimesh.creation.box(size)
+    box.apply_translation(middle)
+    return box
+
+
+def _obj(parts: list[trimesh.Trimesh]) -> str:
+    mesh = trimesh.Trimesh()
+    for part in parts:
+        mesh += part
+    mesh.unmerge_vertices()  # so that every corner has the normal of its face
+    text: str = trimesh.exchange.obj.export_obj(mesh, header=None, include_normals=True)
+    return text

@@ -1,4 +1,4 @@
-"""URDF snippets: numbers, origins, inertias, boxes, cylinders, capsules."""
+"""Snippets of URDF for generated models: numbers, origins, inertias, boxes, cylinders, capsules."""
 
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
@@ -66,9 +66,13 @@ def shape(
     return element
 
 
-def visual_mesh(link: ET.Element, name: str) -> None:
-    """Adds a ``<visual>`` that shows ``meshes/<name>.gltf``."""
-    uri = f"package://feasigrasp/iiwa/meshes/{name}.gltf"
+def packaged_mesh(name: str) -> str:
+    """Where the file ``name`` among the meshes of the packaged cell is."""
+    return f"package://feasigrasp/iiwa/meshes/{name}"
+
+
+def visual_mesh(link: ET.Element, uri: str) -> None:
+    """Adds a ``<visual>`` that shows a mesh file."""
     shape(link, "visual", {"filename": uri}, name="mesh", tag="mesh")
 
 

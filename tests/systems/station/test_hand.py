@@ -1,0 +1,123 @@
+"""A hand of one's own in the cell: its model is the one that its description says."""
+
+import numpy as np
+import pytest
+
+from feasigrasp.errors import GraspError, ScenarioError
+from feasigrasp.evaluation.metrics.robot_twin import robot_twin
+from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp.models.robot.grippers import GRIPPERS, PACKAGED, load_gripper
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario import load_scenario
+from feasigrasp.systems.from_scenario import make_station
+from feasigrasp.systems.station.cell_check import check_cell
+from feasigrasp.systems.station.hand import cell_directives
+
+FILE = diagram_path("dynamic.scenarios.yaml")
+
+
+def scenario(gripper):
+    return load_scenario(FILE, "ReachLinear", f"{{gripper: {gripper}}}")
+
+
+@pytest.fixture(scope="module")
+def station():
+    return make_station(scenario("WSG_50"))
+
+
+def boxes_of(hand, opening):
+    """Corners of the boxes that a description names, by body, in the grasp frame."""
+    length, out = hand.tip - hand.heel, (opening + hand.finger_thickness) / 2
+    finger = np.array([hand.finger_thickness, hand.finger_width, length])
+    palm = np.array(hand.palm_size)
+    middle = {
+        "left_finger": (finger, [out, 0.0, hand.tip - length / 2]),
+        "right_finger": (finger, [-out, 0.0, hand.tip - length / 2]),
+        "gripper_body": (palm, [0.0, 0.0, hand.heel - palm[2] / 2]),
+    }
+    return {name: (c - size / 2, c + size / 2) for name, (size, c) in middle.items()}
+
+
+def test_the_simulated_hand_is_the_described_one(station):
+    """What collides of every body spans its box, in the grasp frame that is planned with."""
+    plant = station.plant
+    check_cell(plant, WSG_50)
+    context = station.CreateDefaultContext()
+    hand = plant.GetModelInstanceByName("gripper")
+    plant_context = plant.GetMyContextFromRoot(context)
+    X_GW = plant.GetFrameByName("grasp_frame").CalcPoseInWorld(plant_context).inverse()
+    query = station.GetOutputPort("query_object").Eval(context)
+    for name, (low, high) in boxes_of(WSG_50, WSG_50.max_opening).items():
+        corners = []
+        for geometry in plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name, hand)):
+            box = query.ComputeObbInWorld(geometry)
+            half = box.half_width()
+            for signs in np.ndindex(2, 2, 2):
+                p_W = box.pose() @ (half * (2 * np.array(signs) - 1))
+                corners.append(X_GW @ p_W)
+        np.testing.assert_allclose(np.min(corners, axis=0), low, atol=1.1e-3, err_msg=name)
+        np.testing.assert_allclose(np.max(corners, axis=0), high, atol=1.1e-3, err_msg=name)
+
+
+def test_the_camera_sits_where_the_description_has_it(station):
+    plant, context = station.plant, station.plant.CreateDefaultContext()
+    X_GC = plant.GetFrameByName("camera_body").CalcPose(
+        context, plant.GetFrameByName("grasp_frame")
+    )
+    np.testing.assert_allclose(X_GC.translation(), WSG_50.camera_center, atol=1e-9)
+    axis = X_GC.rotation().matrix()[:, 2]  # leans to the tool axis, which lies at smaller y
+    tilt = WSG_50.camera_tilt
+    np.testing.assert_allclose(axis, [0.0, -np.sin(tilt), np.cos(tilt)], atol=1e-9)
+
+
+def test_runs_are_judged_by_the_same_hand():
+    """The visible fingers of the twin are as far apart as the hand opens."""
+    twin = robot_twin(cell_directives(scenario("WSG_50")))
+    context = twin.plant.CreateDefaultContext()
+    hand = twin.plant.GetModelInstanceByName("gripper")
+    upper = twin.plant.GetPositionsFromArray(hand, twin.plant.GetPositionUpperLimits())
+    twin.plant.SetPositions(context, hand, upper)
+    left, right = (
+        twin.plant.GetBodyByName(f"{side}_finger").EvalPoseInWorld(context).translation()
+        for side in ("left", "right")
+    )
+    assert np.linalg.norm(left - right) == pytest.approx(WSG_50.max_opening)
+
+
+def test_the_packaged_hand_leaves_the_directives_as_they_are():
+    packaged = scenario(PACKAGED)
+    assert cell_directives(packaged) is packaged.directives
+
+
+def test_a_file_changes_what_it_says(tmp_path):
+    file = tmp_path / "hand.yaml"
+    file.write_text("max_opening: 0.1\npalm_size: [0.08, 0.07, 0.06]\n")
+    hand = load_gripper(str(file))
+    assert hand.max_opening == 0.1 and hand.palm_size == (0.08, 0.07, 0.06)
+    assert hand.tip == ParallelGripper().tip
+    assert load_gripper("WSG_50") is GRIPPERS["WSG_50"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("max_openning: 0.1", "max_openning.*do you mean max_opening"),
+        ("max_opening: 110", "max_opening = 110.* between 0 and 1 m"),
+        ("max_opening: wide", "hand.yaml: could not convert"),
+        ("palm_size: [0.1, 0.1]", "three lengths"),
+        ("just words", "has no keys"),
+        ("{", "no YAML file"),
+    ],
+)
+def test_a_file_that_describes_no_hand_is_refused(text, message, tmp_path):
+    file = tmp_path / "hand.yaml"
+    file.write_text(text)
+    with pytest.raises(GraspError, match=message):
+        load_gripper(str(file))
+    with pytest.raises(ScenarioError, match=message):
+        scenario(file)
+
+
+def test_a_misspelt_name_is_refused_with_the_right_one():
+    with pytest.raises(ScenarioError, match="'WSG50'.*do you mean WSG_50"):
+        scenario("WSG50")
