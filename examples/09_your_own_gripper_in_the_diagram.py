@@ -5,7 +5,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import load_scenario
@@ -23,7 +23,7 @@ hand.write_text("max_opening: 0.10\nfinger_width: 0.020\nfinger_thickness: 0.010
 
 text = f"{{gripper: {hand}, object: {{model: mustard_bottle}}}}"
 scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
-sinks = []
+sinks: list[VectorLogSink] = []
 
 
 def connect(builder, subsystems):
