@@ -1,4 +1,4 @@
-"""A controller with inputs set by hand, for tests of both."""
+"""A controller with inputs set by hand, for tests of all."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 
 REACH = Reachability()
@@ -18,7 +19,9 @@ FAR = RigidTransform([3.0, 0.0, 0.5])
 UNKNOWN = RigidTransform(np.full((4, 4), np.nan))
 STILL = SpatialVelocity.Zero()
 
-both = pytest.mark.parametrize("make", [RMMTaskController, GPJointController])
+every = pytest.mark.parametrize(
+    "make", [RMMTaskController, GPJointController, NearestGraspController]
+)
 
 
 def ring(n=16):

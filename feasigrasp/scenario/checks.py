@@ -177,10 +177,10 @@ def _check_law(scenario: Scenario) -> None:
             "control.resample is true, but closed_form draws nothing; give control.source: flow or "
             "dls"
         )
-    if not config.density and config.controller == ControlSpace.JOINT:
+    if not config.density and config.controller != ControlSpace.TASK:
         raise ScenarioError(
-            "control.density is False, but the joint-space field has no density of grasps; give "
-            "control.controller: task"
+            f"control.density is False, but controller {config.controller} has no density of "
+            "grasps; give control.controller: task"
         )
     for name in () if config.safe else ("density", "score", "look_ahead"):
         value, ours = getattr(config, name), getattr(ControlConfig(), name)
@@ -188,7 +188,7 @@ def _check_law(scenario: Scenario) -> None:
             raise ScenarioError(
                 f"control.{name} is {value}, but only safe mode plans; give control.mode: safe"
             )
-    if not config.safe or config.controller == ControlSpace.JOINT:
+    if not config.safe or config.controller != ControlSpace.TASK:
         return
     for name in ("law", "damping", "targets"):
         value, ours = getattr(config, name), PRESETS[f"control.{name}"][0]

@@ -41,9 +41,9 @@ PRESETS: dict[str, tuple[Any, Any, Any]] = {
     "reachability.twins": (True, True, False),
     "control.law": (Law.PRECONDITIONED.value, Law.PRECONDITIONED.value, Law.GRADIENT.value),
     "control.gain": (
-        {ControlSpace.TASK: 5.0, ControlSpace.JOINT: 8.0},
-        {ControlSpace.TASK: 5.0, ControlSpace.JOINT: 8.0},
-        {ControlSpace.TASK: 0.0005, ControlSpace.JOINT: 1.0},
+        {ControlSpace.TASK: 5.0, ControlSpace.JOINT: 8.0, ControlSpace.NEAREST: 5.0},
+        {ControlSpace.TASK: 5.0, ControlSpace.JOINT: 8.0, ControlSpace.NEAREST: 5.0},
+        {ControlSpace.TASK: 0.0005, ControlSpace.JOINT: 1.0, ControlSpace.NEAREST: 5.0},
     ),
     "control.damping": (0.02, 0.02, 0.0),
     "control.feed_forward": (True, True, False),

@@ -197,7 +197,8 @@ class ControlConfig:
     """The arm's controller; keys that are None by default take the values of the mode.
 
     Attributes:
-        controller: ``task`` (Riemannian mixture) or ``joint`` (distance field over IK solutions).
+        controller: ``task`` (Riemannian mixture) or ``joint`` (distance field over IK solutions);
+            ``nearest`` is a baseline, damped tracking of the nearest reachable grasp.
         mode: ``safe`` enforces limits and clearances; ``corrected`` (the paper's law with our
             corrections) and ``paper`` (as printed) enforce nothing.
         period: Control period [s].

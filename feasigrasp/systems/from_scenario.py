@@ -18,6 +18,7 @@ from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions
+from feasigrasp.models.control.task.nearest import NearestOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry.points import sphere_points
@@ -42,6 +43,7 @@ from feasigrasp.scenario.sampling import (
 from feasigrasp.scenario.schema import ControlConfig, Scenario
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
@@ -169,6 +171,13 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
             safety=safety,
         )
         return GPJointController(reachability, joint_options, period=period, mode=config.mode)
+    if config.controller == ControlSpace.NEAREST:
+        nearest_options = NearestOptions(
+            gain=config.gain, damping=config.damping, feed_forward=config.feed_forward
+        )
+        return NearestGraspController(
+            reachability, nearest_options, safety=safety, period=period, mode=config.mode
+        )
     prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
     choice = ChoiceOptions(_prices(config, prices), config.look_ahead)
     if not config.density:

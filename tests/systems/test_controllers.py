@@ -1,4 +1,4 @@
-"""What both controllers promise: the same ports, the same safe behaviour."""
+"""What all controllers promise: the same ports, the same safe behaviour."""
 
 import numpy as np
 import pytest
@@ -13,16 +13,16 @@ from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
-from tests.controller_bench import FAR, HOME, NEAR, REACH, STILL, UNKNOWN, Bench, both, ring
+from tests.controller_bench import FAR, HOME, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
 
 
-@both
+@every
 def test_ports_are_those_of_the_docstring(make, ports, documented_ports):
     inputs, outputs = ports(make(REACH))
     assert (list(inputs), list(outputs)) == documented_ports(GraspController)
 
 
-@both
+@every
 def test_a_mode_that_there_is_not_is_refused(make):
     with pytest.raises(ControlError, match="mode is 'Paper'; choose one of safe, corrected, paper"):
         make(REACH, mode="Paper")
@@ -45,14 +45,14 @@ def test_either_controller_can_replace_the_other(ports):
     assert outputs == {"commanded_velocity": 7}
 
 
-@both
+@every
 def test_a_reachable_grasp_makes_the_arm_move(make):
     qd = Bench(make).command()
     assert np.linalg.norm(qd) > 0.05
     assert np.all(np.abs(qd) < IIWA_7.velocity_limits)
 
 
-@both
+@every
 @pytest.mark.parametrize(
     "inputs",
     [
@@ -69,7 +69,7 @@ def test_with_nothing_to_follow_the_command_is_exactly_zero(make, inputs):
     np.testing.assert_array_equal(Bench(make, **inputs).command(), np.zeros(7))
 
 
-@both
+@every
 @pytest.mark.parametrize(
     "lost",
     [
@@ -91,7 +91,7 @@ def test_an_object_that_is_lost_between_updates_stops_the_arm(make, lost):
     assert np.linalg.norm(bench.command()) > 0.05
 
 
-@both
+@every
 def test_an_arm_that_touches_itself_is_not_held_there(make):
     """Without grasps the task-space command is to stop; the QP of either may push apart."""
     q = np.array([0.0, 2.0, 0.0, -2.0, 0.0, -2.0, 0.0])
@@ -100,7 +100,7 @@ def test_an_arm_that_touches_itself_is_not_held_there(make):
     assert min_distance(q + 1e-3 * qd) >= min_distance(q) - 1e-9
 
 
-@both
+@every
 @pytest.mark.parametrize("seed", range(3))
 def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed):
     rng = np.random.default_rng(seed)
@@ -120,7 +120,7 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
     assert moved > 0
 
 
-@both
+@every
 @pytest.mark.parametrize("free", ["corrected", "paper"])
 def test_other_modes_enforce_nothing(make, free):
     """The same state near a limit: the paper's law goes on, the safe one does not."""
@@ -136,7 +136,7 @@ def test_other_modes_enforce_nothing(make, free):
     assert np.any((commands[free] > upper) | (commands[free] < lower))
 
 
-@both
+@every
 @pytest.mark.parametrize(
     "lost",
     [{"pose": UNKNOWN}, {"velocity": SpatialVelocity(np.full(6, np.nan))}],

@@ -17,7 +17,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench, both, ring
+from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
 
 
 class MovingObject(LeafSystem):
@@ -84,7 +84,7 @@ def line(speed, spin):
     )
 
 
-@both
+@every
 @pytest.mark.parametrize(("speed", "spin"), [(0.0, 0.0), (0.08, 0.2)], ids=["still", "moving"])
 def test_the_hand_gets_to_a_grasp_and_stays_there(make, speed, spin):
     motion = line(speed, spin)
@@ -144,7 +144,7 @@ def slack(q, qd, p_WO, V_WO):
 aside = pytest.mark.parametrize("direction", [[0, 1, 0], [0, -1, 0]], ids=["left", "right"])
 
 
-@both
+@every
 @aside
 @pytest.mark.parametrize("coming", [0.0, 0.1], ids=["still", "coming"])
 def test_the_open_hand_does_not_push_the_ball_that_is_in_its_way(make, ball, direction, coming):
@@ -163,7 +163,7 @@ def test_the_open_hand_does_not_push_the_ball_that_is_in_its_way(make, ball, dir
     np.testing.assert_array_equal(bench.command(), free)
 
 
-@both
+@every
 def test_paper_mode_looks_at_no_field(make, ball):
     p_WO, grasps = in_the_way([0, 1, 0])
     bench = Bench(make, q=BESIDE, grasps=grasps, pose=RigidTransform(p_WO), mode="paper")
@@ -172,7 +172,7 @@ def test_paper_mode_looks_at_no_field(make, ball):
     np.testing.assert_array_equal(bench.command(), qd)
 
 
-@both
+@every
 def test_a_field_of_an_object_that_is_lost_stops_the_arm_too(make, ball):
     p_WO, grasps = in_the_way([0, 1, 0])
     bench = Bench(make, q=BESIDE, grasps=grasps, pose=RigidTransform(p_WO))
@@ -187,7 +187,7 @@ def test_a_field_of_an_object_that_is_lost_stops_the_arm_too(make, ball):
         np.testing.assert_array_equal(bench.command(), np.zeros(7))
 
 
-@both
+@every
 @aside
 def test_the_open_hand_goes_round_the_ball_to_its_grasp(make, ball, direction):
     p_WO, grasps = in_the_way(direction)

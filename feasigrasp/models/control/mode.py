@@ -8,6 +8,7 @@ class ControlSpace(StrEnum):
 
     TASK = "task"
     JOINT = "joint"
+    NEAREST = "nearest"  # a baseline: the nearest reachable grasp, by damped least squares
 
 
 class ControlMode(StrEnum):

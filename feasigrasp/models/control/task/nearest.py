@@ -1,0 +1,132 @@
+"""The nearest reachable grasp, followed by damped least squares: what an engineer writes in a day.
+
+A baseline. Of the grasps that exact inverse kinematics reaches now, the one with the least travel
+time is followed, along its approach direction, until another one is nearer by `SAVED`; what the
+hand leaves free leads to the configuration that was found. No mixture, no field, no look-ahead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.control.task.paper_law import least_norm_kernel
+from feasigrasp.models.control.task.safe_law import hand_twist_kernel
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
+
+#: Another grasp is followed if it is reached sooner by this [s].
+SAVED = 0.2
+#: Poses are the same grasp if no entry differs by more.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class NearestOptions:
+    """Gains of the law.
+
+    Attributes:
+        gain: Rate at which the hand closes its distance to the grasp [1/s].
+        max_linear: Largest speed relative to the object [m/s].
+        max_angular: Largest angular speed relative to the object [rad/s].
+        damping: Of the pseudo-inverse.
+        feed_forward: Whether the object's twist is added.
+        funnel: The way into the grasp.
+    """
+
+    gain: float = 5.0
+    max_linear: float = 0.4
+    max_angular: float = 1.5
+    damping: float = 0.02
+    feed_forward: bool = True
+    funnel: Funnel = field(default_factory=Funnel)
+
+
+@dataclass(frozen=True, eq=False)
+class NearestGrasp(Frozen):
+    """The grasp that is followed; not finite without one.
+
+    Attributes:
+        X_OG: Its pose in O, shape (4, 4) [m].
+        q: The nearest configuration that holds it [rad], shape (7,).
+    """
+
+    X_OG: Array = field(default_factory=lambda: np.full((4, 4), np.nan))
+    q: Array = field(default_factory=lambda: np.full(IIWA_7.joints, np.nan))
+
+    def __post_init__(self) -> None:
+        """Makes the arrays read-only."""
+        self._freeze(X_OG=np.array(self.X_OG, dtype=float), q=np.array(self.q, dtype=float))
+
+    def __bool__(self) -> bool:
+        """Whether there is one."""
+        return bool(np.isfinite(self.X_OG[0, 0]))
+
+
+def nearest_grasp(
+    before: NearestGrasp, q: Array, X_OG: Array, X_WO: Array, reachability: Reachability
+) -> NearestGrasp:
+    """The grasp to follow.
+
+    Args:
+        before: The one that was followed; kept while it is there, in reach, and not much farther.
+        q: Joint positions [rad], shape (7,).
+        X_OG: Grasps, shape (n, 4, 4).
+        X_WO: Object pose, shape (4, 4).
+        reachability: Tells which are in reach, and how far away.
+    """
+    if len(X_OG) == 0 or not np.isfinite(X_WO).all():
+        return NearestGrasp()
+    found, times = reachability.nearest(X_WO @ X_OG, q)
+    best = int(np.argmin(times))
+    if not np.isfinite(times[best]):
+        return NearestGrasp()
+    same = np.flatnonzero(np.abs(X_OG - before.X_OG).max(axis=(1, 2)) < _SAME)
+    if len(same) and times[same[0]] < times[best] + SAVED:
+        best = int(same[0])
+    return NearestGrasp(X_OG[best], found[best])
+
+
+def nearest_grasp_velocity(
+    q: Array,
+    grasp: NearestGrasp,
+    X_WO: Array,
+    V_WO: Array,
+    reachability: Reachability,
+    options: NearestOptions,
+) -> Array:
+    """Joint velocity of the damped pseudo-inverse towards the grasp, nothing enforced.
+
+    Args:
+        q: Joint positions [rad], shape (7,).
+        grasp: What is followed.
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        reachability: Tells whether the grasp is still in reach.
+        options: Gains.
+
+    Returns:
+        Joint velocity [rad/s], shape (7,); zero without a grasp in reach, or if anything is not
+        finite.
+    """
+    known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
+    if not (grasp and known and reachability.reachable(X_WO @ grasp.X_OG)[0]):
+        return np.zeros(IIWA_7.joints)
+    X_WH, J_WH = pose_and_jacobian(q, reachability.gripper.X_FG)
+    X_OH = se3.inverse(X_WO) @ X_WH
+    X_OT = grasp.X_OG.copy()
+    X_OT[:3, 3] -= standoff_kernel(X_OT, X_OH, options.funnel.parameters) * X_OT[:3, 2]
+    u_H = -options.gain * se3.log(se3.inverse(X_OT) @ X_OH)
+    V_O = np.array(V_WO if options.feed_forward else np.zeros(6), dtype=float)
+    limits = options.max_angular, options.max_linear
+    V_WH = hand_twist_kernel(u_H, X_WH, np.ascontiguousarray(X_WO, dtype=float), V_O, *limits)
+    J = np.ascontiguousarray(J_WH)
+    fastest = IIWA_7.velocity_limits
+    to_solution = np.clip(options.gain * (grasp.q - q), -fastest, fastest)
+    qd: Array = to_solution + least_norm_kernel(J, V_WH - J @ to_solution, options.damping)
+    return qd if np.isfinite(qd).all() else np.zeros(len(qd))

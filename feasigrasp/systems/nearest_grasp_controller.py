@@ -1,0 +1,55 @@
+"""Damped tracking of the nearest reachable grasp: a baseline."""
+
+from __future__ import annotations
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.task.nearest import (
+    NearestGrasp,
+    NearestOptions,
+    nearest_grasp,
+    nearest_grasp_velocity,
+)
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.scenario.schema import ReachabilityConfig
+from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
+
+
+class NearestGraspController(GraspController):
+    """Follows the grasp that exact inverse kinematics says is nearest, and nothing else.
+
+    At every update the grasp with the least travel time is chosen; the memory is a `NearestGrasp`.
+    In between a damped pseudo-inverse leads the hand there, with the object's twist fed forward,
+    and the QP of ``safe`` mode, where that is the mode, keeps limits and clearances.
+    """
+
+    def __init__(
+        self,
+        reachability: Reachability,
+        options: NearestOptions | None = None,
+        *,
+        safety: SafetyOptions | None = None,
+        period: float = ReachabilityConfig.period,
+        mode: str = ControlMode.SAFE,
+    ) -> None:
+        """A controller; ``mode`` is ``safe``, or one that enforces nothing.
+
+        Raises:
+            ControlError: There is no such mode.
+        """
+        super().__init__(reachability, NearestGrasp(), safety=safety, period=period, mode=mode)
+        self._options = options or NearestOptions()
+        self.rehearse()
+
+    def update(self, memory: NearestGrasp, inputs: ControllerInputs) -> NearestGrasp:
+        """The grasp to follow."""
+        X_OG = inputs.grasps.X_OG
+        return nearest_grasp(memory, inputs.q, X_OG, inputs.X_WO, self.reachability)
+
+    def velocity(self, memory: NearestGrasp, inputs: ControllerInputs) -> Array:
+        """Towards the grasp."""
+        qd = nearest_grasp_velocity(
+            inputs.q, memory, inputs.X_WO, inputs.V_WO, self.reachability, self._options
+        )
+        return self.enforced(qd, inputs)
