@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -11,7 +13,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
-from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -55,9 +57,10 @@ class GripperSequencer(LeafSystem):
     Nor are the fingers closed on a pose that is merely extrapolated. Both ports are optional.
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
-    extrapolated from then, and the fingers close; from then on there is no field, since the object
-    is there to be touched, and no ``object_motion`` (a `MotionEstimate` or None), since the pose is
-    not the tracked one. After it is let go, pose and twist are those of a lift and of shaking.
+    predicted then (by ``object_motion``, a `MotionEstimate` or None, else by the twist), and the
+    fingers close; from then on there is no field, since the object is there to be touched, and no
+    ``object_motion``, since the pose is not the tracked one. After it is let go, pose and twist are
+    those of a lift and of shaking.
 
     ``gripper_position`` is the commanded distance between the pads [m], ``gripper_state`` the
     measured one and its rate, ``object_hold`` 1 until the object is let go, ``phase`` a `Phase`.
@@ -125,16 +128,19 @@ class GripperSequencer(LeafSystem):
     def _advance(self, context: Context) -> GraspState:
         state = self.state(context)
         X_WO = self._pose.Eval(context).GetAsMatrix4()
+        V_WO = self._velocity.Eval(context).get_coeffs()
+        motion = self._motion.Eval(context) if self._motion.HasValue(context) else None
         if state.phase == Phase.APPROACH and (self._doubt(context) or self._coasting(context)):
             X_WO = np.full((4, 4), np.nan)  # nothing to close the fingers on
         return state.advanced(
             context.get_time(),
             forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
             X_WO,
-            self._velocity.Eval(context).get_coeffs(),
+            V_WO,
             self._grasps.Eval(context),
             self._gripper_state.Eval(context)[0],
             self._config,
+            None if motion is None else partial(future_poses, motion, X_WO, V_WO),
         )
 
     def _target(self, context: Context) -> tuple[Array, Array]:

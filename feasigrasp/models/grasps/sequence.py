@@ -4,15 +4,22 @@ approach -> close -> lift -> shake -> hold -> done; back to approach when the fi
 nothing.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
+
+#: Where an object will be: its poses (k, 4, 4) so many seconds (k,) from some time on.
+Path = Callable[[ArrayLike], Array]
+#: Over this time a predicted pose is differentiated [s].
+_STEP = 1e-3
 
 
 class Phase(IntEnum):
@@ -72,6 +79,7 @@ class GraspState(Frozen):
         grasp: The grasp that the hand committed to, in O; None while approaching.
         X_WO: Object pose when this phase began, shape (4, 4); None while approaching.
         V_WO: Object twist then, shape (6,).
+        path: Predicts its poses from then on; None where nothing but its twist is known.
     """
 
     phase: Phase = Phase.APPROACH
@@ -80,6 +88,7 @@ class GraspState(Frozen):
     grasp: GraspSet | None = None
     X_WO: Array | None = None
     V_WO: Array | None = None
+    path: Path | None = None
 
     @property
     def released(self) -> bool:
@@ -95,6 +104,7 @@ class GraspState(Frozen):
         grasps: GraspSet,
         opening: float,
         config: GraspSequenceConfig,
+        path: Path | None = None,
     ) -> "GraspState":
         """The state at time t.
 
@@ -108,6 +118,8 @@ class GraspState(Frozen):
             grasps: Reachable grasps in O.
             opening: Measured distance between the pads [m].
             config: Tolerances and durations.
+            path: Predicts where the object would be while the fingers close; without it, it goes on
+                with its twist.
         """
         elapsed = t - self.since
         known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
@@ -116,7 +128,8 @@ class GraspState(Frozen):
         X_OH = se3.inverse(X_WO) @ X_WH
         match self.phase:
             case Phase.APPROACH if config.close:
-                return self._approach(t, X_OH, X_WO, V_WO, grasps, config)
+                after = self._approach(t, X_OH, X_WO, V_WO, grasps, config)
+                return replace(after, path=path) if after.phase == Phase.CLOSE else after
             case Phase.CLOSE if elapsed >= config.squeeze_time - 1e-9:
                 if opening < config.min_width:
                     return GraspState(since=t)
@@ -161,14 +174,19 @@ class GraspState(Frozen):
 
         While approaching it is the object itself. While the fingers close it is where the object
         would be without them: following its measured pose, the hand would give way to the very
-        push of its own fingers. Then it is the pose at which the object was let go, moved along the
-        lift, and to and fro.
+        push of its own fingers; going on with the twist of the moment of closing, it would pull at
+        an object that turns off, which slides in the fingers. Then it is the pose at which the
+        object was let go, moved along the lift, and to and fro.
         """
         if self.X_WO is None or self.V_WO is None:
             return X_WO, V_WO
         elapsed = t - self.since
         if self.phase == Phase.CLOSE:
-            return se3.extrapolate(self.X_WO, self.V_WO, elapsed), self.V_WO
+            if self.path is None:
+                return se3.extrapolate(self.X_WO, self.V_WO, elapsed), self.V_WO
+            X, after = self.path([elapsed, elapsed + _STEP])
+            turning = se3.so3_log(after[:3, :3] @ X[:3, :3].T)
+            return X, np.concatenate([turning, after[:3, 3] - X[:3, 3]]) / _STEP
         moved, velocity = _lifted(elapsed if self.phase == Phase.LIFT else np.inf, config)
         if self.phase == Phase.SHAKE:
             shaken, velocity = _shaken(elapsed, config)

@@ -9,6 +9,9 @@ import pytest
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
+from feasigrasp.models.objects.prediction import MotionEstimate
 
 CONFIG = GraspSequenceConfig()
 WIDTH = 0.05
@@ -171,6 +174,34 @@ def test_while_closing_the_target_moves_on_as_before():
         turn = se3.so3_exp(elapsed * V_WO[:3])
         np.testing.assert_allclose(X[:3, :3], turn @ X_WO[:3, :3], atol=1e-12)
         np.testing.assert_array_equal(V, V_WO)
+
+
+def test_while_closing_the_target_turns_off_as_the_object_would():
+    """A swing: without a prediction the hand would be 3 cm off when the fingers have squeezed."""
+    swing = HarmonicMotion(
+        center=np.array([0.5, 0.0, 0.6]),
+        amplitude=np.array([0.0, 0.2, 0.08]),
+        harmonic=np.array([1.0, 1.0, 2.0]),
+        offset_deg=np.array([90.0, 0.0, 0.0]),
+        rate=0.2 * np.pi,
+        start_phase=0.0,
+        spin_axis=np.array([0.0, 0.0, 1.0]),
+        spin=0.2,
+    )
+    filtered, t = empty_state(), 0.0
+    for t in np.arange(0.0, 5.0, 0.005):
+        measure_kernel(filtered, t, swing.pose(t), Noise())
+    here, V = swing.pose(t), swing.velocity(t)
+    path = MotionEstimate(filtered, t).predict
+    state = GraspState(Phase.CLOSE, t, X_WO=here, V_WO=V, path=path)
+    for elapsed in (0.0, 0.5, CONFIG.squeeze_time):
+        X, V = state.target(t + elapsed, here, np.zeros(6), CONFIG)
+        truth = swing.pose(t + elapsed)
+        assert np.linalg.norm(X[:3, 3] - truth[:3, 3]) < 0.004
+        assert se3.rotation_angle(X[:3, :3].T @ truth[:3, :3]) < 0.01
+        assert np.linalg.norm(V[3:] - swing.velocity(t + elapsed)[3:]) < 0.02
+    blind = dc.replace(state, path=None).target(t + elapsed, here, np.zeros(6), CONFIG)[0]
+    assert np.linalg.norm(blind[:3, 3] - truth[:3, 3]) > 0.025
 
 
 def target_at(state, elapsed):
