@@ -13,7 +13,8 @@ from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
-from feasigrasp.models.objects.pose_filter import empty_state
+from feasigrasp.models.objects.motion import HarmonicMotion
+from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -164,6 +165,35 @@ def test_closing_passes_on_one_grasp_and_where_the_object_would_be():
     turned = (pose.rotation() @ X_WO.rotation().inverse()).ToAngleAxis()
     np.testing.assert_allclose(turned.angle() * turned.axis(), V_WO[:3] * elapsed, atol=1e-9)
     np.testing.assert_array_equal(mock.output("object_velocity").get_coeffs(), V_WO)
+
+
+def test_closing_follows_the_motion_that_the_tracker_predicts():
+    """A circle through where the object is: straight on, the hand would be 1 cm off."""
+    circle = dict(
+        amplitude=np.full(3, 0.1),
+        harmonic=np.ones(3),
+        offset_deg=np.array([90.0, 0.0, 0.0]),
+        rate=1.2,
+        start_phase=0.0,
+        spin_axis=np.array([0.0, 0.0, 1.0]),
+        spin=0.0,
+        R_WO=X_WO.rotation().matrix(),
+    )
+    times = np.arange(0.0, 5.0, 0.005)
+    end = HarmonicMotion(center=np.zeros(3), **circle).pose(times[-1])[:3, 3]
+    motion = HarmonicMotion(center=X_WO.translation() - end, **circle)
+    state = empty_state()
+    for t in times:
+        measure_kernel(state, t, motion.pose(t), Noise())
+    V_WO = motion.velocity(times[-1])
+    estimate = Value[object](MotionEstimate(state, float(times[-1])))
+    mock = Mock(object_motion=estimate, object_velocity=SpatialVelocity(V_WO))
+    start = mock.advance_to_phase(Phase.CLOSE)
+    mock.advance(start + 0.38)
+    elapsed = mock.context.get_time() - 0.1
+    pose, truth = mock.output("object_pose"), motion.pose(times[-1] + elapsed)[:3, 3]
+    assert np.linalg.norm(pose.translation() - truth) < 0.003
+    assert np.linalg.norm(X_WO.translation() + V_WO[3:] * elapsed - truth) > 0.01
 
 
 def test_the_fingers_close_at_their_speed_and_stay_closed():

@@ -128,8 +128,7 @@ class GraspState(Frozen):
         X_OH = se3.inverse(X_WO) @ X_WH
         match self.phase:
             case Phase.APPROACH if config.close:
-                after = self._approach(t, X_OH, X_WO, V_WO, grasps, config)
-                return replace(after, path=path) if after.phase == Phase.CLOSE else after
+                return self._approach(t, X_OH, X_WO, V_WO, grasps, config, path)
             case Phase.CLOSE if elapsed >= config.squeeze_time - 1e-9:
                 if opening < config.min_width:
                     return GraspState(since=t)
@@ -153,6 +152,7 @@ class GraspState(Frozen):
         V_WO: Array,
         grasps: GraspSet,
         config: GraspSequenceConfig,
+        path: Path | None,
     ) -> "GraspState":
         if len(grasps) == 0:
             return replace(self, near_since=float("nan"))
@@ -165,7 +165,7 @@ class GraspState(Frozen):
         if t - near_since < config.dwell - 1e-9:
             return replace(self, near_since=near_since)
         committed = grasps.select(np.array([nearest]))
-        return GraspState(Phase.CLOSE, t, grasp=committed, X_WO=X_WO, V_WO=V_WO)
+        return GraspState(Phase.CLOSE, t, grasp=committed, X_WO=X_WO, V_WO=V_WO, path=path)
 
     def target(
         self, t: float, X_WO: Array, V_WO: Array, config: GraspSequenceConfig
