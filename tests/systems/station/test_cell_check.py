@@ -2,13 +2,14 @@
 
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.parsing import LoadModelDirectives, Parser
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.resources import model_path
 from feasigrasp.systems.station.cell_check import check_cell
+from feasigrasp.systems.station.cell_models import StationConfig, add_cell
 
 ARM = model_path("iiwa", "iiwa7.urdf").read_text
 HAND = model_path("iiwa", "gripper.urdf").read_text
@@ -130,3 +131,17 @@ def test_a_cell_without_an_arm_is_refused():
     plant.Finalize()
     with pytest.raises(ScenarioError, match="no model named 'iiwa'"):
         check_cell(plant, ParallelGripper())
+
+
+def test_open_fingers_do_not_touch_their_stops():
+    """At rest, a limit that is just reached makes the contact solver give up."""
+    plant = MultibodyPlant(0.002)
+    directives = LoadModelDirectives(str(model_path("iiwa", "cell.dmd.yaml"))).directives
+    add_cell(plant, StationConfig(MultibodyPlantConfig(), directives))
+    plant.Finalize()
+    hand = plant.GetModelInstanceByName("gripper")
+    for name in ("left_finger_joint", "right_finger_joint"):
+        joint = plant.GetJointByName(name, hand)
+        opening = joint.default_positions()[0]
+        assert opening == pytest.approx(ParallelGripper().max_opening / 2, abs=1e-9)
+        assert 1e-5 < joint.position_upper_limits()[0] - opening < 1e-4
