@@ -1,17 +1,19 @@
-"""``feasigrasp evaluate segmentation``: judge the first mask of objects, found by depth alone."""
+"""``feasigrasp evaluate segmentation``: judge the first mask of objects, found by depth alone.
+
+A command that was interrupted goes on after its last object.
+"""
 
 from __future__ import annotations
 
 import argparse
 from operator import itemgetter
-from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from feasigrasp.evaluation.measures.first_mask import first_mask_iou
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.results.finished import Record, finish_all
 from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import grouped
 from feasigrasp.scenario.files import load_scenario
@@ -34,28 +36,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=positive, default=3, help="starts of each object")
 
 
-def first_masks(
-    objects: dict[str, str], scenarios: list[str], seeds: range
-) -> list[dict[str, Any]]:
-    """The first mask of every object from every seed; the scenarios take turns.
+def first_masks(name: str, path: str, scenarios: list[str], seeds: int, seed: int) -> list[Record]:
+    """The first mask of an object from every seed; the scenarios take turns.
 
     Args:
-        objects: By name, what is loaded.
+        name: Of the object.
+        path: What is loaded.
         scenarios: Names of packaged scenarios.
-        seeds: Seeds of the starts.
+        seeds: How many starts.
+        seed: Of the first.
     """
     filename = diagram_path("dynamic.scenarios.yaml")
-    raw = []
-    starts = [(name, seed) for name in objects for seed in seeds]
-    for name, seed in tqdm(starts, unit="start", desc="first masks"):
-        scenario_name = scenarios[seed % len(scenarios)]
-        text = f"{{random_seed: {seed}, object: {{model: {objects[name]!r}}}}}"
+    found = []
+    for number in range(seed, seed + seeds):
+        scenario_name = scenarios[number % len(scenarios)]
+        text = f"{{random_seed: {number}, object: {{model: {path!r}}}}}"
         iou = first_mask_iou(load_scenario(filename, scenario_name, text))
-        raw.append({"scenario": scenario_name, "object": name, "seed": seed, "iou": iou})
-    return raw
+        found.append({"scenario": scenario_name, "object": name, "seed": number, "iou": iou})
+    return found
 
 
-def mask_rows(raw: list[dict[str, Any]]) -> list[Row]:
+def mask_rows(raw: list[Record]) -> list[Row]:
     """The rows ``tracking.first_mask_iou.*``, of all starts and of each object."""
     groups = {"all": raw} | grouped(raw, itemgetter("object"))
     rows = []
@@ -72,7 +73,11 @@ def main(args: argparse.Namespace) -> int:
     objects = select_objects(args.objects)
     if args.quick:
         objects = {name: path for name, path in objects.items() if name in _QUICK} or objects
-    raw = first_masks(objects, args.scenarios, range(args.seed, args.seed + args.seeds))
+    settings = {"scenarios": args.scenarios, "seeds": args.seeds, "seed": args.seed}
+    finished = finish_all(
+        objects, args.out / "objects", settings, first_masks, jobs=args.jobs, desc="first masks"
+    )
+    raw = [record for name in objects for record in finished[name]]
     write_csv(args.out / "first_masks.csv", raw)
     report_rows(args, "evaluate segmentation", mask_rows(raw))
     return 0

@@ -94,9 +94,9 @@ def judge_object(
         change, duration = KINDS[kind]
         for number in range(seed, seed + (1 if kind == "follow" else seeds)):
             scenario = SCENARIOS[number % len(SCENARIOS)]
-            text = f"{{object: {{model: {path}}}, random_seed: {number}}}"
+            text = f"{{object: {{model: {path!r}}}, random_seed: {number}}}"
             file = Path(folder) / f"{name}_{kind}_{number}.npz"
-            recording = recorded(file, scenario, (text, change), duration)
+            recording = recorded(file, scenario, (text, change), duration, Path(path))
             trackers: dict[str, Callable[[], Tracker]] = {"default": OurTracker}
             if kind != "follow":
                 trackers |= {f"peer:{n}": partial(PeerTracker, r) for n, r in peers().items()}
@@ -113,8 +113,8 @@ def judge_object(
 
 def _warm_up(truth: TrueObject, name: str, path: str, folder: Path) -> None:
     """Loads compiled code, which would count as time of the first images."""
-    text = f"{{object: {{model: {path}}}, random_seed: 0}}"
-    recording = recorded(folder / f"{name}_first.npz", SCENARIOS[0], (text,), 0.5)
+    text = f"{{object: {{model: {path!r}}}, random_seed: 0}}"
+    recording = recorded(folder / f"{name}_first.npz", SCENARIOS[0], (text,), 0.5, Path(path))
     judge(OurTracker(), recording, SENSORS["d435"], truth, 0)
     for registration in peers().values():
         judge(PeerTracker(registration), recording, SENSORS["d435"], truth, 0)

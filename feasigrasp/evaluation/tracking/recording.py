@@ -6,8 +6,10 @@ one recording serves every sensor. The true poses are there for judging alone.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.finished import finished_arrays, write_arrays
+from feasigrasp.results.finished import finished_arrays, made_with, write_arrays
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
@@ -108,11 +110,24 @@ def record(scenario: str, changes: Sequence[str], duration: float) -> Recording:
     return Recording(times, depths, masks, X_WC, X_WO, V_WO, np.array(intrinsics), holds)
 
 
-def recorded(filename: Path, scenario: str, changes: Sequence[str], duration: float) -> Recording:
-    """The recording in a file; made now if there is none."""
+def recorded(
+    filename: Path, scenario: str, changes: Sequence[str], duration: float, mesh: Path | None = None
+) -> Recording:
+    """The recording in a file, if the same code made it of the same; else it is made now.
+
+    Args:
+        filename: The file.
+        scenario: See `record`, as are the next two.
+        changes: See there.
+        duration: See there.
+        mesh: The object's own file, if it has one: another content is another object.
+    """
+    made_of = {"scenario": scenario, "changes": list(changes), "duration": duration}
+    content = mesh.read_bytes() if mesh is not None and mesh.is_file() else b""
+    key = json.dumps(made_with() | made_of | {"mesh": sha256(content).hexdigest()})
     found = finished_arrays(filename)
-    if found is None:
+    if found is None or str(found.get("key")) != key:
         made = record(scenario, changes, duration)
-        write_arrays(filename, vars(made))
+        write_arrays(filename, {**vars(made), "key": np.array(key)})
         return made
     return Recording(**{name: found[name] for name in Recording.__dataclass_fields__})

@@ -50,6 +50,11 @@ class TrackedModel(Frozen):
         chosen = farthest_points(self.points, min(_PROBES, len(self.points)))
         return self.points[chosen], self.normals[chosen]
 
+    def placed(self, R_WO: Array) -> tuple[Array, Array]:
+        """The probes from the origin of O, and their normals, in the axes of the world."""
+        points, normals = self.probes
+        return points @ R_WO.T, normals @ R_WO.T
+
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Distance of points (n, 3) from the surface (n,) [m] and unit gradients (n, 3).
 

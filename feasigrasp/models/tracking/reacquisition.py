@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -13,9 +13,11 @@ from feasigrasp.models.tracking.registration import Registration, register
 from feasigrasp.models.tracking.view import ObjectView
 
 #: Turns about each axis of the world that are tried [rad].
-_TURNS = (0.5, -0.5)
-#: A coarse search uses so many points.
-_COARSE = 150
+_TURNS = (0.4, -0.4, 0.8, -0.8)
+#: A coarse search uses so many points; a point counts for it by half so far from the surface [m].
+_COARSE, _HALF = 150, 0.006
+#: So many starts, those that fit best, are followed.
+_FOLLOWED = 4
 #: What the place is known to be worth after a gap, beside what the filter says [rad, m].
 UNSURE = (0.3, 0.05)
 #: A model point that projects onto the background is worth so many points of the object.
@@ -23,33 +25,57 @@ _BESIDE = 2.0
 
 
 def reacquire(
-    model: TrackedModel, view: ObjectView, X_WO: Array, covariance: Array
+    model: TrackedModel, view: ObjectView, guesses: Sequence[Array], covariance: Array
 ) -> Registration:
     """The best registration of several.
 
     Args:
         model: The object.
         view: An image in which it may be.
-        X_WO: Where it would be by now, shape (4, 4).
-        covariance: Of the error [theta, p] of that, shape (6, 6).
+        guesses: Where it may be by now, the likeliest pose first, shape (4, 4) each.
+        covariance: Of the error [theta, p] of these, shape (6, 6).
     """
+    starts = [(guess, X) for guess in guesses for X in _starts(model, view, guess)]
+    fits = [_fit(model, view, X) for _, X in starts]
+    best = np.argsort(fits)[::-1][:_FOLLOWED]
     found = [
-        register(model, view, X_WO, covariance, start=start, points=_COARSE)
-        for start in _starts(model, view, X_WO)
+        register(model, view, starts[k][0], covariance, start=starts[k][1], points=_COARSE)
+        for k in best
     ]
-    best = max(found, key=lambda r: r.inliers - _BESIDE * r.beside)
-    return register(model, view, X_WO, covariance, start=best.X_WO)
+    at = max(range(len(found)), key=lambda k: _score(found[k]))
+    return register(model, view, starts[best[at]][0], covariance, start=found[at].X_WO)
+
+
+def _score(found: Registration) -> float:
+    """What speaks for a pose: points on the model, and its surface where it should be seen."""
+    return found.inliers + found.covered - _BESIDE * found.beside
+
+
+def _fit(model: TrackedModel, view: ObjectView, X_WO: Array) -> float:
+    """How well a pose fits the image as it is: points on the surface, less surface beside them."""
+    points = view.points_W[:: -(-len(view.points_W) // _COARSE)]
+    distance, _ = model.distance((points - X_WO[:3, 3]) @ X_WO[:3, :3])
+    lever, normals_W = model.placed(X_WO[:3, :3])
+    facing = _facing(view, lever + X_WO[:3, 3], normals_W)
+    found, _ = view.beside(view.in_camera(lever[facing] + X_WO[:3, 3]))
+    beside = float(found.mean()) if len(found) else 0.0
+    return float(np.mean(1.0 / (1.0 + (distance / _HALF) ** 2))) - _BESIDE * beside
 
 
 def _starts(model: TrackedModel, view: ObjectView, X_WO: Array) -> Iterator[Array]:
     """Where it is expected, and turned this way and that where the points are."""
     yield X_WO
+    surface = model.gpdf.completion  # what is seen may be a side that was not seen before
     for turn in (np.zeros(3), *(t * axis for t in _TURNS for axis in np.eye(3))):
         X = se3.make_pose(se3.so3_exp(turn) @ X_WO[:3, :3], X_WO[:3, 3])
-        points, normals = model.probes
-        points_W = points @ X[:3, :3].T + X[:3, 3]
-        towards = view.X_WC[:3, 3] - points_W
-        facing = np.einsum("ij,ij->i", towards, normals @ X[:3, :3].T) > 0.0
-        seen = points_W[facing] if facing.any() else points_W
-        X[:3, 3] += view.points_W.mean(axis=0) - seen.mean(axis=0)
+        R = X[:3, :3]
+        lever = surface.points @ R.T
+        facing = _facing(view, lever + X[:3, 3], surface.normals @ R.T)
+        seen = lever[facing] if facing.any() else lever
+        X[:3, 3] = view.points_W.mean(axis=0) - seen.mean(axis=0)
         yield X
+
+
+def _facing(view: ObjectView, points_W: Array, normals_W: Array) -> Array:
+    towards = view.X_WC[:3, 3] - points_W
+    return np.asarray(np.einsum("ij,ij->i", towards, normals_W) > 0.0)

@@ -53,6 +53,8 @@ _WIDE = 0.012
 #: A residual below this, or so many standard deviations, is an inlier's [m].
 _INLIER, _INLIER_SIGMAS = 3e-3, 3.0
 _STEPS = 6
+#: Where less of the surface than this share is inside the image, it counts by the square of that.
+_WHOLE = 0.5
 #: Steps smaller than this end the search [rad, m].
 _SMALL = 1e-4
 
@@ -68,6 +70,9 @@ class Registration:
         beside: Share of the model's points facing the camera that project onto the background.
         in_view: Share of the known surface that faces the camera which is in the image and far
             enough away to be measured.
+        inside: The same share of all of the known surface, which says more of a side that is new.
+        covered: Share of the model's points facing the camera, of those in the image, that project
+            onto the object; 0 without any.
     """
 
     X_WO: Array
@@ -75,6 +80,8 @@ class Registration:
     inliers: float
     beside: float
     in_view: float
+    inside: float
+    covered: float
 
 
 def register(
@@ -132,7 +139,10 @@ def register(
         residuals = np.concatenate([distance, offset])
         information, projection = without_noise(rows, weights, np.vstack([lever, lever]))
         gradient = projection @ (rows.T @ (weights * residuals))
-        rim_rows, rim_weights, rim_residuals, beside, in_view = _silhouette(model, view, X)
+        rim_rows, rim_weights, rim_residuals, *shares = _silhouette(model, view, X)
+        # A small part of the object errs together.
+        share = min(1.0, shares[2] / _WHOLE) ** 2
+        information, gradient = share * information, share * gradient
         information = information + rim_rows.T @ (rim_weights[:, None] * rim_rows)
         gradient = gradient + rim_rows.T @ (rim_weights * rim_residuals)
         if step == _STEPS:
@@ -141,7 +151,7 @@ def register(
         X = moved(X, change)
         if scale < 1e-3 and np.abs(change).max() < _SMALL:
             break
-    return Registration(X, information, float(inlier.mean()), beside, in_view)
+    return Registration(X, information, float(inlier.mean()), *shares)
 
 
 def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
@@ -162,23 +172,26 @@ def _on_plane(model: TrackedModel, gap: Array, nearest: Array, normals: Array) -
 
 def _silhouette(
     model: TrackedModel, view: ObjectView, X_WO: Array
-) -> tuple[Array, Array, Array, float, float]:
+) -> tuple[Array, Array, Array, float, float, float, float]:
     """Rows, weights and residuals of model points that the camera sees past.
 
     Returns:
-        Those, the share of the facing points that they are, and the share of the facing points that
-        are in the image.
+        Those, the share of the facing points that they are, the shares of the facing points and of
+        all that are in the image, and that of the facing ones there that are seen.
     """
-    points, normals = model.probes
-    lever, normals_W = points @ X_WO[:3, :3].T, normals @ X_WO[:3, :3].T
+    lever, normals_W = model.placed(X_WO[:3, :3])
     points_W = lever + X_WO[:3, 3]
     towards = view.X_WC[:3, 3] - points_W
     length = np.linalg.norm(towards, axis=1)
     facing = np.einsum("ij,ij->i", towards, normals_W) > 0.3 * length
+    points_C = view.in_camera(points_W)
+    shown = view.camera.in_image(points_C)
+    inside = float(shown.mean())
     if not facing.any():
-        return np.zeros((0, 6)), np.zeros(0), np.zeros(0), 0.0, 0.0
-    lever, points_C = lever[facing], view.in_camera(points_W[facing])
-    in_view = float(view.camera.in_image(points_C).mean())
+        return np.zeros((0, 6)), np.zeros(0), np.zeros(0), 0.0, 0.0, inside, 0.0
+    lever, points_C, shown = lever[facing], points_C[facing], shown[facing]
+    in_view = float(shown.mean())
+    covered = float(view.on_object(points_C[shown]).mean()) if shown.any() else 0.0
     found, way = view.beside(points_C)
     excess = np.linalg.norm(way, axis=1)
     # Towards the silhouette, at right angles to the line of sight; r = -excess grows towards it.
@@ -189,4 +202,4 @@ def _silhouette(
     rows = -jacobian(lever[found], normals_W)
     sigma = _SILHOUETTE_SIGMA * at[:, 2] / view.camera.intrinsics[0]
     weights = _robust(excess, sigma**2, 5e-3) / CORRELATED
-    return rows, weights, -excess, float(found.mean()), in_view
+    return rows, weights, -excess, float(found.mean()), in_view, inside, covered

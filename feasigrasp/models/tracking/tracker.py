@@ -27,16 +27,27 @@ from feasigrasp.models.tracking.view import ObjectView
 
 #: A first view has at least so many points, any other so many.
 _FIRST_POINTS, _LEAST_POINTS = 300, 80
-#: What an image must show for its pose to be believed: shares of the known, facing surface that are
-#: in the image, of points on the model, and, at most, of the model that projects beside them.
-_LEAST_VIEW, _LEAST_INLIERS, _MOST_BESIDE = 0.25, 0.6, 0.35
-#: The same for a keyframe, and the surface's standard deviation [m].
+#: What an image must show for its pose to be believed: shares of the known surface that are inside
+#: the image, of points on the model, of the facing model inside the image that is seen, and, at
+#: most, of the facing model that projects beside the object. How much it then says is left to the
+#: information: little of the object determines little.
+_LEAST_INSIDE, _LEAST_INLIERS, _LEAST_COVERED, _MOST_BESIDE = 0.05, 0.6, 0.5, 0.35
+#: Where less than this share of the known, facing surface is in the image, so many points must be;
+#: where hardly any is, what is seen is a new side, and what of it is seen says nothing.
+_LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
+#: An object whose surface is known no better than this is not tracked, though some is seen [m].
+_MOST_DEVIATION = 5e-3
+#: The same for a keyframe, and the surface's standard deviation [m]; the shares are also asked for
+#: after a gap.
 _KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.2e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
 #: After so long without a pose the object is searched for from several starts, and again so much
 #: later [s].
 _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
+#: After such a gap little in the image is not enough [s]; a pose that was searched for shows such a
+#: share of the facing surface in the image, of which so much is seen.
+_LONG_GAP, _FOUND_VIEW, _FOUND_COVERED = 1.0, 0.1, 0.7
 #: What the tracked path is worth to the predictor of the motion.
 _PATH_NOISE = Noise(position=1.5e-3, rotation=8e-3)
 
@@ -62,7 +73,7 @@ class FieldTrack(Frozen):
 
     Attributes:
         image_time: Time of the last image [s]; -inf before the first.
-        measured_at: Time of the last image that a pose was got from [s]; NaN before.
+        measured: Pose and twist at the last image that a pose was got from; None before.
         estimate: Pose and twist at that time, or where they are expected to be at that of the last
             image; None before the first view.
         model: The shape; None until there is one.
@@ -74,7 +85,7 @@ class FieldTrack(Frozen):
     """
 
     image_time: float = -np.inf
-    measured_at: float = np.nan
+    measured: TwistFilter | None = None
     estimate: TwistFilter | None = None
     model: TrackedModel | None = None
     in_view: float = 0.0
@@ -83,6 +94,11 @@ class FieldTrack(Frozen):
     searched_at: float = -np.inf
     motion: Array = field(default_factory=empty_state)
 
+    @property
+    def measured_at(self) -> float:
+        """Time of the last image that a pose was got from [s]; NaN before."""
+        return np.nan if self.measured is None else self.measured.time
+
     def state(self, time: float, silence: float) -> TrackingState:
         """What the tracker does at a time."""
         if self.estimate is None:
@@ -90,7 +106,8 @@ class FieldTrack(Frozen):
         age = time - self.measured_at
         if age >= silence:
             return TrackingState.LOST
-        return TrackingState.COASTING if age > COASTING_AFTER else TrackingState.TRACKING
+        known = age <= COASTING_AFTER and self.deviation < _MOST_DEVIATION
+        return TrackingState.TRACKING if known else TrackingState.COASTING
 
 
 def track(
@@ -107,30 +124,37 @@ def track(
     """
     if not time > before.image_time or not np.isfinite(view.X_WC).all():
         return before
-    if before.estimate is None:
+    estimate, last, model = before.estimate, before.measured, before.model
+    if estimate is None or last is None:
         return _begun(before, view, time)
-    model = before.model
     if gpdf is not None and (model is None or model.gpdf is not gpdf):
         model = TrackedModel(gpdf)
     before = replace(before, image_time=time, model=model)
     gap = time - before.measured_at
     coasting = gap > COASTING_AFTER
-    expected = before.estimate.predicted(time, coasting=coasting)  # type: ignore[union-attr]
-    found = None
+    expected = estimate.predicted(time, coasting=coasting)
+    found: Registration | None = None
     if model is not None and len(view.points_W) >= _LEAST_POINTS:
+        found = register(model, view, expected.X_WO, expected.pose_covariance)
+        good = _believed(found) and (gap < _LONG_GAP or found.in_view >= _LITTLE)
         may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
-        found, expected, searched = _found(model, view, expected, may_search=may_search)
-        before = replace(before, searched_at=time if searched else before.searched_at)
+        if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
+            before = replace(before, searched_at=time)
+            # Where it is expected, and where it is if it has gone on as it went.
+            wide, on = expected.widened(UNSURE), last.pose(time)
+            found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance)
+            shown = found.in_view >= _FOUND_VIEW and found.covered >= _FOUND_COVERED
+            good = shown and _fits(found)
+            expected = wide if good else expected
+        found = found if good else None
     if found is None:
         return _passed_on(replace(before, estimate=expected, in_view=0.0))
     estimate = expected.measured(found.X_WO, found.information)
     assert model is not None
-    points, normals = model.probes
-    R = estimate.X_WO[:3, :3]
-    deviation = surface_deviation(estimate.pose_covariance, points @ R.T, normals @ R.T)
+    deviation = surface_deviation(estimate.pose_covariance, *model.placed(estimate.X_WO[:3, :3]))
     after = replace(
         before,
-        measured_at=time,
+        measured=estimate,
         estimate=estimate,
         in_view=found.in_view,
         deviation=deviation,
@@ -145,54 +169,40 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
     if len(view.points_W) < _FIRST_POINTS:
         return replace(before, image_time=time)
     X_WO = se3.make_pose(np.eye(3), np.median(view.points_W, axis=0))
+    estimate = TwistFilter.at_rest(time, X_WO)
     return _passed_on(
         replace(
             before,
             image_time=time,
-            measured_at=time,
-            estimate=TwistFilter.at_rest(time, X_WO),
+            measured=estimate,
+            estimate=estimate,
             in_view=1.0,
+            deviation=0.0,
             keyframe=_keyframe(view, X_WO, time),
         )
     )
 
 
-def _found(
-    model: TrackedModel, view: ObjectView, expected: TwistFilter, *, may_search: bool
-) -> tuple[Registration | None, TwistFilter, bool]:
-    """A pose that can be believed, the estimate that it rests on, and whether it was searched for.
-
-    An object of which too little is in the image is not searched for elsewhere.
-    """
-    found = register(model, view, expected.X_WO, expected.pose_covariance)
-    if _believed(found):
-        return found, expected, False
-    if not may_search or len(view.points_W) < _FIRST_POINTS:
-        return None, expected, False
-    wide = expected.widened(UNSURE)
-    found = reacquire(model, view, wide.X_WO, wide.pose_covariance)
-    good = _believed(found) and found.inliers >= _KEY_INLIERS and found.beside < _KEY_BESIDE
-    return (found, wide, True) if good else (None, expected, True)
-
-
 def _believed(found: Registration) -> bool:
+    little = found.in_view < _LITTLE
     return (
-        found.in_view >= _LEAST_VIEW
-        and found.inliers >= _LEAST_INLIERS
+        found.inside >= _LEAST_INSIDE
+        and found.inliers >= (_INLIERS_OF_LITTLE if little else _LEAST_INLIERS)
+        and (found.covered >= _LEAST_COVERED or found.in_view < _NEW_SIDE)
         and found.beside <= _MOST_BESIDE
     )
+
+
+def _fits(found: Registration) -> bool:
+    """Whether nothing speaks against a pose."""
+    return _believed(found) and found.inliers > _KEY_INLIERS and found.beside < _KEY_BESIDE
 
 
 def _is_key(after: FieldTrack, found: Registration, view: ObjectView, views: ViewRecord) -> bool:
     """Whether the view is good enough to be merged, and tells something."""
     assert after.keyframe is not None and after.estimate is not None
     time = after.image_time
-    good = (
-        found.in_view > _KEY_VIEW
-        and found.inliers > _KEY_INLIERS
-        and found.beside < _KEY_BESIDE
-        and after.deviation < _KEY_DEVIATION
-    )
+    good = _fits(found) and found.in_view > _KEY_VIEW and after.deviation < _KEY_DEVIATION
     if not good or time < after.keyframe.time + KEY_PERIOD:
         return False
     p_OC = _in_object(after.estimate.X_WO, view.X_WC[:3, 3])

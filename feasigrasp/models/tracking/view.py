@@ -87,6 +87,21 @@ class ObjectView(Frozen):
         scale = points_C[found, 2:] / np.array(self.camera.intrinsics[:2])
         return found, excess * scale
 
+    def on_object(self, points_C: Array) -> Mask:
+        """Which points (n, 3) of a model are where the camera saw some of it, shape (n,).
+
+        All of them, if nothing is known of what is beside the object.
+        """
+        if self.depth is None or len(self.points_C) == 0:
+            return np.full(len(points_C), len(self.points_C) > 0)
+        (left, top), _, distance, _ = self._silhouette
+        u, v = self.camera.pixels(points_C)
+        column, row = (np.floor(a / CELL).astype(int) - b for a, b in ((u, left), (v, top)))
+        h, w = distance.shape
+        inside = (row >= 0) & (row < h) & (column >= 0) & (column < w)
+        near = distance[np.where(inside, row, 0), np.where(inside, column, 0)] <= 2.0
+        return np.asarray(inside & near)
+
     @cached_property
     def _silhouette(self) -> tuple[tuple[int, int], Indices, Array, Array]:
         """First cell, nearest cell of the object, distance to it [cells], depth known free."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.evaluation.studies.tracking import FIGURES, summary_rows
+from feasigrasp.evaluation.tracking import recording as module
 from feasigrasp.evaluation.tracking.judge import (
     SENSORS,
     OurTracker,
@@ -17,7 +18,6 @@ from feasigrasp.evaluation.tracking.recording import RATE, Recording, recorded
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.results.finished import write_arrays
 from tests.object_views import CAMERA, camera_at, look
 
 TWIST = np.array([0.0, 0.1, 0.2, 0.02, -0.05, 0.01])
@@ -112,12 +112,25 @@ def test_what_is_too_near_or_hidden_is_not_seen(mug):
     assert view.depth.min() == 0.0
 
 
-def test_a_recording_is_made_once(mug, tmp_path):
+def test_a_recording_is_made_once_of_the_same(mug, tmp_path, monkeypatch):
     recording, _ = mug
-    write_arrays(tmp_path / "a.npz", vars(recording))
-    again = recorded(tmp_path / "a.npz", "no scenario", (), 1.0)
-    assert np.array_equal(again.depths, recording.depths)
-    assert again.depth(0).max() == pytest.approx(2.0)
+    made = []
+    monkeypatch.setattr(module, "record", lambda *what: made.append(what) or recording)
+    file, mesh = tmp_path / "a.npz", tmp_path / "mesh.obj"
+    mesh.write_text("one")
+    for _ in range(2):
+        again = recorded(file, "ReachLinear", ("{}",), 1.0, mesh)
+        assert np.array_equal(again.depths, recording.depths)
+        assert again.depth(0).max() == pytest.approx(2.0)
+    assert len(made) == 1
+    for k, what in enumerate(
+        [("ReachCircular", ("{}",), 1.0), ("ReachLinear", ("{a: 1}",), 1.0), ("ReachLinear", (), 2)]
+    ):
+        recorded(file, *what, mesh)
+        assert len(made) == 2 + k
+    mesh.write_text("another")
+    recorded(file, "ReachLinear", (), 2, mesh)
+    assert len(made) == 5
 
 
 def test_rows_say_how_often():

@@ -165,3 +165,16 @@ def test_the_deviation_of_a_surface_is_that_of_samples():
     across = np.einsum("nij,ij->ni", moved_by, normals)
     deviation = surface_deviation(covariance, lever, normals)
     assert deviation == pytest.approx(np.sqrt(np.mean(across**2)), rel=0.03)
+
+
+def test_a_model_beside_the_object_is_not_covered_by_it(shape):
+    """Kept from moving by its prior: at the place, half a width off, and half out of the image."""
+    _, surface, model = shape
+    view, fixed = look(surface, np.eye(4), camera_at([0.25, 0.2, 0.2])), 1e-12 * np.eye(6)
+    there = register(model, view, np.eye(4), fixed)
+    assert there.covered > 0.95 and there.inside == 1.0 and there.in_view == 1.0
+    aside = se3.make_pose(np.eye(3), 0.1 * view.X_WC[:3, 0])
+    assert register(model, view, aside, fixed).covered < 0.3
+    turned = view.X_WC @ se3.make_pose(se3.so3_exp([0.0, np.arctan2(160.0, FOCAL), 0.0]), [0, 0, 0])
+    half = register(model, look(surface, np.eye(4), turned), np.eye(4), fixed)
+    assert 0.2 < half.inside < 0.8 and half.covered > 0.9

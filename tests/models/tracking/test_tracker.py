@@ -1,5 +1,7 @@
 """An unknown object is followed from its first view on; out of sight, and back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -115,3 +117,26 @@ def test_an_object_elsewhere_is_found_again(followed):
         tracker = tracker.looked(look(SURFACE, X, CAMERA, np.random.default_rng(k)), later)
     assert tracker.track.measured_at == later
     assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X) < 3e-3
+
+
+def test_it_is_followed_while_little_of_it_is_in_the_image(followed):
+    """For a second most of it is beyond the border; a coasting twist would lose 3 cm."""
+    t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
+    # The camera turns away about its y axis, by more than half its angle of view.
+    turned = CAMERA @ se3.make_pose(se3.so3_exp([0.0, 0.55, 0.0]), np.zeros(3))
+    rng, errors, shares = np.random.default_rng(1), [], []
+    for _ in range(30):
+        t += PERIOD
+        X_WB = se3.extrapolate(X0, TWIST, t)
+        tracker = tracker.looked(look(SURFACE, X_WB, turned, rng), t)
+        errors.append(surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X_WB))
+        shares.append(tracker.track.in_view)
+    assert 0.0 < np.mean(shares) < 0.25
+    assert max(errors) < 6e-3
+
+
+def test_a_surface_that_is_hardly_known_is_not_tracked(followed):
+    t, tracker, _, _ = followed[-1]
+    unsure = replace(tracker.track, deviation=0.01)
+    assert tracker.track.state(t, 0.5) is TrackingState.TRACKING
+    assert unsure.state(t, 0.5) is TrackingState.COASTING
