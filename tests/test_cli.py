@@ -67,7 +67,7 @@ def test_the_commands_are_those_that_users_rely_on():
             *("all", "control", "kinematics", "reachability", "safety", "sampler", "shape", "soak"),
         ],
         "fit": ["certainty", "reachability"],
-        "train": ["hidden-side", "ik-flow", "sampler", "sampler-data"],
+        "train": ["diffusion", "hidden-side", "ik-flow", "sampler", "sampler-data"],
     }
 
 

@@ -82,7 +82,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("X", "Y", "Z"),
         help="direction of gravity in the cloud's frame (default: the worst for each grasp)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the sampler antipodal")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the samplers antipodal and diffusion"
+    )
 
 
 def _length(text: str) -> float:

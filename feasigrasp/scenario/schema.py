@@ -130,8 +130,8 @@ class PerceptionConfig:
         views: How many views are merged at most, 0 for all; by default that of the mode.
         filter: Whether what the sampler proposes is judged on the field; if not, it is taken as it
             comes.
-        sampler: ``network`` (learned), ``paper`` or ``antipodal`` (model-free), see `SamplerName`;
-            by default that of the mode.
+        sampler: ``network`` (learned), ``paper``, ``antipodal`` (model-free) or ``diffusion`` (a
+            baseline), see `SamplerName`; by default that of the mode.
         n_candidates: Grasp candidates drawn per update.
         n_grasps: Grasps kept per update.
     """

@@ -4,7 +4,8 @@ One noisy view of an object, as the depth camera gives it, is smoothed, complete
 points, shown to the network, and its grasps are filtered: `bench.perception_ms` is all of that, the
 parts are timed on their own as well. Presets ``peer:torch`` and ``peer:torch.jit`` of the forward
 pass are the same network and weights in torch, as it is and as frozen TorchScript, without what is
-done with its answers. Nothing is taken over from an earlier run.
+done with its answers. Of the baseline, the energy's gradient at one pose and 100 samples are timed.
+Nothing is taken over from an earlier run.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from torch import nn
 
 from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.diffusion.grasp_diffusion import load_grasp_diffusion
+from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.network.architectures import Contacts
@@ -58,6 +61,13 @@ def cases(view: PartialView) -> Iterator[Case]:
     for preset, used in (("default", sampler), ("antipodal", AntipodalSampler())):
         yield Case("bench.perception_ms", preset, partial(cloud_to_grasps, view, used))
     X_OG, width, prior = sampler.candidates(field)
+    baseline = DiffusionSampler()
+    diffused = load_grasp_diffusion().at(grasp_input(field, baseline.n_points))
+    gradient = partial(diffused.gradient, X_OG[:1])
+    yield Case("bench.diffusion_gradient_hz", "default", gradient)
+    rng, count = np.random.default_rng(0), baseline.n_samples
+    samples = partial(diffused.sample, count, rng)
+    yield Case(f"bench.diffusion_samples_s.{count}", "default", samples)
     parts: dict[str, Callable[[], object]] = {
         "smoothing": lambda: fused([view]),
         "fit": lambda: complete_shape(cloud, max_points=POINTS),

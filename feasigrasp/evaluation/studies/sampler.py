@@ -5,7 +5,8 @@ does it, and the grasps that the samplers offer are judged on the true mesh; som
 floating-gripper simulation. All presets see the same clouds: ``default`` (the network), ``paper``
 (the paper's architecture, same data), ``antipodal`` (no network). The candidates of ``antipodal``
 join in for either network where few grasps are left; ``default.alone`` and ``paper.alone`` are the
-networks without them. What each figure means is written in docs/sampler.md. A command that was
+networks without them. ``diffusion`` is the baseline, ``diffusion.unfiltered`` all of its samples as
+they are drawn. What each figure means is written in docs/sampler.md. A command that was
 interrupted goes on after its last object.
 """
 
@@ -30,6 +31,7 @@ from feasigrasp.evaluation.measures.grasps import (
 from feasigrasp.evaluation.measures.timing import cpu_ms
 from feasigrasp.evaluation.runs.floating_gripper import hold_trials
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network.surface_input import grasp_input
@@ -48,9 +50,11 @@ from feasigrasp.training.data.views import ViewedObject, turning_views
 
 #: Samplers whose grasps are simulated; networks among them; and how a network is called that gets
 #: no candidates of others.
-PRESETS = ("default", "paper", "antipodal")
+PRESETS = ("default", "paper", "antipodal", "diffusion")
 NETWORKS = ("default", "paper")
 ALONE = "{}.alone"
+#: How all samples of the baseline are called.
+UNFILTERED = "diffusion.unfiltered"
 #: Number of views by condition.
 CONDITIONS = {"1view": 1, "3views": 3}
 #: Generated objects, views of every object, and views of which grasps are simulated.
@@ -82,7 +86,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @lru_cache(maxsize=1)
 def make_samplers() -> dict[str, GraspSamplerFn]:
     """The samplers by preset."""
-    samplers: dict[str, GraspSamplerFn] = {"antipodal": AntipodalSampler(GRIPPER)}
+    samplers: dict[str, GraspSamplerFn] = {
+        "antipodal": AntipodalSampler(GRIPPER),
+        "diffusion": DiffusionSampler(GRIPPER),
+    }
     for preset in NETWORKS:
         network = load_grasp_network(preset)
         samplers[preset] = NetworkSampler(GRIPPER, network)
@@ -133,12 +140,21 @@ def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int
 def _judge_field(field: Gpdf, truth: TrueGrasps, seed: int, proposals: bool) -> list[Record]:
     """Records of all presets on one field."""
     records: list[Record] = []
-    for preset, sampler in make_samplers().items():
-        _ = field.completion
-        grasps, cpu = cpu_ms(partial(sampler, field))
+
+    def judge(preset: str, grasps: GraspSet, cpu: float) -> None:
         record: Record = {"kind": "set", "preset": preset, "cpu_ms": cpu}
         record |= set_measures(grasps, truth, GRIPPER) | {"rejected": dict(grasps.rejected)}
         records.append(record)
+
+    for preset, sampler in make_samplers().items():
+        _ = field.completion
+        if isinstance(sampler, DiffusionSampler):  # drawn once, for both presets
+            (X_OG, width, _), drawing = cpu_ms(partial(sampler.candidates, field))
+            judge(UNFILTERED, GraspSet(X_OG, width, np.ones(len(width))), drawing)
+            grasps, cpu = cpu_ms(partial(sampler.judged, field, X_OG))
+            judge(preset, grasps, drawing + cpu)
+            continue
+        judge(preset, *cpu_ms(partial(sampler, field)))
         if proposals and preset in NETWORKS:
             network = load_grasp_network(preset)
             measured = proposal_measures(network, grasp_input(field), truth, GRIPPER, seed)

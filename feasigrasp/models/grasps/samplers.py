@@ -17,6 +17,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 
 if TYPE_CHECKING:
+    from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
     from feasigrasp.models.grasps.network_sampler import NetworkSampler
 
 
@@ -24,12 +25,14 @@ class SamplerName(StrEnum):
     """Where grasps come from.
 
     ``network`` is the learned `NetworkSampler`, ``paper`` the same with the paper's architecture
-    and nothing else to fall back on, ``antipodal`` the model-free `AntipodalSampler`.
+    and nothing else to fall back on, ``antipodal`` the model-free `AntipodalSampler`, ``diffusion``
+    a baseline, the `DiffusionSampler`.
     """
 
     NETWORK = "network"
     PAPER = "paper"
     ANTIPODAL = "antipodal"
+    DIFFUSION = "diffusion"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,7 @@ class Unfiltered:
         sampler: The sampler; as many grasps are returned, at most.
     """
 
-    sampler: AntipodalSampler | NetworkSampler
+    sampler: AntipodalSampler | NetworkSampler | DiffusionSampler
 
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Grasps in the frame of the field, best first."""
@@ -72,12 +75,13 @@ def make_sampler(
         name: One of `SamplerName`.
         gripper: The hand; the default one unless given.
         filtered: Whether what is proposed is judged on the field; if not, it is taken as it comes.
-        n_candidates: Grasps that are filtered, at most.
+        n_candidates: Grasps that are filtered, at most; ``diffusion`` draws the 100 of the paper.
         n_grasps: Grasps that are returned, at most.
         least_score: Grasps that score less are left out, while there are enough; None for 0.9 of
             our network and 0.87 of the others, which are never so sure. Who judges grasps further,
             by reach above all, gives 0 and has the choice.
-        seed: Of the approach directions of ``antipodal``; a network draws nothing.
+        seed: Of the approach directions of ``antipodal`` and the samples of ``diffusion``; other
+            samplers draw nothing.
 
     Raises:
         GraspError: There is no such sampler.
@@ -95,6 +99,16 @@ def make_sampler(
         )
         return antipodal if filtered else Unfiltered(antipodal)
     # torch takes a second to import
+    if chosen == SamplerName.DIFFUSION:
+        from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
+
+        diffusion = DiffusionSampler(
+            gripper,
+            n_grasps=n_grasps,
+            least_score=LIKELY if least_score is None else least_score,
+            seed=seed,
+        )
+        return diffusion if filtered else Unfiltered(diffusion)
     from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
     from feasigrasp.models.grasps.network_sampler import NetworkSampler
 

@@ -89,7 +89,7 @@ def records():
 def test_both_networks_get_the_same_help():
     samplers = make_samplers()
     assert {name: getattr(sampler, "top_up", None) for name, sampler in samplers.items()} == {
-        "antipodal": None,
+        "antipodal": None, "diffusion": None,
         "default": True, "default.alone": False, "paper": True, "paper.alone": False,
     }  # fmt: skip
     assert samplers["paper"].network is not samplers["default"].network
