@@ -44,7 +44,7 @@ ORDER = (
     ("results",),
     ("training.data", "training.reachability"),
     ("training",),
-    ("evaluation.metrics", "evaluation.protocols"),
+    ("evaluation.metrics", "evaluation.protocols", "evaluation.views"),
     ("evaluation.measures", "evaluation.peers", "evaluation.runs"),
     ("evaluation.pictures", "evaluation.report", "evaluation.tracking"),
     ("evaluation.bench", "evaluation.studies"),

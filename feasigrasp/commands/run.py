@@ -20,6 +20,7 @@ from feasigrasp.errors import FeasigraspError, OutputError
 from feasigrasp.evaluation.runs.console import StatusLine, summary
 from feasigrasp.evaluation.runs.hardware.control import run_hardware
 from feasigrasp.evaluation.runs.run import INTERRUPTED, run
+from feasigrasp.evaluation.views.live import LiveView
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.outputs import check_outputs, replacing, write_text
 from feasigrasp.resources import diagram_path
@@ -58,6 +59,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds all arguments but the name of the scenario."""
     add_scenario_options(parser)
     parser.add_argument("--replay", type=Path, metavar="FILE.html", help="write a replay here")
+    parser.add_argument(
+        "--live",
+        action="store_true",
+        help="watch it in a browser at real time, with a pause and a slider for the speed",
+    )
+    parser.add_argument(
+        "--ghost",
+        choices=[*map(str, ControlMode)],
+        help="the replay shows the arm in this mode as well, translucent; it is simulated too",
+    )
     parser.add_argument("--results", type=Path, metavar="FILE.json", help="write the record here")
     parser.add_argument("--graphviz", type=Path, metavar="FILE", help="draw the diagram and stop")
     parser.add_argument(
@@ -99,18 +110,26 @@ def main(args: argparse.Namespace) -> int:
     if args.graphviz is not None:
         draw_diagram(scenario, args.graphviz)
         return 0
-    if args.hardware and args.replay is not None:
+    if args.hardware and (args.replay is not None or args.live):
         raise FeasigraspError(
-            "--replay shows what was simulated; with --hardware leave it out, or give it to "
-            "'feasigrasp run' without"
+            "--replay and --live show what is simulated; with --hardware leave them out, or give "
+            "them to 'feasigrasp run' without"
         )
+    if args.ghost is not None and args.replay is None:
+        raise FeasigraspError("--ghost is shown in a replay; give --replay FILE.html as well")
+    live = LiveView() if args.live else None
+    if live is not None:
+        print(f"watch it at {live.meshcat.web_url()}", flush=True)
     line = StatusLine()
     kept = partial(keep, results=args.results, line=line)
     try:
         if args.hardware:
             record = run_hardware(scenario, name, lcm_url=args.lcm_url, keep=kept, line=line)
         else:
-            record = run(scenario, name, replay=args.replay, keep=kept, line=line).record
+            ghost = ControlMode(args.ghost) if args.ghost else None
+            record = run(
+                scenario, name, replay=args.replay, keep=kept, line=line, live=live, ghost=ghost
+            ).record
     finally:
         line.clear()
     for filename in filter(None, (args.results, args.replay)):

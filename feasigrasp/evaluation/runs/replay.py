@@ -43,10 +43,12 @@ def quiet_meshcat() -> Meshcat:
         drake_log.setLevel(level)
 
 
-def start_recording() -> Meshcat:
-    """A Meshcat that records."""
-    meshcat = quiet_meshcat()
-    meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
+def start_recording(watched: Meshcat | None = None) -> Meshcat:
+    """Lets a Meshcat record: one that is watched meanwhile, or else a new one that nobody sees."""
+    meshcat = watched or quiet_meshcat()
+    meshcat.StartRecording(
+        FRAMES_PER_SECOND, set_visualizations_while_recording=watched is not None
+    )
     return meshcat
 
 
@@ -55,6 +57,7 @@ def write_replay(
     filename: Path,
     history: Sequence[Status] = (),
     pictures: Sequence[Picture] = (),
+    ghost: str = "",
 ) -> None:
     """Writes what was recorded as a self-contained HTML file.
 
@@ -64,10 +67,11 @@ def write_replay(
         history: What a line at the foot of the page says, and from when on. With it comes a legend;
             without it there is nothing but the recording.
         pictures: What an inset shows beside it.
+        ghost: Mode of the translucent arm, if there is one.
     """
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    write_html(meshcat, filename, _overlay(history, pictures) if history else "")
+    write_html(meshcat, filename, _overlay(history, pictures, ghost) if history else "")
 
 
 def write_html(meshcat: Meshcat, filename: Path, extra: str = "") -> None:
@@ -77,7 +81,7 @@ def write_html(meshcat: Meshcat, filename: Path, extra: str = "") -> None:
     write_text(filename, page[:end] + extra + page[end:])
 
 
-def _overlay(history: Sequence[Status], pictures: Sequence[Picture]) -> str:
+def _overlay(history: Sequence[Status], pictures: Sequence[Picture], ghost: str) -> str:
     """HTML of legend, status and picture at the time that is being played.
 
     Meshcat knows the time that it plays, but has no text of its own.
@@ -85,8 +89,9 @@ def _overlay(history: Sequence[Status], pictures: Sequence[Picture]) -> str:
     statuses = [[s.time, str(s.code).replace("_", " "), s.detail] for s in history]
     shown = [[picture.time, base64.b64encode(picture.jpeg).decode()] for picture in pictures]
     page = resources.files("feasigrasp.evaluation.runs").joinpath("replay_overlay.html")
+    row = f'<div><i class="ghost"></i>the arm in mode {ghost}</div>' if ghost else ""
     return Template(page.read_text()).substitute(
-        statuses=_script(statuses), pictures=_script(shown)
+        statuses=_script(statuses), pictures=_script(shown), ghost=row
     )
 
 

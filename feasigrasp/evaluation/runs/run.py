@@ -23,9 +23,16 @@ from feasigrasp.evaluation.metrics.robot_twin import robot_twin
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, not_held, summarize
 from feasigrasp.evaluation.metrics.tick_times import TickTimes
 from feasigrasp.evaluation.runs.console import StatusLine, progress
-from feasigrasp.evaluation.runs.replay import start_recording, write_replay
+from feasigrasp.evaluation.runs.replay import (
+    FRAMES_PER_SECOND,
+    start_recording,
+    write_replay,
+)
 from feasigrasp.evaluation.runs.teleport import teleport
+from feasigrasp.evaluation.views.ghost import ghost_of, show_ghost
+from feasigrasp.evaluation.views.live import LiveView
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.grippers import load_gripper
@@ -65,6 +72,8 @@ def run(
     replay: Path | None = None,
     keep: Callable[[dict[str, Any]], None] = lambda record: None,
     line: StatusLine | None = None,
+    live: LiveView | None = None,
+    ghost: ControlMode | None = None,
 ) -> RunResult:
     """Simulates a scenario until its grasp is over or its duration has passed.
 
@@ -77,6 +86,8 @@ def run(
         replay: Where to write a self-contained HTML replay.
         keep: Gets the record as soon as there is one, before the replay is written.
         line: Where to say how far the run is.
+        live: Where to watch it.
+        ghost: The replay shows the arm in this mode as well, translucent.
     """
     say = line.show if line else lambda text: None
     say("building the diagram")
@@ -86,7 +97,8 @@ def run(
     with threadpool_limits(1):
         # What is alive by now, compiled code above all, stays: not worth traversing again.
         gc.freeze()
-        meshcat = start_recording() if replay else None
+        watched = live.meshcat if live else None
+        meshcat = start_recording(watched) if replay else watched
         error = None
         with postponed_interrupt() as interrupted:
             built = time.perf_counter()
@@ -94,7 +106,7 @@ def run(
             tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
             simulator = Simulator(diagram)
             ApplySimulatorConfig(scenario.simulator_config, simulator)
-            simulator.set_monitor(_Monitor(diagram, interrupted, line))
+            simulator.set_monitor(_Monitor(simulator, interrupted, line, live))
             if interrupted.is_set():
                 raise KeyboardInterrupt  # there is nothing yet
             started = time.perf_counter()
@@ -124,9 +136,13 @@ def run(
     record |= {"timings": timings, "metrics": metrics, "error": error, "status": status}
     keep(record)
     if meshcat is not None and replay is not None:
+        if ghost is not None:
+            say(f"simulating mode {ghost} beside it")
+            way = ghost_of(scenario, ghost, context.get_time())
+            show_ghost(meshcat, scenario, way, FRAMES_PER_SECOND)
         say(f"writing {replay}")
         camera = diagram.GetSubsystemByName("camera_pictures")
-        write_replay(meshcat, replay, history, camera.pictures)
+        write_replay(meshcat, replay, history, camera.pictures, ghost or "")
     return RunResult(record, times, samples)
 
 
@@ -236,15 +252,23 @@ class _Monitor:
     """
 
     def __init__(
-        self, diagram: Diagram, interrupted: threading.Event, line: StatusLine | None
+        self,
+        simulator: Simulator,
+        interrupted: threading.Event,
+        line: StatusLine | None,
+        live: LiveView | None,
     ) -> None:
+        diagram = simulator.get_system()
         self._interrupted, self._line = interrupted, line
+        self._simulator, self._live = simulator, live
         self._sequencer = diagram.GetSubsystemByName("sequencer")
         self._status = diagram.GetSubsystemByName("status")
         self._next = 0.0
         self._began = time.perf_counter()
 
     def __call__(self, context: Context) -> EventStatus:
+        if self._live is not None:
+            self._live.pace(self._simulator, self._interrupted)
         if self._interrupted.is_set():
             return EventStatus.ReachedTermination(self._sequencer, INTERRUPTED)
         time = context.get_time()

@@ -1,0 +1,94 @@
+"""A second arm in a replay, translucent: where another mode would have the arm at that time."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.checks import check_scenario
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.from_scenario import station_config
+from feasigrasp.systems.station.cell_models import add_cell, robot_instances
+
+#: Meshcat path of everything that it shows, and its colour.
+PREFIX, COLOR = "/drake/ghost", Rgba(0.45, 0.25, 0.85, 0.35)
+
+
+@dataclass(frozen=True, eq=False)
+class Ghost:
+    """A way of the arm.
+
+    Attributes:
+        times: Shape (n,) [s].
+        q: Joint positions, shape (n, 7) [rad].
+    """
+
+    times: Array
+    q: Array
+
+
+def ghost_of(scenario: Scenario, mode: ControlMode, until: float) -> Ghost:
+    """The true way of the arm in the same scenario under another mode.
+
+    A simulation that breaks off leaves the way until then.
+
+    Args:
+        scenario: The scenario.
+        mode: The mode.
+        until: How long [s].
+
+    Raises:
+        ScenarioError: The scenario has keys that this mode does not have.
+    """
+    scenario = deepcopy(scenario)
+    scenario.control.mode = mode.value
+    check_scenario(scenario)
+    diagram = make_dynamic_grasp(scenario)
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(scenario.simulator_config, simulator)
+    simulator.set_target_realtime_rate(0.0)
+    with suppress(RuntimeError):  # the solver failed
+        simulator.AdvanceTo(until)
+    log = diagram.GetSubsystemByName("log(arm)").FindLog(simulator.get_context())
+    return Ghost(log.sample_times().copy(), log.data()[: IIWA_7.joints].T.copy())
+
+
+def show_ghost(meshcat: Meshcat, scenario: Scenario, ghost: Ghost, rate: float) -> None:
+    """Draws it into the recording of a Meshcat, translucent, with an open hand.
+
+    Args:
+        meshcat: It records.
+        scenario: Whose cell has the arm.
+        ghost: Its way.
+        rate: Pictures per second.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    add_cell(plant, station_config(scenario))
+    plant.Finalize()
+    # Its collision geometry: what is seen of the arm has colours of its own.
+    params = MeshcatVisualizerParams(role=Role.kProximity, default_color=COLOR, prefix=PREFIX)
+    shown = MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    context, arm = plant.GetMyContextFromRoot(root), plant.GetModelInstanceByName("iiwa")
+    for time in np.arange(0.0, ghost.times[-1], 1.0 / rate):
+        plant.SetPositions(context, arm, ghost.q[np.searchsorted(ghost.times, time)])
+        root.SetTime(time)
+        shown.ForcedPublish(shown.GetMyContextFromRoot(root))
+    robot = robot_instances(plant)
+    for instance in map(ModelInstanceIndex, range(plant.num_model_instances())):
+        if instance not in robot:  # what stands still is there already
+            meshcat.Delete(f"{PREFIX}/{plant.GetModelInstanceName(instance)}")
