@@ -18,14 +18,25 @@ from mkdocs.structure.files import File, Files
 from tools.make_docs import ROOT, faces
 
 GALLERY = ROOT / "out" / "gallery"
-_NO_GALLERY = """# Gallery
+_PICTURES = """# Gallery
+
+`make demo`:
+
+![The arm follows a moving bottle, grasps and lifts it](images/demo.webp)
+
+`feasigrasp run ReachCircular --object mustard_bottle --seed 1 --ghost paper --replay replay.html`:
+
+![In violet, where the printed law would have the arm](images/ghost.webp)
+
+## Replays
+"""
+_NO_GALLERY = """
 
 Replays of every scenario, controller and mode, to turn and to step through in the browser. This
 site was built without them; `feasigrasp evaluate gallery` makes them, and the next `make docs`
 takes them in.
 """
-_WITH_GALLERY = """# Gallery
-
+_WITH_GALLERY = """
 [Replays of every scenario, controller and mode](replays/index.html), to turn and to step through in
 the browser.
 """
@@ -37,7 +48,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference.md": _reference(),
         "release_notes.md": _from_the_root("CHANGELOG.md"),
         "contributing.md": _from_the_root("CONTRIBUTING.md"),
-        "gallery.md": _WITH_GALLERY if GALLERY.is_dir() else _NO_GALLERY,
+        "gallery.md": _PICTURES + (_WITH_GALLERY if GALLERY.is_dir() else _NO_GALLERY),
     }
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))

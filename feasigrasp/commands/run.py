@@ -19,6 +19,7 @@ import yaml
 from feasigrasp.errors import FeasigraspError, OutputError
 from feasigrasp.evaluation.runs.console import StatusLine, summary
 from feasigrasp.evaluation.runs.hardware.control import run_hardware
+from feasigrasp.evaluation.runs.replay import quiet_meshcat
 from feasigrasp.evaluation.runs.run import INTERRUPTED, run
 from feasigrasp.evaluation.views.live import LiveView
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
@@ -117,7 +118,7 @@ def main(args: argparse.Namespace) -> int:
         )
     if args.ghost is not None and args.replay is None:
         raise FeasigraspError("--ghost is shown in a replay; give --replay FILE.html as well")
-    live = LiveView() if args.live else None
+    live = LiveView(quiet_meshcat()) if args.live else None
     if live is not None:
         print(f"watch it at {live.meshcat.web_url()}", flush=True)
     line = StatusLine()

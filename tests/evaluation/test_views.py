@@ -35,7 +35,7 @@ def press(live):
 
 @pytest.fixture
 def live():
-    return LiveView()
+    return LiveView(quiet_meshcat())
 
 
 @pytest.fixture

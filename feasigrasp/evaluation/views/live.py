@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
-from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 #: Names of the controls, and the key that presses the button.
@@ -23,9 +23,9 @@ class LiveView:
         meshcat: Where to show the cell.
     """
 
-    def __init__(self) -> None:
-        """Starts a server on this machine; a browser may come at any time."""
-        self.meshcat = Meshcat(MeshcatParams(host="localhost"))
+    def __init__(self, meshcat: Meshcat) -> None:
+        """Adds the controls to a Meshcat; a browser may come at any time."""
+        self.meshcat = meshcat
         self.meshcat.AddButton(PAUSE, KEY)
         self.meshcat.AddSlider(SPEED, SLOWEST, FASTEST, STEP, 1.0)
         self._speed = 0.0
