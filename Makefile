@@ -1,7 +1,7 @@
 # Every target sets up what it needs and is missing first; see tools/setup.sh.
 PYTHON := .venv/bin/python
 
-.PHONY: setup setup-demo demo test lint format docs wheel release clean
+.PHONY: setup setup-demo demo test lint format docs wheel release clean clean-caches
 
 setup:
 	@tools/setup.sh dev
@@ -16,6 +16,7 @@ demo: setup-demo
 # One thread for linear algebra: quicker on small matrices, and timings can be compared.
 test: export OMP_NUM_THREADS = 1
 test: lint
+	$(PYTHON) -m feasigrasp.cli warm-up
 	$(PYTHON) -m pytest
 
 lint: setup
@@ -41,4 +42,7 @@ release: wheel
 
 clean:
 	rm -rf out dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+# What numba compiled, too: the next run compiles it again, for a minute or two.
+clean-caches: clean
 	find . -path ./.venv -prune -o -type d -name __pycache__ -exec rm -rf {} +

@@ -48,6 +48,7 @@ ORDER = (
     ("evaluation.measures", "evaluation.peers", "evaluation.runs"),
     ("evaluation.pictures", "evaluation.report", "evaluation.tracking"),
     ("evaluation.bench", "evaluation.studies"),
+    ("warm_up",),
     ("commands",),
     ("cli",),
 )
@@ -149,11 +150,11 @@ def defined_names(body: list[ast.stmt]) -> Iterator[str]:
 
 
 def test_nothing_is_there_for_tests_alone(repository):
-    """Every definition is named once more in package, diagrams, examples or generators.
+    """Every definition is named once more in package, diagrams, examples, generators or tools.
 
     Counted by words: a name that something else has as well is not found.
     """
-    folders = ("feasigrasp", "diagrams", "examples", "models")
+    folders = ("feasigrasp", "diagrams", "examples", "models", "tools")
     sources = {p: p.read_text() for f in folders for p in (repository / f).rglob("*.py")}
     uses = Counter(word for text in sources.values() for word in words_of_code(text))
     alone = [

@@ -16,6 +16,7 @@ from typing import Any
 import pydot
 import yaml
 
+from feasigrasp.commands.warm_up import compile_ahead
 from feasigrasp.errors import FeasigraspError, OutputError
 from feasigrasp.evaluation.runs.console import StatusLine, summary
 from feasigrasp.evaluation.runs.hardware.control import run_hardware
@@ -33,6 +34,7 @@ from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.hardware.channels import LCM_URL
+from feasigrasp.warm_up import GROUPS, is_warm
 
 #: What runs if nothing else is asked for.
 DEFAULT_SCENARIO = "ReachCircular"
@@ -118,6 +120,9 @@ def main(args: argparse.Namespace) -> int:
         )
     if args.ghost is not None and args.replay is None:
         raise FeasigraspError("--ghost is shown in a replay; give --replay FILE.html as well")
+    groups = {str(scenario.control.controller)} & set(GROUPS)  # baselines compile as they go
+    if not is_warm(groups):
+        compile_ahead(groups)
     live = LiveView(quiet_meshcat()) if args.live else None
     if live is not None:
         print(f"watch it at {live.meshcat.web_url()}", flush=True)

@@ -165,7 +165,9 @@ def stay_kernel(q, grasp, branch, plan):
     which it is left; -1 if not before the horizon.
     """
     strands, times = plan.strands, plan.times
-    there = transfer_kernel(q, 0, (grasp, branch), (-1, -1), plan)
+    # Typed: for every constant among the arguments numba would compile another transfer_kernel.
+    now, nobody = np.int64(0), (np.int64(-1), np.int64(-1))
+    there = transfer_kernel(q, now, (grasp, branch), nobody, plan)
     if there.grasp < 0:
         return there, -1
     best, leave = there.cost, -1
@@ -175,7 +177,7 @@ def stay_kernel(q, grasp, branch, plan):
     K = len(times) - 1
     while k < K:
         here = strands.q[k, grasp, branch, j]
-        away = transfer_kernel(here, k, (-1, -1), (grasp, branch), plan)
+        away = transfer_kernel(here, k, nobody, (grasp, branch), plan)
         if until + away.cost < best:
             best, leave = until + away.cost, k
         m = strands.following[k, grasp, branch, j]

@@ -1,0 +1,47 @@
+"""``feasigrasp warm-up``: compile all that runs call, for containers and CI.
+
+``feasigrasp run`` does it too, for what it needs itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Collection
+
+from feasigrasp.errors import FeasigraspError
+from feasigrasp.evaluation.runs.console import StatusLine
+from feasigrasp.warm_up import GROUPS, warm_up
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument(
+        "controllers",
+        nargs="*",
+        metavar="CONTROLLER",
+        help=f"for runs with these, of {' and '.join(GROUPS)} (default: all)",
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    unknown = set(args.controllers) - set(GROUPS)
+    if unknown:
+        raise FeasigraspError(f"no controller {min(unknown)!r}; give {' or '.join(GROUPS)}")
+    return int(not compile_ahead(args.controllers or GROUPS))
+
+
+def compile_ahead(groups: Collection[str]) -> bool:
+    """Compiles what runs of these groups call, says how far it is, and whether all went well."""
+    began, line = time.monotonic(), StatusLine()
+    print("compiling what runs call: once, for a minute or two", flush=True)
+    line.show("loading the functions")
+    try:
+        failures = warm_up(groups, lambda progress: line.show(str(progress)))
+    finally:
+        line.clear()
+    for failure in failures:
+        print(f"not compiled: {failure}")
+    print(f"compiled in {time.monotonic() - began:.0f} s", flush=True)
+    return not failures

@@ -1,0 +1,7 @@
+"""Compiles what a run needs before it starts: on all processors, and saying how far it is."""
+
+from feasigrasp.warm_up.kernels import GROUPS, load_kernels
+from feasigrasp.warm_up.stamps import is_warm
+from feasigrasp.warm_up.warm_up import warm_up
+
+__all__ = ["GROUPS", "is_warm", "load_kernels", "warm_up"]

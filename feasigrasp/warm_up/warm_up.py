@@ -1,0 +1,142 @@
+"""Compiles kernels in as many processes as there are processors."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import joblib
+
+from feasigrasp.warm_up.kernels import Kernel, all_callees, load_kernels
+from feasigrasp.warm_up.stamps import write_stamps
+
+#: With more processes than that, most would wait for the longest kernel.
+_MOST_PROCESSES = 8
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far the compilation is.
+
+    Attributes:
+        done: How many functions are compiled.
+        count: How many there are.
+        seconds_left: About how long the others take [s].
+    """
+
+    done: int
+    count: int
+    seconds_left: float
+
+    def __str__(self) -> str:
+        left = f"about {self.seconds_left:.0f} s left"
+        return f"compiled {self.done} of {self.count} functions, {left}"
+
+
+def warm_up(
+    groups: Collection[str], report: Callable[[Progress], None] = lambda progress: None
+) -> list[str]:
+    """Compiles what runs of these groups call and what is not in numba's cache.
+
+    Args:
+        groups: Which runs, of `feasigrasp.warm_up.GROUPS`.
+        report: Gets how far it is, whenever a kernel and what it calls are compiled.
+
+    Returns:
+        What could not be compiled, and why; a run compiles it when it is called.
+    """
+    kernels = load_kernels(groups)
+    count = min(joblib.cpu_count(), _MOST_PROCESSES)
+    command = [sys.executable, "-m", f"{__package__}.worker"]
+    # Started before this process loads the modules itself.
+    workers = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for _ in range(count)
+    ]
+    try:
+        work = _Work(kernels, report)
+        with ThreadPoolExecutor(count) as threads:
+            list(threads.map(work.do_all, workers))
+    finally:
+        for worker in workers:
+            worker.kill()
+            worker.communicate()
+    if work.left():
+        return [*work.failures, f"{len(work.left())} others: no process is left"]
+    write_stamps(groups)
+    return work.failures
+
+
+class _Work:
+    """What is still to be compiled, and who compiles what.
+
+    A function that several kernels call should be compiled once: who is free takes the kernel that
+    shares the least with those that are being compiled, and of these the one with the least to do.
+    """
+
+    def __init__(self, kernels: Sequence[Kernel], report: Callable[[Progress], None]) -> None:
+        self.failures: list[str] = []
+        self._report = report
+        self._callees = {kernel: _callees_of(kernel) for kernel in kernels}
+        self._left, self._doing = set(kernels), set[Kernel]()
+        self._all = {k: n for callees in self._callees.values() for k, n in callees.items()}
+        self._compiled: set[str] = set()
+        self._lock, self._begun = threading.Lock(), time.monotonic()
+
+    def do_all(self, worker: subprocess.Popen[str]) -> None:
+        """Has a worker compile one after the other, until there is none left or the worker dies."""
+        assert worker.stdin is not None and worker.stdout is not None
+        while (kernel := self._take()) is not None:
+            try:
+                worker.stdin.write(f"{kernel.module}\t{kernel.name}\t{kernel.signature}\n")
+                worker.stdin.flush()
+                answer = worker.stdout.readline()
+            except BrokenPipeError:
+                answer = ""
+            self._finish(kernel, answer.strip() if answer else "its process died")
+            if not answer:
+                return
+
+    def left(self) -> list[Kernel]:
+        """What nobody took, because all workers died."""
+        return list(self._left)
+
+    def _take(self) -> Kernel | None:
+        with self._lock:
+            if not self._left:
+                return None
+            busy = set[str]().union(*(self._callees[kernel] for kernel in self._doing))
+            busy -= self._compiled
+
+            def rank(kernel: Kernel) -> tuple[int, int]:
+                callees = self._callees[kernel].items()
+                shared = sum(length for name, length in callees if name in busy)
+                return shared, sum(n for name, n in callees if name not in self._compiled)
+
+            kernel = min(self._left, key=rank)
+            self._left.remove(kernel)
+            self._doing.add(kernel)
+            return kernel
+
+    def _finish(self, kernel: Kernel, failure: str) -> None:
+        with self._lock:
+            self._doing.remove(kernel)
+            self._compiled |= self._callees[kernel].keys()
+            if failure:
+                self.failures.append(f"{kernel.module}.{kernel.name}: {failure}")
+            done = sum(self._all[name] for name in self._compiled)
+            passed = time.monotonic() - self._begun
+            seconds_left = passed * (sum(self._all.values()) / done - 1.0)
+            self._report(Progress(len(self._compiled), len(self._all), seconds_left))
+
+
+def _callees_of(kernel: Kernel) -> dict[str, int]:
+    try:
+        return all_callees(kernel.function())
+    except (ImportError, AttributeError):
+        return {f"{kernel.module}.{kernel.name}": 1}  # the worker says so
