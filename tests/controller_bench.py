@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.systems.baselines.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.gp_joint_controller import GPJointController
-from feasigrasp.systems.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 
 REACH = Reachability()

@@ -14,6 +14,8 @@ its authors' scripts give a number, it is a choice:
   5 mm), 0.005 would bring the hand to the mean in one control period of 5 ms; 0.0005 takes a tenth
   of the way, since the arm follows a tick late.
 - ``control.gain`` of the distance in joint space: 1, as the formula is printed.
+- ``control.gain`` of the energy's gradient (``diffusion``): 0.005 is 5/s times the way that is left
+  where the energy is that of noise of its least deviation, 0.03.
 - ``control.n_solutions``: the paper's "typically around 100".
 - ``reachability.horizon``: none, since the paper does not look ahead.
 """
@@ -28,6 +30,8 @@ from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
 from feasigrasp.scenario.schema import Scenario
 
+#: Gains of laws that go at a rate [1/s].
+_RATES = {**dict.fromkeys(ControlSpace, 5.0), ControlSpace.JOINT: 8.0}
 #: By key: the value in ``safe``, in ``corrected``, and in ``paper``. A value that differs between
 #: the controllers is a dictionary.
 PRESETS: dict[str, tuple[Any, Any, Any]] = {
@@ -41,9 +45,14 @@ PRESETS: dict[str, tuple[Any, Any, Any]] = {
     "reachability.twins": (True, True, False),
     "control.law": (Law.PRECONDITIONED.value, Law.PRECONDITIONED.value, Law.GRADIENT.value),
     "control.gain": (
-        {ControlSpace.TASK: 5.0, ControlSpace.JOINT: 8.0, ControlSpace.NEAREST: 5.0},
-        {ControlSpace.TASK: 5.0, ControlSpace.JOINT: 8.0, ControlSpace.NEAREST: 5.0},
-        {ControlSpace.TASK: 0.0005, ControlSpace.JOINT: 1.0, ControlSpace.NEAREST: 5.0},
+        _RATES,
+        _RATES,
+        {
+            **_RATES,
+            ControlSpace.TASK: 0.0005,
+            ControlSpace.JOINT: 1.0,
+            ControlSpace.DIFFUSION: 0.005,
+        },
     ),
     "control.damping": (0.02, 0.02, 0.0),
     "control.feed_forward": (True, True, False),

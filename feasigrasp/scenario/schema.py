@@ -198,7 +198,8 @@ class ControlConfig:
 
     Attributes:
         controller: ``task`` (Riemannian mixture) or ``joint`` (distance field over IK solutions);
-            ``nearest`` is a baseline, damped tracking of the nearest reachable grasp.
+            ``nearest`` and ``diffusion`` are baselines, damped tracking of the nearest reachable
+            grasp, and the gradient of a learned energy.
         mode: ``safe`` enforces limits and clearances; ``corrected`` (the paper's law with our
             corrections) and ``paper`` (as printed) enforce nothing.
         period: Control period [s].

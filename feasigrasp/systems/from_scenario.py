@@ -41,9 +41,9 @@ from feasigrasp.scenario.sampling import (
     make_motion,
 )
 from feasigrasp.scenario.schema import ControlConfig, Scenario
+from feasigrasp.systems.baselines.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
-from feasigrasp.systems.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
@@ -171,13 +171,8 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
             safety=safety,
         )
         return GPJointController(reachability, joint_options, period=period, mode=config.mode)
-    if config.controller == ControlSpace.NEAREST:
-        nearest_options = NearestOptions(
-            gain=config.gain, damping=config.damping, feed_forward=config.feed_forward
-        )
-        return NearestGraspController(
-            reachability, nearest_options, safety=safety, period=period, mode=config.mode
-        )
+    if config.controller != ControlSpace.TASK:
+        return _make_baseline(config, reachability, safety, period)
     prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
     choice = ChoiceOptions(_prices(config, prices), config.look_ahead)
     if not config.density:
@@ -198,6 +193,26 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
         mode=config.mode,
         seed=scenario.random_seed,
     )
+
+
+def _make_baseline(
+    config: ControlConfig, reachability: Reachability, safety: SafetyOptions, period: float
+) -> GraspController:
+    """A controller to compare with, see docs/baselines.md."""
+    law: dict[str, Any] = {
+        "gain": config.gain,
+        "damping": config.damping,
+        "feed_forward": config.feed_forward,
+    }
+    given: dict[str, Any] = {"safety": safety, "period": period, "mode": config.mode}
+    if config.controller == ControlSpace.NEAREST:
+        return NearestGraspController(reachability, NearestOptions(**law), **given)
+    # torch takes a second to import
+    from feasigrasp.models.control.task.diffusion_law import DiffusionControlOptions
+    from feasigrasp.systems.baselines.grasp_diffusion_controller import GraspDiffusionController
+
+    options = DiffusionControlOptions(law=config.law, **law)
+    return GraspDiffusionController(reachability, options, **given)
 
 
 def _prices(config: ControlConfig, prices: Prices) -> Prices:

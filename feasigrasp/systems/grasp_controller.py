@@ -31,7 +31,7 @@ from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
@@ -87,6 +87,12 @@ class ControllerInputs:
         """Predicts the object's poses; without it they follow its twist."""
         motion: MotionEstimate | None = _optional(self._controller._motion, self._context)
         return motion
+
+    @property
+    def gpdf(self) -> Gpdf | None:
+        """The object's distance field, in its frame; None while there is none."""
+        gpdf: Gpdf | None = _optional(self._controller._gpdf, self._context)
+        return gpdf
 
     @property
     def qd_last(self) -> Array | None:
@@ -202,10 +208,10 @@ class GraspController(LeafSystem):
         self._last = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         scene = declare_input(self, "scene")
         self._motion = declare_input(self, "object_motion")
-        gpdf = declare_input(self, "gpdf")
+        self._gpdf = declare_input(self, "gpdf")
         self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
-        self._surface = self._declare_grid("surface of the object", gpdf, object_grid)
+        self._surface = self._declare_grid("surface of the object", self._gpdf, object_grid)
         self._memory = PeriodicState(self, memory, period, self._updated)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
 
@@ -238,10 +244,18 @@ class GraspController(LeafSystem):
         """What the last `update` returned."""
         return self._memory.Eval(context)
 
-    def enforced(self, qd: Array, inputs: ControllerInputs) -> Array:
+    def enforced(
+        self,
+        qd: Array,
+        inputs: ControllerInputs,
+        J: Array | None = None,
+        V: Array | None = None,
+    ) -> Array:
         """The velocity nearest to ``qd`` (7,) that keeps limits and clearances.
 
-        In a mode that enforces nothing it is ``qd`` itself.
+        With a Jacobian J (6, 7) and a twist V (6,) of the hand, that is the one nearest to V, and
+        ``qd`` only fills the redundant directions. In a mode that enforces nothing it is ``qd``
+        itself.
         """
         if self.safety is None:
             return qd
@@ -249,7 +263,7 @@ class GraspController(LeafSystem):
         if inputs.surface is not None:
             moving = MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
         return self.safety.velocity(
-            inputs.q, qd, qd_last=inputs.qd_last, obstacles=inputs.obstacles, moving=moving
+            inputs.q, qd, J, V, qd_last=inputs.qd_last, obstacles=inputs.obstacles, moving=moving
         )
 
     def rehearse(self) -> None:

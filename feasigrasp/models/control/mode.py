@@ -9,6 +9,7 @@ class ControlSpace(StrEnum):
     TASK = "task"
     JOINT = "joint"
     NEAREST = "nearest"  # a baseline: the nearest reachable grasp, by damped least squares
+    DIFFUSION = "diffusion"  # a baseline: down the energy of grasp diffusion
 
 
 class ControlMode(StrEnum):

@@ -49,7 +49,7 @@ def add_control(
         "sequencer",
         GripperSequencer(scenario.grasp, cell.gripper, period=config.period),
         tracker,
-        **({"gpdf": gpdf} if safe else {}),
+        gpdf=gpdf,
         perceived=cell["perception"].GetOutputPort("perceived"),
         position=position,
         grasps=reachable.get_output_port(),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
@@ -55,17 +55,18 @@ class DiffusedObject(Frozen):
     cloud: Cloud
     middle: Array
 
-    def gradient(self, X_OG: Array, time: float = LAST_TIME) -> Array:
+    def gradient(self, X_OG: Array, time: ArrayLike = LAST_TIME) -> Array:
         """Gradient of the energy by body twists [angular; linear], (n, 6) [1/rad; 1/m].
 
         Args:
             X_OG: Hand poses, shape (n, 4, 4).
-            time: Noise level, in [0, 1].
+            time: Noise level, in [0, 1], one for all or shape (n,).
         """
         with torch.inference_mode(False):
             R = torch.from_numpy(np.ascontiguousarray(X_OG[:, :3, :3])).float()[None]
             p = torch.from_numpy((X_OG[:, :3, 3] - self.middle) / LENGTH).float()[None]
-            times = torch.full(p.shape[:2], float(time))
+            levels = np.broadcast_to(np.asarray(time, dtype=np.float32), len(X_OG))
+            times = torch.from_numpy(levels.copy())[None]
             found = self.network.gradient(self.cloud, R, p, times)[0].double().numpy()
         found[:, 3:] /= LENGTH
         return np.asarray(found)
@@ -87,7 +88,7 @@ class DiffusedObject(Frozen):
         X[:, :3, 3] = self.middle + _SPREAD * rng.standard_normal((count, 3))
         units = np.repeat([1.0, LENGTH], 3)
         for time, noisy in _schedule():
-            a = _STEP * float(_variance(time) / _variance(LAST_TIME))
+            a = _STEP * float(noise_variance(time) / noise_variance(LAST_TIME))
             step = -0.5 * a * self.gradient(X, time) * units  # per unit of length
             if noisy:
                 step += np.sqrt(a) * rng.standard_normal((count, 6))
@@ -152,11 +153,13 @@ def load_grasp_diffusion() -> GraspDiffusion:
     return GraspDiffusion.load(WEIGHTS / "grasp_diffusion.npz")
 
 
-def _variance(time: float) -> Tensor:
-    return standard_deviation(torch.tensor(time, dtype=torch.float64)) ** 2
+def noise_variance(time: ArrayLike) -> Array:
+    """Of the noise at times in [0, 1] [rad^2 or units^2]."""
+    times = torch.as_tensor(np.asarray(time, dtype=float))
+    return np.asarray(standard_deviation(times) ** 2)
 
 
 def _schedule() -> list[tuple[float, bool]]:
     """Noise levels of the steps, and whether noise is added."""
-    annealed = [(float(time), True) for time in np.linspace(1.0, LAST_TIME, ANNEALED)]
+    annealed = [(float(time), True) for time in np.geomspace(1.0, LAST_TIME, ANNEALED)]
     return annealed + [(LAST_TIME, False)] * SETTLING

@@ -1,0 +1,155 @@
+"""Down the energy of grasp diffusion: its gradient as the hand's twist. A baseline.
+
+The paper (arXiv 2311.02576, table II) drives the hand by the gradient of an SE(3) energy. The law
+``gradient`` is that: gain times the gradient at the least noise, in rad and units of the energy's
+length. ``preconditioned`` goes at a rate, by the gradient times the variance of the noise, which
+falls as when samples are drawn: where there are no grasps near, an energy of little noise knows
+nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.control.mode import Law
+from feasigrasp.models.control.task.nearest import NearestGrasp
+from feasigrasp.models.control.task.paper_law import least_norm_kernel
+from feasigrasp.models.control.task.safe_law import hand_twist_kernel
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.diffusion.energy import LENGTH
+from feasigrasp.models.grasps.diffusion.grasp_diffusion import (
+    LAST_TIME,
+    DiffusedObject,
+    GraspDiffusion,
+    noise_variance,
+)
+from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
+from feasigrasp.models.grasps.network.surface_input import grasp_input
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.models.shape.gpdf import Gpdf
+
+#: The noise falls by this factor of its time from update to update, while the grasps are no farther
+#: than so many of its standard deviations: the length of noise in six directions, and half as much
+#: again.
+_COOLING, _FARTHEST = 0.85, 1.5 * np.sqrt(6.0)
+#: So far from the middle of an object noise brings hands [m].
+_KNOWN = 0.35
+#: From radians and units of the energy to radians and metres.
+_UNITS = np.repeat([1.0, LENGTH], 3)
+
+
+@dataclass(frozen=True)
+class DiffusionControlOptions:
+    """Gains of the law.
+
+    Attributes:
+        law: See the head of this module.
+        gain: Rate at which the hand closes its distance [1/s], or what the gradient is multiplied
+            with [1/s].
+        max_linear: Largest speed relative to the object [m/s]; not for ``gradient``.
+        max_angular: Largest angular speed relative to the object [rad/s]; likewise.
+        damping: Of the pseudo-inverse.
+        feed_forward: Whether the object's twist is added.
+    """
+
+    law: str = Law.PRECONDITIONED
+    gain: float = 5.0
+    max_linear: float = 0.4
+    max_angular: float = 1.5
+    damping: float = 0.02
+    feed_forward: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class DiffusedField(Frozen):
+    """The energy of the present field; none while nothing is known.
+
+    Attributes:
+        gpdf: The field.
+        diffused: Its energy.
+        time: Noise level that is followed, from 1 down to `LAST_TIME`.
+        grasp: Followed instead, without a field: where to hold and to lift, once fingers close.
+    """
+
+    gpdf: Gpdf | None = None
+    diffused: DiffusedObject | None = None
+    time: float = 1.0
+    grasp: NearestGrasp = field(default_factory=NearestGrasp)
+
+    def of(self, gpdf: Gpdf, diffusion: GraspDiffusion) -> DiffusedField:
+        """The same for another field, encoded only if it is another one."""
+        if gpdf is self.gpdf:
+            return self
+        diffused = diffusion.at(grasp_input(gpdf, DiffusionSampler.n_points))
+        return DiffusedField(gpdf, diffused, self.time)
+
+    def cooled(self, X_OH: Array) -> DiffusedField:
+        """The same with less noise if the grasps are near for a hand, with more if they are far."""
+        if self.diffused is None or not np.isfinite(X_OH).all():
+            return self
+        far = np.linalg.norm(self.way(X_OH) / _UNITS) / np.sqrt(noise_variance(self.time))
+        factor = _COOLING if far <= _FARTHEST else 1.0 / _COOLING
+        return replace(self, time=float(np.clip(self.time * factor, LAST_TIME, 1.0)))
+
+    def way(self, X_OH: Array) -> Array:
+        """Variance of the noise times the gradient, downwards, at a hand pose (4, 4) in O.
+
+        A hand beyond what noise reaches goes as from the nearest place that it does reach, after
+        the way to there.
+
+        Returns:
+            Body twist [angular; linear], shape (6,) [rad; m].
+        """
+        if self.diffused is None:
+            return np.zeros(6)
+        beside = X_OH[:3, 3] - self.diffused.middle
+        back = beside * max(0.0, 1.0 - _KNOWN / max(float(np.linalg.norm(beside)), _KNOWN))
+        X = X_OH.copy()
+        X[:3, 3] -= back
+        way = -noise_variance(self.time) * self.diffused.gradient(X[None], self.time)[0] * _UNITS**2
+        way[3:] -= X_OH[:3, :3].T @ back
+        return np.asarray(way)
+
+
+def diffusion_velocity(
+    q: Array,
+    energy: DiffusedField,
+    X_WO: Array,
+    V_WO: Array,
+    X_FG: Array,
+    options: DiffusionControlOptions,
+) -> tuple[Array, Array, Array]:
+    """Joint velocity down the energy by the damped pseudo-inverse, nothing enforced.
+
+    Args:
+        q: Joint positions [rad], shape (7,).
+        energy: That of the present field.
+        X_WO: Object pose, shape (4, 4).
+        V_WO: Object twist [angular; linear], shape (6,).
+        X_FG: The grasp frame on the flange, shape (4, 4).
+        options: Law and gains.
+
+    Returns:
+        Joint velocity [rad/s], shape (7,); the Jacobian, shape (6, 7), and the twist V_WH that it
+        gives the hand, shape (6,). No motion without an energy, or if anything is not finite.
+    """
+    X_WH, J_WH = pose_and_jacobian(q, X_FG)
+    J = np.ascontiguousarray(J_WH)
+    known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
+    if energy.diffused is None or not known:
+        return np.zeros(IIWA_7.joints), J, np.zeros(6)
+    X_OH = se3.inverse(X_WO) @ X_WH
+    if options.law == Law.GRADIENT:
+        way = -energy.diffused.gradient(X_OH[None])[0] * _UNITS**2
+        limits = np.inf, np.inf
+    else:
+        way = energy.way(X_OH)
+        limits = options.max_angular, options.max_linear
+    V_O = np.array(V_WO if options.feed_forward else np.zeros(6), dtype=float)
+    X_WO = np.ascontiguousarray(X_WO, dtype=float)
+    V_WH = hand_twist_kernel(options.gain * way, X_WH, X_WO, V_O, *limits)
+    return least_norm_kernel(J, V_WH, options.damping), J, V_WH

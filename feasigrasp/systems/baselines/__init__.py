@@ -1,0 +1,1 @@
+"""Controllers to compare ours with, see docs/baselines.md."""

@@ -1,0 +1,95 @@
+"""The gradient of a learned energy of grasps as the hand's twist: a baseline."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.task.diffusion_law import (
+    DiffusedField,
+    DiffusionControlOptions,
+    diffusion_velocity,
+)
+from feasigrasp.models.control.task.nearest import (
+    NearestOptions,
+    nearest_grasp,
+    nearest_grasp_velocity,
+)
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.diffusion.grasp_diffusion import (
+    GraspDiffusion,
+    load_grasp_diffusion,
+)
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.scenario.schema import ReachabilityConfig
+from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
+
+
+class GraspDiffusionController(GraspController):
+    """Descends the energy of grasp diffusion, of the object that the port ``gpdf`` describes.
+
+    At every update the surface is encoded, if the field is another one; the memory is a
+    `DiffusedField`. In between the command is a function of the inputs alone. On the way it looks
+    at no grasps, only whether there are any in reach: without one the command is to stop, as it is
+    while the object's pose or twist is not finite. Without a field, as when fingers close and lift,
+    it follows the grasp that it is given.
+
+    Torch is set to one thread, which is best at control rate.
+    """
+
+    def __init__(
+        self,
+        reachability: Reachability,
+        options: DiffusionControlOptions | None = None,
+        *,
+        diffusion: GraspDiffusion | None = None,
+        safety: SafetyOptions | None = None,
+        period: float = ReachabilityConfig.period,
+        mode: str = ControlMode.SAFE,
+    ) -> None:
+        """A controller; ``mode`` is ``safe``, or one that enforces nothing.
+
+        Args:
+            reachability: Tells the hand on the flange.
+            options: Law and gains.
+            diffusion: The energy; by default the one that comes with the package.
+            safety: Margins of ``safe`` mode.
+            period: Time between updates [s].
+            mode: One of `ControlMode`.
+
+        Raises:
+            ControlError: There is no such mode.
+            WeightsError: The energy's weights are missing or broken.
+        """
+        super().__init__(reachability, DiffusedField(), safety=safety, period=period, mode=mode)
+        self._options = options or DiffusionControlOptions()
+        self._diffusion = diffusion or load_grasp_diffusion()
+        torch.set_num_threads(1)
+        self.rehearse()
+
+    def update(self, memory: DiffusedField, inputs: ControllerInputs) -> DiffusedField:
+        """The energy of the present field, and its noise."""
+        grasps, gpdf, X_WO = inputs.grasps.X_OG, inputs.gpdf, inputs.X_WO
+        if gpdf is None:
+            held = nearest_grasp(memory.grasp, inputs.q, grasps, X_WO, self.reachability)
+            return DiffusedField(grasp=held)
+        X_WH = forward_kinematics(inputs.q, self.reachability.gripper.X_FG)
+        return memory.of(gpdf, self._diffusion).cooled(se3.inverse(X_WO) @ X_WH)
+
+    def velocity(self, memory: DiffusedField, inputs: ControllerInputs) -> Array:
+        """Down the energy."""
+        q, X_WO, V_WO, options = inputs.q, inputs.X_WO, inputs.V_WO, self._options
+        if len(inputs.grasps) == 0:
+            return self.enforced(np.zeros(IIWA_7.joints), inputs)
+        if memory.grasp:
+            near = NearestOptions(feed_forward=options.feed_forward)
+            qd = nearest_grasp_velocity(q, memory.grasp, X_WO, V_WO, self.reachability, near)
+            return self.enforced(qd, inputs)
+        X_FG = self.reachability.gripper.X_FG
+        qd, J, V = diffusion_velocity(q, memory, X_WO, V_WO, X_FG, options)
+        return self.enforced(qd, inputs, J, V)
