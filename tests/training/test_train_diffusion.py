@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
+from feasigrasp.evaluation.measures.diffusion_score import score
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.diffusion.grasp_diffusion import GraspDiffusion
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -15,65 +16,13 @@ from feasigrasp.training.data.hand_poses import LEAST
 from feasigrasp.training.data.household_shapes import make_shape
 from feasigrasp.training.diffusion_batches import with_noise
 
-STEP = 1e-5
-
-
-def log_density(components, X, deviation):
-    """Of poses X (n, 4, 4) by the volume of the group: equal components with Gaussian noise."""
-    v = np.stack([se3.log(se3.inverse(each) @ X) for each in components])
-    angle = np.linalg.norm(v[..., :3], axis=-1)
-    # |det J_r| of SE(3) is that of SO(3) squared.
-    volume = (2.0 * (1.0 - np.cos(angle)) / angle**2) ** 2
-    terms = -(v**2).sum(-1) / (2.0 * deviation**2) - np.log(volume)
-    return np.logaddexp.reduce(terms, axis=0)
-
-
-def slope(components, X, deviation):
-    """Gradient of the log density by a body twist, by central differences, (n, 6)."""
-    found = np.empty((len(X), 6))
-    for i in range(6):
-        step = se3.exp(STEP * np.eye(6)[i])
-        ahead, behind = (
-            log_density(components, X @ way, deviation) for way in (step, se3.inverse(step))
-        )
-        found[:, i] = (ahead - behind) / (2.0 * STEP)
-    return found
-
 
 @pytest.mark.parametrize("deviation", [0.03, 0.7])
 def test_the_noise_of_one_pose_points_down_its_density(deviation):
     rng = np.random.default_rng(0)
     X = se3.random_pose(rng, 1)
     noised, gradient = with_noise(np.repeat(X, 50, axis=0), np.full(50, deviation), rng)
-    np.testing.assert_allclose(gradient, -slope(X, noised, deviation), rtol=1e-4, atol=1e-3)
-
-
-@pytest.mark.parametrize("deviation", [0.2, 0.7])
-def test_on_average_the_noise_is_the_score_of_a_known_mixture(deviation):
-    """What least squares would learn from the noise is the analytic score, to 5 % or better.
-
-    For any function f of the pose, the mean of f times noise is that of f times score. Here f is
-    the score itself. The components overlap, so single poses do not tell; and noise without its
-    Jacobian fails where it is large.
-    """
-    rng, n = np.random.default_rng(1), 60_000
-    components = se3.random_pose(rng, 3)
-    components[:, :3, :3] = se3.so3_exp([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.0, 0.4, 0.3]])
-    components[:, :3, 3] *= 0.3
-    of_component = components[rng.integers(3, size=n)]
-    X, gradient = with_noise(of_component, np.full(n, deviation), rng)
-    score = slope(components, X, deviation)
-    assert relative_error(-gradient, score) < 0.05
-    assert np.linalg.norm(gradient + score) > 0.2 * np.linalg.norm(score)
-    if deviation > 0.5:
-        flat = -se3.log(se3.inverse(of_component) @ X) / deviation**2
-        assert relative_error(flat, score) > 0.05
-
-
-def relative_error(found, score):
-    """Of the matrix that least squares would fit: the covariance of a field with the score."""
-    exact = score.T @ score
-    return np.linalg.norm(score.T @ found - exact) / np.linalg.norm(exact)
+    np.testing.assert_allclose(gradient, -score(X, noised, deviation), rtol=1e-4, atol=1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from feasigrasp.evaluation.measures.diffusion_score import score_error
 from feasigrasp.evaluation.measures.grasps import (
     equivariance_error,
     is_graspable,
@@ -65,6 +66,9 @@ FRICTION = 0.6
 GRIPPER = ParallelGripper()
 #: Coverage asks for so many grasps.
 ENOUGH = 10
+#: Deviations of the noise that the baseline's directions are compared with a known mixture at
+#: [rad and units of length], and poses.
+NOISE, NOISED_POSES = (0.03, 0.2, 0.7), 200_000
 #: Columns of the raw files, by kind of record.
 _COLUMNS = {
     "set": ("grasps", "valid", "antipodal", "free", "top_valid", "cpu_ms"),
@@ -190,7 +194,13 @@ def main(args: argparse.Namespace) -> int:
     )
     records = [record for name in objects for record in finished[name]]
     write_records(records, args.out)
-    report_rows(args, "evaluate sampler", summary_rows(records))
+    rows = summary_rows(records)
+    for deviation in NOISE:
+        error = score_error(deviation, NOISED_POSES, args.seed)
+        rows.append(
+            Row.plain("diffusion.score_error", f"targets/{deviation}", error, "1", NOISED_POSES)
+        )
+    report_rows(args, "evaluate sampler", rows)
     return 0
 
 
