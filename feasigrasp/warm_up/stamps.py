@@ -27,7 +27,9 @@ def cache_folder() -> Path:
     """
     from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 
-    return Path(inverse_kernel.stats.cache_path)
+    path = inverse_kernel.stats.cache_path
+    assert path is not None  # it is one that is kept
+    return Path(path)
 
 
 def is_warm(groups: Collection[str]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,7 +107,10 @@ def run(
             tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
             simulator = Simulator(diagram)
             ApplySimulatorConfig(scenario.simulator_config, simulator)
-            simulator.set_monitor(_Monitor(simulator, interrupted, line, live))
+            # Weakly: no garbage collector sees that a simulator keeps its monitor, and renderers
+            # that are never freed leave threads, for which forked runs would wait.
+            watched_run = weakref.proxy(simulator)
+            simulator.set_monitor(_Monitor(watched_run, interrupted, line, live))
             if interrupted.is_set():
                 raise KeyboardInterrupt  # there is nothing yet
             started = time.perf_counter()

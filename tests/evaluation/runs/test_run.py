@@ -1,12 +1,15 @@
 """Every scenario runs, with either controller, and leaves a valid record."""
 
+import gc
 import json
+import weakref
 from dataclasses import replace
 from importlib import resources
 
 import jsonschema
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from feasigrasp.evaluation.metrics.cause import Cause
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, summarize
@@ -205,3 +208,19 @@ def test_the_schema_can_fail(validator):
         {key: value for key, value in record.items() if key != "git"},
     ):
         assert not validator.is_valid(broken)
+
+
+def test_nothing_of_a_run_stays_alive(monkeypatch):
+    """Renderers have threads; processes that are forked later would wait for them for ever."""
+    alive = []
+
+    def simulator_of(diagram):
+        simulator = Simulator(diagram)
+        alive.append(weakref.ref(simulator))
+        return simulator
+
+    monkeypatch.setattr("feasigrasp.evaluation.runs.run.Simulator", simulator_of)
+    run(load_scenario(FILE, "ReachLinear", "{simulation_duration: 0.1}"))
+    gc.unfreeze()
+    gc.collect()
+    assert [simulator() for simulator in alive] == [None]
