@@ -28,7 +28,7 @@ from feasigrasp.resources import diagram_path, model_path
 _MODULES = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
 _REINSTALL = "pip install --force-reinstall --no-deps"
 #: Files that come with the package: of each network, and of the reachable space.
-_WEIGHTS = ("grasp_network", "grasp_network_paper", "hidden_side", "ik_flow")
+_WEIGHTS = ("grasp_network", "grasp_network_paper", "hidden_side", "ik_flow", "grasp_diffusion")
 _SPACES = ("reachable_space", "reachable_space_paper")
 #: Prints the depth that a camera sees in the middle of a wall that is 0.9 m away.
 _RENDER = """

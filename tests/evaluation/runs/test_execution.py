@@ -62,7 +62,7 @@ def test_the_arm_is_at_a_grasp_at_once():
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     simulator.Initialize()
-    teleport(simulator, 2.0)
+    teleport(simulator, ParallelGripper(), 2.0)
     root = simulator.get_context()
     assert 0.0 < root.get_time() < 1.0
 
@@ -84,5 +84,5 @@ def test_without_a_grasp_the_arm_stays():
     scenario = still("{motion: {center: [1.5, 0.0, 0.6]}}")
     simulator = Simulator(make_dynamic_grasp(scenario))
     simulator.Initialize()
-    teleport(simulator, 0.11)
+    teleport(simulator, ParallelGripper(), 0.11)
     assert simulator.get_context().get_time() == pytest.approx(0.11)

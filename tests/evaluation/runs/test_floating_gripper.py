@@ -74,7 +74,7 @@ def test_another_hand_holds_what_is_too_wide_for_the_packaged_one():
     block = RigidObject.of_mesh("block", trimesh.creation.box((0.095, 0.03, 0.06)).subdivide(), 0.1)
     assert hold_trials(block, turned(0.0), WSG_50)[0].held
     wide = np.roll(np.eye(4)[:, :3], 1, axis=1)  # closes along y, beside the block
-    assert hold_trials(block, np.column_stack([wide, [0, 0.06, 0, 1]]), WSG_50)[0].why == "missed"
+    assert hold_trials(block, np.column_stack([wide, [0, 0.1, 0, 1]]), WSG_50)[0].why == "missed"
 
 
 def test_sampled_grasps_are_free_and_half_valid():

@@ -62,9 +62,9 @@ def test_the_ablation_has_every_sampler_and_stage(fake_runs, tmp_path):
     assert evaluate(tmp_path, "--protocols", "honest", "--ablation") == 0
     found = {preset for preset, name in rows_of(tmp_path) if name == "static.held_percent"}
     stages = ("", "+filter", "+filter+reachability")
-    samplers = ("network", "paper", "antipodal")
+    samplers = ("network", "paper", "antipodal", "diffusion")
     assert found == {"honest", *(f"honest/{a}{b}" for a in samplers for b in stages)}
-    assert len(fake_runs) == 9 * 2 * 3  # the whole pipeline is run once
+    assert len(fake_runs) == 12 * 2 * 3  # the whole pipeline is run once
     assert cli.main(["report", str(tmp_path)]) == 0
     text = (tmp_path / "report.md").read_text()
     assert "| printed: the paper | 77.6 | 88.6 | 90.0 |" in text

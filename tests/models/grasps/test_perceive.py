@@ -37,7 +37,7 @@ def test_a_ball_is_completed_and_grasped(sampler):
     assert np.median(size) == pytest.approx(RADIUS, abs=0.004)
     lines = np.cross(center - found.grasps.X_OG[:, :3, 3], found.grasps.X_OG[:, :3, 0])
     assert np.median(np.linalg.norm(lines, axis=1)) < 0.01  # the closing line meets the centre
-    assert sum(found.grasps.rejected.values()) > 100
+    assert sum(found.grasps.rejected.values()) > 50  # of 100 that the diffusion samples
     assert set(found.grasps.rejected) <= set(Rejection)
     np.testing.assert_array_equal(found.viewpoint, np.zeros(3))
 
@@ -46,7 +46,7 @@ def test_a_ball_is_completed_and_grasped(sampler):
 def test_a_cloud_of_all_sides_needs_no_camera(sampler):
     found = perceive(sphere() + [1.0, 2.0, 3.0], viewpoint=None, sampler=sampler)
     assert found.viewpoint is None
-    assert len(found.grasps) > 20
+    assert len(found.grasps) >= 10
     assert np.ptp(found.grasps.width) < 0.01
 
 
@@ -73,7 +73,7 @@ def test_the_seed_is_that_of_the_antipodal_sampler():
 
 def test_what_the_pads_cannot_carry_comes_last_or_not_at_all():
     """A ball of 5 cm hangs from any grasp; with lead inside only from those through its middle."""
-    light, heavy = (perceive(seen_sphere(), mass=mass, down=(0, 1, 0)) for mass in (0.05, 3.0))
+    light, heavy = (perceive(seen_sphere(), mass=mass, down=(0, 1, 0)) for mass in (0.05, 1.0))
     assert len(heavy.grasps) < len(light.grasps)
     assert heavy.grasps.rejected["too heavy there"] > 0
     assert (np.diff(heavy.grasps.score) <= 0.0).all()
