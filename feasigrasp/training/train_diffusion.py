@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from feasigrasp.models.grasps.diffusion.energy import PoseEnergy, standard_deviation
+from feasigrasp.models.grasps.diffusion.energy import LENGTH, PoseEnergy, standard_deviation
 from feasigrasp.models.grasps.diffusion.grasp_diffusion import GraspDiffusion
 from feasigrasp.results.arguments import add_run_arguments, positive
 from feasigrasp.results.finished import make_shards
@@ -105,11 +105,10 @@ class Training(TrainingRun[PoseEnergy]):
             fine.append(score[batch.time < 0.1].flatten())
             distances.append(distance.flatten())
         means = [float(torch.cat(part).mean()) for part in (scores, fine, distances)]
-        millimetres = 125.0
         return {
             "held_out_score": means[0],
             "held_out_score_fine": means[1],
-            "held_out_distance_mm": millimetres * means[2],
+            "held_out_distance_mm": 1e3 * LENGTH * means[2],
         }
 
     def export(self) -> None:

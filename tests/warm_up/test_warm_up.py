@@ -125,10 +125,15 @@ def test_a_run_compiles_first_only_if_it_must(monkeypatch, capsys):
 
 
 def test_the_command_says_what_failed(monkeypatch, capsys):
+    monkeypatch.setattr(command, "is_warm", lambda groups: False)
     monkeypatch.setattr(command, "warm_up", lambda groups, report: ["a.b: TypingError: bad"])
     assert cli.main(["warm-up", "task"]) == 1
     assert "not compiled: a.b: TypingError: bad" in capsys.readouterr().out
     monkeypatch.setattr(command, "warm_up", lambda groups, report: [])
     assert cli.main(["warm-up"]) == 0
+    monkeypatch.setattr(command, "is_warm", lambda groups: True)
+    monkeypatch.setattr(command, "warm_up", lambda groups, report: pytest.fail("not again"))
+    assert cli.main(["warm-up"]) == 0
+    assert "is compiled" in capsys.readouterr().out
     assert cli.main(["warm-up", "tusk"]) == 2
     assert "no controller 'tusk'; give task or joint" in capsys.readouterr().err

@@ -17,7 +17,7 @@ import numpy as np
 from feasigrasp.evaluation.measures.timing import cpu_ms
 from feasigrasp.evaluation.tracking.recording import RATE, Recording
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.clouds.camera import Camera, unproject
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.geometry import se3
@@ -224,7 +224,6 @@ def images(
     h, w = recording.depths.shape[1:]
     fx, fy, cx, cy = recording.intrinsics
     camera = Camera((fx, fy, cx, cy), w, h, sensor.near, sensor.noise.axial(fx))
-    v, u = np.indices((h, w))
     for k, X_WC in enumerate(recording.X_WC):
         depth = recording.depth(k)
         depth[depth < sensor.near] = 0.0
@@ -233,9 +232,7 @@ def images(
         if hidden[0] < recording.times[k] < hidden[1]:
             depth[:] = 0.0
         seen = np.isfinite(depth) & (depth > 0.0)
-        z = np.where(seen, depth, np.inf)
-        with np.errstate(invalid="ignore"):  # zero times infinity, where nothing was seen
-            points = np.stack([(u - cx) / fx * z, (v - cy) / fy * z, z])
+        points = unproject(np.where(seen, depth, np.inf), camera.intrinsics)
         mask = recording.masks[k]
         used = mask & seen & ~edge_pixels(points, seen, mask, EDGE_JUMP)
         points_W = points[:, used].T @ X_WC[:3, :3].T + X_WC[:3, 3]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
-from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.clouds.camera import Camera, unproject
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, Label, segment
@@ -73,10 +73,8 @@ class UnaidedTracker(Frozen):
 
     def _points(self, depth: Array, X_WC: Array) -> Array:
         """By pixel in the world, NaN where nothing was measured, shape (n, 3) [m]."""
-        fx, fy, cx, cy = self.camera.intrinsics
-        v, u = np.indices(depth.shape)
         z = np.where(np.isfinite(depth) & (depth > self.camera.near), depth, np.nan)
-        points_C = np.stack([(u - cx) / fx * z, (v - cy) / fy * z, z], axis=-1).reshape(-1, 3)
+        points_C = unproject(z, self.camera.intrinsics).reshape(3, -1).T
         return np.asarray(points_C @ X_WC[:3, :3].T + X_WC[:3, 3])
 
     def _object(self, points: Array, seen: Mask, X_WC: Array) -> Mask:

@@ -51,3 +51,18 @@ def project(points_C: Array, intrinsics: tuple[float, float, float, float]) -> t
     fx, fy, cx, cy = intrinsics
     z = np.maximum(points_C[:, 2], 1e-6)
     return fx * points_C[:, 0] / z + cx, fy * points_C[:, 1] / z + cy
+
+
+def unproject(depth: Array, intrinsics: tuple[float, float, float, float]) -> Array:
+    """Points in a camera's frame of the pixels of a depth image, shape (3, height, width) [m].
+
+    Where the depth is not finite, they are not.
+
+    Args:
+        depth: Depths along z, shape (height, width) [m].
+        intrinsics: fx, fy, cx, cy [px].
+    """
+    fx, fy, cx, cy = intrinsics
+    v, u = np.indices(depth.shape)
+    with np.errstate(invalid="ignore"):  # zero times infinity
+        return np.stack([(u - cx) / fx * depth, (v - cy) / fy * depth, depth])

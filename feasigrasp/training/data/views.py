@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.clouds.camera import unproject
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
@@ -81,13 +82,12 @@ class ViewedObject:
             The points of the pixels that show the object, except those at the edge of its mask.
         """
         depth, (left, top) = self._render(X_OC)
-        fx, fy, cx, cy = CAMERA[0], CAMERA[1], CAMERA[2] - left, CAMERA[3] - top
+        intrinsics = CAMERA[0], CAMERA[1], CAMERA[2] - left, CAMERA[3] - top
         of_body = np.isfinite(depth)
         if rng is not None:
-            depth = DepthNoise().apply(depth, (fx, fy, cx, cy), rng)
+            depth = DepthNoise().apply(depth, intrinsics, rng)
         seen = np.isfinite(depth)
-        v, u = np.indices(depth.shape)
-        in_camera = np.stack([(u - cx) / fx * depth, (v - cy) / fy * depth, depth])
+        in_camera = unproject(depth, intrinsics)
         used = of_body & seen & ~edge_pixels(in_camera, seen, of_body, EDGE_JUMP)
         rows, columns = np.nonzero(used)
         points_C = in_camera[:, used].T
