@@ -16,8 +16,8 @@ from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.mass import estimate_mass
 
 #: Friction of rubber on household surfaces; and the share of the moment of its patches that pads
-#: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a completed
-#: surface and not quite opposite each other, and what they press beside each other takes friction.
+#: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a
+#: completed surface, not quite opposite each other, and what they press beside takes friction.
 FRICTION, TORSION_SHARE = 0.6, 0.35
 #: Grasps less likely than this to carry are offered only while there is no other.
 LEAST_CARRY = 0.5
