@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Collection
 
@@ -37,15 +38,18 @@ def main(args: argparse.Namespace) -> int:
 
 
 def compile_ahead(groups: Collection[str]) -> bool:
-    """Compiles what runs of these groups call, says how far it is, and whether all went well."""
+    """Compiles what runs of these groups call, says how far it is, and whether all went well.
+
+    It says so on standard error: what a run prints is about the run.
+    """
     began, line = time.monotonic(), StatusLine()
-    print("compiling what runs call: once, for a minute or two", flush=True)
+    print("compiling what runs call: once, for a minute or two", file=sys.stderr, flush=True)
     line.show("loading the functions")
     try:
         failures = warm_up(groups, lambda progress: line.show(str(progress)))
     finally:
         line.clear()
     for failure in failures:
-        print(f"not compiled: {failure}")
-    print(f"compiled in {time.monotonic() - began:.0f} s", flush=True)
+        print(f"not compiled: {failure}", file=sys.stderr)
+    print(f"compiled in {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
     return not failures

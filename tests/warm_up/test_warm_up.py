@@ -128,7 +128,7 @@ def test_the_command_says_what_failed(monkeypatch, capsys):
     monkeypatch.setattr(command, "is_warm", lambda groups: False)
     monkeypatch.setattr(command, "warm_up", lambda groups, report: ["a.b: TypingError: bad"])
     assert cli.main(["warm-up", "task"]) == 1
-    assert "not compiled: a.b: TypingError: bad" in capsys.readouterr().out
+    assert "not compiled: a.b: TypingError: bad" in capsys.readouterr().err
     monkeypatch.setattr(command, "warm_up", lambda groups, report: [])
     assert cli.main(["warm-up"]) == 0
     monkeypatch.setattr(command, "is_warm", lambda groups: True)
