@@ -12,11 +12,11 @@ from feasigrasp.systems.carry_filter import CarryFilter
 def heavy_grasps():
     """Two grasps across x; the centre of mass is beside one along y, and along z of the other."""
     load = Load(
-        closing=np.tile([1.0, 0.0, 0.0], (2, 1)),
+        R_OG=np.tile(np.eye(3), (2, 1, 1)),
         lever=np.array([[0.0, 0.12, 0.0], [0.0, 0.0, 0.12]]),
         body=MassEstimate(0.6, 0.05, np.zeros(3), 0.0),
         force=np.full(2, 48.0),
-        moment=np.full(2, 0.4),
+        moment=np.tile([0.4, np.inf, np.inf], (2, 1)),
     )
     X_OG = np.tile(np.eye(4), (2, 1, 1))
     return GraspSet(X_OG, np.full(2, 0.04), np.full(2, 0.9), id=np.array([7, 8]), load=load)

@@ -15,12 +15,13 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.mass import estimate_mass
 
-#: Friction of rubber on household surfaces; and the share of the moment of its patches that pads
+#: Friction of rubber on household surfaces; and the share of the moments of its patches that pads
 #: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a
 #: completed surface, not quite opposite each other, and what they press beside takes friction.
-FRICTION, TORSION_SHARE = 0.6, 0.35
-#: Grasps less likely than this to carry are offered only while there is no other.
-LEAST_CARRY = 0.5
+FRICTION, MOMENT_SHARE = 0.6, 0.35
+#: Grasps less likely than this to carry are offered only while there is no other, and then those
+#: that are nearly as likely as the best.
+LEAST_CARRY, NEARLY_BEST = 0.7, 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +50,13 @@ class Carrier:
             return grasps
         grip = grip_of(gpdf, grasps, self.gripper)
         body = estimate_mass(gpdf, self.mass)
+        moment = np.column_stack([FRICTION * grip.torsion, grip.bending])
         load = Load(
-            closing=grasps.X_OG[:, :3, 0],
+            R_OG=grasps.X_OG[:, :3, :3],
             lever=body.p_OC - grip.p_OP,
             body=body,
             force=np.full(len(grasps), FRICTION * grip.force),
-            moment=TORSION_SHARE * FRICTION * grip.moment,
+            moment=MOMENT_SHARE * moment,
         )
         return replace(grasps, load=load)
 
@@ -76,8 +78,7 @@ def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
         return grasps
     carries = grasps.load.probability(down)
     ranked = replace(grasps, score=grasps.score * carries)
-    kept = np.flatnonzero(carries >= LEAST_CARRY)
-    if down is None or len(kept) == 0:
-        kept = np.arange(len(grasps))
+    least = -np.inf if down is None else min(LEAST_CARRY, NEARLY_BEST * carries.max())
+    kept = np.flatnonzero(carries >= least)
     best_first = kept[np.argsort(-ranked.score[kept], kind="stable")]
     return ranked.select(best_first, Rejection.TOO_HEAVY)

@@ -4,7 +4,9 @@ A pad is an elastic foundation (Winkler's; Johnson, "Contact Mechanics", 1985, s
 it is pressed in by u it pushes back with ``k u``, whatever its neighbours do. A patch with the
 pressure p bears a moment about the closing line of at most ``mu int |r - r_p| p dA``, with its
 centre of pressure r_p, and moment and tangential force together inside an ellipsoid, its limit
-surface (Howe & Cutkosky, "Practical force-motion models for sliding manipulation", 1996).
+surface (Howe & Cutkosky, "Practical force-motion models for sliding manipulation", 1996). About an
+axis across the closing line the pressure moves to one side of the patch; ``int |s - s_p| p dA``,
+with the distance s from the axis, is about what that brings before the patch opens.
 """
 
 from __future__ import annotations
@@ -28,21 +30,25 @@ _STEPS = 2
 
 @dataclass(frozen=True, eq=False)
 class Grip(Frozen):
-    """What the pads bear in n grasps, for a coefficient of friction of 1; it scales both limits.
+    """What the pads bear in n grasps.
 
     Attributes:
-        force: Tangential force that both pads bear together [N].
-        moment: Moment about the closing line that both bear together, shape (n,) [Nm].
+        force: Tangential force that both pads bear together, for a coefficient of friction of 1,
+            which scales it [N].
+        torsion: Moment about the closing line that both bear together, shape (n,), likewise [Nm].
+        bending: Moments about y and z of the grasp frame that both bear together, shape (n, 2); no
+            friction is in them [Nm].
         p_OP: Where they bear it, the mean of the centres of pressure, shape (n, 3) [m].
     """
 
     force: float
-    moment: Array
+    torsion: Array
+    bending: Array
     p_OP: Array
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        self._freeze(moment=self.moment, p_OP=self.p_OP)
+        self._freeze(torsion=self.torsion, bending=self.bending, p_OP=self.p_OP)
 
 
 def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
@@ -57,15 +63,16 @@ def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
     x, half = grasps.X_OG[:, :3, 0], 0.5 * grasps.width[:, None]
     across = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, 1:3], np.column_stack([y, z]))
     stiffness = gripper.grip_force / (ROUGHNESS * area * len(y))
-    moment, middle = np.zeros(len(grasps)), np.zeros((len(grasps), 2))
+    torsion, bending, middle = (np.zeros((len(grasps), *more)) for more in ((), (2,), (2,)))
     for way in (-1.0, 1.0):
         on_pad = (grasps.X_OG[:, :3, 3] + way * half * x)[:, None] + across
         gap = gpdf.refine(on_pad.reshape(-1, 3), _STEPS)[0].reshape(len(grasps), len(y))
         pressure = contact_pressure(gap, area, stiffness, gripper.grip_force)
-        moment += torsion_limit(y, z, pressure * area)
+        torsion += torsion_limit(y, z, pressure * area)
+        bending += bending_limits(y, z, pressure * area)
         middle += 0.5 * pressure_centre(y, z, pressure)
     p_OP = grasps.X_OG[:, :3, 3] + np.einsum("nij,nj->ni", grasps.X_OG[:, :3, 1:3], middle)
-    return Grip(2.0 * gripper.grip_force, moment, p_OP)
+    return Grip(2.0 * gripper.grip_force, torsion, bending, p_OP)
 
 
 def pad_cells(gripper: ParallelGripper) -> tuple[Array, Array, float]:
@@ -117,3 +124,25 @@ def torsion_limit(y: Array, z: Array, force: Array) -> Array:
     centre = pressure_centre(y, z, force)
     arm = np.hypot(y - centre[:, :1], z - centre[:, 1:])
     return np.asarray((force * arm).sum(axis=1))
+
+
+def bending_limits(y: Array, z: Array, force: Array) -> Array:
+    """Moments that a patch bears by where it presses, before it opens.
+
+    Args:
+        y: Where the cells are, shape (k,) [m].
+        z: The same, shape (k,) [m].
+        force: Normal force in every cell, shape (n, k) [N].
+
+    Returns:
+        About the y and z axes, ``sum_i f_i |z_i - z_p|`` and ``sum_i f_i |y_i - y_p|``, shape
+        (n, 2) [Nm].
+    """
+    centre = pressure_centre(y, z, force)
+    return np.stack(
+        [
+            (force * np.abs(z - centre[:, 1:])).sum(axis=1),
+            (force * np.abs(y - centre[:, :1])).sum(axis=1),
+        ],
+        axis=1,
+    )

@@ -7,16 +7,19 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.load import GRAVITY, GRIP_SPREAD, HAND_ACCELERATION, Load
 from feasigrasp.models.shape.mass import MassEstimate
 
+#: Nothing but friction about the closing line can give way.
+TORSION = (0.4, np.inf, np.inf)
 
-def load_of(lever, closing=(1.0, 0.0, 0.0), *, mass=0.5, spread=0.3, error=0.0, moment=0.4):
+
+def load_of(lever, R_OG=None, *, mass=0.5, spread=0.3, error=0.0, moment=TORSION):
     lever = np.atleast_2d(np.array(lever, dtype=float))
     n = len(lever)
     return Load(
-        closing=np.broadcast_to(np.array(closing, dtype=float), (n, 3)),
+        R_OG=np.broadcast_to(np.eye(3) if R_OG is None else R_OG, (n, 3, 3)),
         lever=lever,
         body=MassEstimate(mass, spread, np.zeros(3), error),
         force=np.full(n, 48.0),
-        moment=np.full(n, moment),
+        moment=np.broadcast_to(moment, (n, 3)),
     )
 
 
@@ -37,25 +40,53 @@ def test_weight_along_the_closing_line_turns_nothing():
     assert shares[0] == pytest.approx(shares[1])
 
 
-def test_no_direction_is_worse_than_the_worst():
+def test_weight_across_the_pads_is_borne_by_where_they_press():
+    """Along the closing line it bends about y, and the hand's own motion about z as well."""
+    d, limits = 0.08, (0.4, 0.5, 0.3)
+    share = load_of([d, 0.0, 0.0], moment=limits).per_kilogram([0.0, 0.0, -1.0])[0]
+    a = GRAVITY + HAND_ACCELERATION
+    by_hand = HAND_ACCELERATION * d
+    assert share == pytest.approx(np.linalg.norm([a / 48.0, a * d / 0.5, by_hand / 0.3]))
+
+
+def test_torques_are_those_of_the_weight_about_the_pads():
+    """Without the hand's own motion: share of a moment = |component of r x m g| / limit."""
+    rng = np.random.default_rng(4)
+    R, lever, down = random_rotation(rng), rng.normal(0.0, 0.05, 3), rng.normal(size=3)
+    down /= np.linalg.norm(down)
+    torque = R.T @ np.cross(lever, GRAVITY * down)
+    hand = HAND_ACCELERATION * np.linalg.norm(np.cross(np.eye(3), R.T @ lever), axis=1)
+    for axis in range(3):
+        limits = np.full(3, np.inf)
+        limits[axis] = 1e-3  # so little that the force beside it does not count
+        share = load_of(lever, R, moment=limits).per_kilogram(down)[0]
+        assert share == pytest.approx((abs(torque[axis]) + hand[axis]) / 1e-3, rel=1e-3)
+
+
+def random_rotation(rng):
+    R, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return R * np.sign(np.linalg.det(R))
+
+
+@pytest.mark.parametrize("moment", [TORSION, (0.4, 0.6, 0.3)])
+def test_no_direction_is_worse_than_the_worst(moment):
     rng = np.random.default_rng(0)
-    closing = rng.normal(size=3)
-    closing /= np.linalg.norm(closing)
-    load = load_of(rng.normal(0.0, 0.05, (20, 3)), closing, error=0.01)
+    load = load_of(rng.normal(0.0, 0.05, (20, 3)), random_rotation(rng), error=0.01, moment=moment)
     down = rng.normal(size=(2000, 3))
     shares = np.array([load.per_kilogram(d) for d in down])
     worst = load.per_kilogram()
     assert (shares <= worst + 1e-9).all()
-    np.testing.assert_allclose(shares.max(axis=0), worst, rtol=0.05)
+    if moment is TORSION:  # several moments are not at their worst together
+        np.testing.assert_allclose(shares.max(axis=0), worst, rtol=0.05)
 
 
 def test_turning_object_and_gravity_together_changes_nothing():
     rng = np.random.default_rng(2)
-    R, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    R *= np.sign(np.linalg.det(R))
-    lever, x, down = rng.normal(0, 0.05, (4, 3)), np.array([0.6, 0.8, 0.0]), rng.normal(size=3)
-    one = load_of(lever, x).probability(down)
-    np.testing.assert_allclose(load_of(lever @ R.T, R @ x).probability(5.0 * R @ down), one)
+    R, G = random_rotation(rng), random_rotation(rng)
+    lever, down, moment = rng.normal(0, 0.05, (4, 3)), rng.normal(size=3), (0.4, 0.6, 0.3)
+    one = load_of(lever, G, moment=moment).probability(down)
+    turned = load_of(lever @ R.T, R @ G, moment=moment).probability(5.0 * R @ down)
+    np.testing.assert_allclose(turned, one)
 
 
 def test_probability_is_how_often_drawn_objects_are_carried():

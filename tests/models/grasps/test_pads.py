@@ -7,6 +7,7 @@ from scipy.integrate import dblquad
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.pads import (
+    bending_limits,
     contact_pressure,
     grip_of,
     pad_cells,
@@ -41,6 +42,9 @@ def test_a_flat_pad_bears_the_integral_of_the_distance():
     mean_arm = dblquad(np.hypot, -h, h, -b, b)[0] / (4 * b * h)
     np.testing.assert_allclose(pressure, FORCE / (4 * b * h))
     assert torsion_limit(y, z, pressure * area)[0] == pytest.approx(FORCE * mean_arm, rel=0.03)
+    # Half of the force at a quarter of either side, on this side or that.
+    bending = bending_limits(y, z, pressure * area)[0]
+    np.testing.assert_allclose(bending, [FORCE * h / 2, FORCE * b / 2], rtol=0.05)
 
 
 def test_a_cylinder_presses_as_the_elastic_foundation_says():
@@ -80,6 +84,10 @@ def test_moment_is_about_the_centre_of_pressure():
     moment = torsion_limit(y, z, force)
     np.testing.assert_allclose(torsion_limit(y + 3.0, z - 2.0, force), moment)
     np.testing.assert_allclose(torsion_limit(-z, y, force), moment)
+    bending = bending_limits(y, z, force)
+    np.testing.assert_allclose(bending_limits(y + 3.0, z - 2.0, force), bending)
+    np.testing.assert_allclose(bending_limits(-z, y, force), bending[:, ::-1])
+    assert (bending <= moment[:, None]).all()
     np.testing.assert_allclose(
         pressure_centre(y + 3.0, z, force)[:, 0], pressure_centre(y, z, force)[:, 0] + 3.0
     )
@@ -103,8 +111,10 @@ def test_faces_bear_more_than_a_ball():
     faces = grip_of(box_field([0.04, 0.12, 0.12]), grasps_at((0, 0, 0), width=0.04), gripper)
     ball = grip_of(fit_gpdf(sphere_points(400, 0.02)), grasps_at((0, 0, 0), width=0.04), gripper)
     flat = 2 * FORCE * 0.0153  # mean distance from the middle of 30 x 50 mm
-    assert flat * 0.75 < faces.moment[0] < flat * 1.05
-    assert ball.moment[0] < 0.5 * faces.moment[0]
+    assert flat * 0.75 < faces.torsion[0] < flat * 1.05
+    assert ball.torsion[0] < 0.5 * faces.torsion[0]
+    np.testing.assert_allclose(faces.bending[0], 2 * FORCE * np.array([0.0125, 0.0075]), rtol=0.25)
+    assert (ball.bending[0] < 0.5 * faces.bending[0]).all()
     assert faces.force == ball.force == 2 * gripper.grip_force
 
 
@@ -114,4 +124,4 @@ def test_pads_that_reach_beyond_an_edge_bear_where_the_object_is():
     grip = grip_of(field, grasps_at((0, 0, 0), (0, 0, 0.06), width=0.04), ParallelGripper())
     assert abs(grip.p_OP[0, 2]) < 0.004
     assert grip.p_OP[1, 2] < 0.056
-    assert grip.moment[1] < 0.9 * grip.moment[0]
+    assert grip.torsion[1] < 0.9 * grip.torsion[0]

@@ -49,7 +49,7 @@ class Prices:
 
     times: tuple[float, ...] = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0, 9.0)
     lost: float = 0.1
-    score: float = 0.3
+    score: float = 1.0
     density: float = 0.02
     manipulability: float = 0.12
     manipulability_price: float = 0.5

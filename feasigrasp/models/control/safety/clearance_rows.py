@@ -165,6 +165,8 @@ def object_rows_kernel(
             distance, slope = box_distance_kernel(x_O, grid.shape, frame)
             if distance <= 0.0:
                 continue
+            # Over the mouth of a bowl the box is near, and the surface is not.
+            distance = max(distance, frame[4])
         clearance = options.object_clearance if radius == 0.0 else options.obstacle_clearance
         allowed = options.approach_gain * (distance - radius - clearance)
         if allowed > fastest + turning_rate * math.sqrt(dot(lever, lever)):
