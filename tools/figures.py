@@ -23,7 +23,7 @@ SUMMARIES = ROOT / "docs" / "summaries"
 
 NUMBER = r"(?<![\w.,-])-?(?:\d{1,3}(?:[ ,]\d{3})+(?:\.\d+)?|\d+(?:\.\d+)?(?:e-?\d+)?)"
 #: A figure of a summary: row, which entry of it, preset, factor to the unit of the text.
-CELL = r"([\w.]+)(?:\[(low|high|n)\])?(?: ([^:*{}<>]+?))?(?: \* ([\d.e-]+))?"
+CELL = r"([\w.]+)(?:\[(low|high|n)\])?(?: ([^*{}<>]+?))?(?: \* ([\d.e-]+))?"
 #: A number, its unit, and the comment that says where it comes from.
 MARK = re.compile(rf"({NUMBER})([^\d\n|<]{{0,14}})<!-- (\w+): {CELL} -->")
 #: A table that is made: names of summaries, and the lines that it is made by.
@@ -142,7 +142,7 @@ def _filled(line: str, preset: str, rows: Rows) -> str:
         row, field, other, factor, form = match.groups()
         return format(look_up(rows, row, field, other or preset, factor), form)
 
-    return re.sub(rf"\{{{CELL}:([^{{}}]+)\}}", cell, line)
+    return re.sub(rf"\{{{CELL}:([^{{}}:]+)\}}", cell, line)
 
 
 def update_report(text: str, folder: Path = SUMMARIES) -> str:
