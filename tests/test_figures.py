@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from tools import figures
 from feasigrasp.models.reach.reachable_space import ReachableSpace
+from tools import figures
 from tools.figures import SUMMARIES, FigureError, pages, read_rows, store, unmarked, updated
 
 #: Sections whose figures are not from a stored summary yet: how many, and the command that brings

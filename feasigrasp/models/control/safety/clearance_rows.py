@@ -131,13 +131,13 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
 
 @njit(cache=True)
 def object_rows_kernel(
-    R, p, lower, upper, options, guarded, grid, frame, X_WO, V_WO, most, rows, bounds
+    R, p, lower, upper, options, guarded, grid, frame, X_WO, V_WO, reserve, most, rows, bounds
 ):
     """Writes rows (m, 7) and bounds (m,) that keep arm and hand off a moving object; returns m.
 
     ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is
     kept off, one line of link, x, y, z and radius each: points of the hand (radius 0), which keep a
-    small clearance, and balls that cover the arm, which keep the one to obstacles. Either may
+    small clearance and the reserve, and balls that cover the arm, which keep the one to obstacles. Either may
     approach the surface at most at gain x what is left beyond the clearance, relative to the
     surface as it moves: ``n . (v_point - v_surface)``. Of more than ``most`` those are kept
     that ask for the greatest speed away from it.
@@ -167,7 +167,9 @@ def object_rows_kernel(
                 continue
             # Over the mouth of a bowl the box is near, and the surface is not.
             distance = max(distance, frame[4])
-        clearance = options.object_clearance if radius == 0.0 else options.obstacle_clearance
+        clearance = options.obstacle_clearance
+        if radius == 0.0:
+            clearance = options.object_clearance + reserve
         allowed = options.approach_gain * (distance - radius - clearance)
         if allowed > fastest + turning_rate * math.sqrt(dot(lever, lever)):
             continue

@@ -243,6 +243,7 @@ class Safety(Frozen):
             target.grid.frame,
             np.ascontiguousarray(target.X_WO, dtype=float),
             np.ascontiguousarray(target.V_WO, dtype=float),
+            float(target.reserve),
             matrix,
             vector,
         )

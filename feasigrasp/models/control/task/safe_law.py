@@ -31,6 +31,7 @@ from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
+from feasigrasp.models.grasps.funnel import reserve_of
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -154,7 +155,14 @@ def task_space_velocity(
         Joint velocity [rad/s], shape (7,), always finite: the arm also stops while pose or twist
         of the object is not.
     """
-    moving = None if surface is None else MovingObject(surface, X_WO, V_WO)
+    moving = None
+    if surface is not None:
+        X_FG, chosen = (
+            reachability.gripper.X_FG,
+            choice.X_OG[None] if choice else np.empty((0, 4, 4)),
+        )
+        reserve = reserve_of(q, X_WO, X_FG, chosen, options.choice.funnel)
+        moving = MovingObject(surface, X_WO, V_WO, reserve)
     if not options.feed_forward:
         V_WO = np.where(np.isfinite(V_WO), 0.0, V_WO)  # an unknown twist still stops the arm
     reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)

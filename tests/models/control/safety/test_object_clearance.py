@@ -144,7 +144,7 @@ def test_hand_points_lie_on_the_hand():
     np.testing.assert_allclose(in_world, HAND @ X_WG[:3, :3].T + X_WG[:3, 3], atol=1e-12)
 
 
-def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None):
+def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None, reserve=0.0):
     hand = hand_points() if points is None else points
     hand = np.pad(hand, ((0, 0), (1, 1)))  # radius 0 ...
     hand[:, 0] = 7.0  # ... on link 7
@@ -153,7 +153,7 @@ def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None):
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
     options = record(SafetyOptions(object_clearance=0.0, approach_gain=1.0))[0]
-    moving = grid.values, grid.frame, X_WO, V_WO
+    moving = grid.values, grid.frame, X_WO, V_WO, reserve
     m = object_rows_kernel(R, p, -wide, wide, options, hand, *moving, most, rows, bounds)
     return rows[:m].copy(), bounds[:m].copy()
 
@@ -206,6 +206,26 @@ def test_a_finger_is_not_stopped_at_the_mouth_of_a_bowl():
         X_WO = at(R[7] @ tip[0] + p[7] - [0.0, 0.0, height])
         _, bounds = all_rows(Q, grid, X_WO, np.zeros(6), points=tip)
         assert len(bounds) == 1 and bounds[0] <= -far + 1e-9  # gain 1: approach at 5 cm/s
+
+
+def test_a_reserve_is_kept_beside_the_clearance(grid, safety):
+    X_WO = at(forward_kinematics(Q, GRIPPER.X_FG)[:3, 3] - [0.0, 0.0, 0.1])
+    rows, bounds = all_rows(Q, grid, X_WO, np.zeros(6))
+    kept, more = all_rows(Q, grid, X_WO, np.zeros(6), reserve=0.01)
+    np.testing.assert_array_equal(kept, rows)
+    np.testing.assert_allclose(more - bounds, 0.01)  # gain 1
+    # A hand that is led down onto the ball stops so much earlier.
+    heights = []
+    for reserve in (0.0, 0.01):
+        q, last, moving = Q, np.zeros(7), MovingObject(grid, X_WO, np.zeros(6), reserve)
+        for _ in range(400):
+            J = pose_and_jacobian(q, GRIPPER.X_FG)[1]
+            V = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -0.2])
+            last = safety.velocity(q, np.zeros(7), J, V, qd_last=last, moving=moving)
+            q = q + OPTIONS.period * last
+        heights.append(gap(q, X_WO))
+    assert heights[0] == pytest.approx(OPTIONS.object_clearance, abs=0.002)
+    assert heights[1] - heights[0] == pytest.approx(0.01, abs=0.003)
 
 
 def test_of_too_many_rows_the_most_urgent_stay(grid):
