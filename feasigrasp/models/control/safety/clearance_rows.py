@@ -137,9 +137,9 @@ def object_rows_kernel(
 
     ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is
     kept off, one line of link, x, y, z and radius each: points of the hand (radius 0), which keep a
-    small clearance and the reserve, and balls that cover the arm, which keep the one to obstacles. Either may
-    approach the surface at most at gain x what is left beyond the clearance, relative to the
-    surface as it moves: ``n . (v_point - v_surface)``. Of more than ``most`` those are kept
+    small clearance and the ``reserve``, and balls that cover the arm, which keep the clearance to
+    obstacles. Either may approach the surface at most at gain x what is left beyond that, relative
+    to the surface as it moves: ``n . (v_point - v_surface)``. Of more than ``most`` those are kept
     that ask for the greatest speed away from it.
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
