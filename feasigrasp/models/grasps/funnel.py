@@ -86,14 +86,14 @@ def standoff_kernel(X_OG, X_OH, funnel):
     return min(funnel.max_standoff, standoff)
 
 
-#: A hand that has not lined up keeps off the object by this share of its standoff, at most so far
-#: [m]: what it would otherwise do on its way is slide round the object, a millimetre off.
+#: A hand that has not lined up comes but slowly nearer to the object than this share of its
+#: standoff, at most so far [m]; else it would slide round the object, a millimetre off.
 _RESERVE_SHARE, _MOST_RESERVE = 0.2, 0.01
 
 
 @njit(cache=True)
 def reserve_kernel(X_OG, X_OH, funnel):
-    """How much farther off the object a hand keeps that goes for the nearest of grasps (n, 4, 4).
+    """The reserve of a hand that goes for the nearest of grasps (n, 4, 4).
 
     It is zero once the hand has lined up with one.
     """
@@ -122,7 +122,7 @@ def grasp_errors(X_OG: Array, X_OH: Array) -> Array:
 
 
 def reserve_of(q: Array, X_WO: Array, X_FG: Array, X_OG: Array, funnel: Funnel) -> float:
-    """How much farther off the object than its least clearance a hand keeps on its way [m].
+    """Within which distance beyond its clearance a hand on its way comes but slowly nearer [m].
 
     Args:
         q: Joint positions [rad], shape (7,).

@@ -25,6 +25,9 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 #: So many rows keep off an object at most. A hand that opens round it has hundreds of points inside
 #: their clearance, most of them beside each other: the QP would take several ticks for them.
 MOST_OBJECT_ROWS = 64
+#: Share of the speed of approach that is left in the reserve. Were nothing left, or had the hand to
+#: leave it, fingers on both sides of an object could get stuck.
+_IN_RESERVE = 0.2
 #: No point of the arm is farther from a joint's axis [m]; a bound on how a joint moves it.
 _LEVER = 1.5
 _UP = (0.0, 0.0, 1.0)
@@ -137,10 +140,11 @@ def object_rows_kernel(
 
     ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is
     kept off, one line of link, x, y, z and radius each: points of the hand (radius 0), which keep a
-    small clearance and the ``reserve``, and balls that cover the arm, which keep the clearance to
-    obstacles. Either may approach the surface at most at gain x what is left beyond that, relative
-    to the surface as it moves: ``n . (v_point - v_surface)``. Of more than ``most`` those are kept
-    that ask for the greatest speed away from it.
+    small clearance, and balls that cover the arm, which keep the one to obstacles. Either may
+    approach the surface at most at gain x what is left beyond the clearance, relative to the
+    surface as it moves: ``n . (v_point - v_surface)``; points of the hand that are no farther off
+    than the ``reserve`` a lot slower. Of more than ``most`` those are kept that ask for the
+    greatest speed away from it.
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
@@ -167,10 +171,11 @@ def object_rows_kernel(
                 continue
             # Over the mouth of a bowl the box is near, and the surface is not.
             distance = max(distance, frame[4])
-        clearance = options.obstacle_clearance
-        if radius == 0.0:
-            clearance = options.object_clearance + reserve
-        allowed = options.approach_gain * (distance - radius - clearance)
+        clearance = options.object_clearance if radius == 0.0 else options.obstacle_clearance
+        left = distance - radius - clearance
+        if radius == 0.0 and left > 0.0:
+            left = max(left - reserve, _IN_RESERVE * left)
+        allowed = options.approach_gain * left
         if allowed > fastest + turning_rate * math.sqrt(dot(lever, lever)):
             continue
         normal = (

@@ -71,7 +71,7 @@ class MovingObject(NamedTuple):
         grid: Distances to its surface, in the object's frame O.
         X_WO: Its pose, shape (4, 4) [m].
         V_WO: Its twist [angular; linear], of its origin, shape (6,) [rad/s; m/s].
-        reserve: By how much more than its least clearance the hand keeps off [m].
+        reserve: Within this distance beyond its clearance the hand comes nearer but slowly [m].
     """
 
     grid: ObstacleGrid
