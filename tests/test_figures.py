@@ -9,13 +9,6 @@ from feasigrasp.models.reach.reachable_space import ReachableSpace
 from tools import figures
 from tools.figures import SUMMARIES, FigureError, pages, read_rows, store, unmarked, updated
 
-#: Sections whose figures are not from a stored summary yet: how many, and the command that brings
-#: them. What is not in this list has none, and the list only gets shorter.
-NOT_YET = {
-    ("shape.md", "Measured"): (104, "evaluate shape --objects builtin,DIR --views 4"),
-    ("shape.md", "Cost"): (2, "evaluate shape"),
-}
-
 STORED = sorted(SUMMARIES.glob("*.json"))
 
 
@@ -27,23 +20,11 @@ def test_figures_are_those_of_the_stored_summaries(page):
 
 @pytest.mark.parametrize("page", pages(), ids=lambda p: p.name)
 def test_every_figure_says_where_it_comes_from(page):
-    sections: dict[str, list[str]] = {}
-    for heading, line, figure in unmarked(page.read_text()):
-        sections.setdefault(heading, []).append(f"line {line}: {figure}")
-    for heading, found in sections.items():
-        allowed, _ = NOT_YET.get((page.name, heading), (0, ""))
-        assert len(found) <= allowed, (
-            f"{page.name}, {heading}: {len(found)} figures without a source, {allowed} known; "
-            f"docs/figures.md says how to mark one\n" + "\n".join(found)
-        )
-
-
-def test_the_list_of_what_is_missing_only_gets_shorter():
-    counts = {
-        (page.name, heading) for page in pages() for heading, _, _ in unmarked(page.read_text())
-    }
-    done = [section for section in NOT_YET if section not in counts]
-    assert not done, "they have their sources now: take them off the list"
+    found = [f"line {line}, {heading}: {n}" for heading, line, n in unmarked(page.read_text())]
+    assert not found, (
+        f"{page.name}: figures without a source; docs/figures.md says how to mark one\n"
+        + "\n".join(found)
+    )
 
 
 @pytest.mark.parametrize("file", STORED, ids=lambda p: p.stem)
