@@ -132,5 +132,5 @@ def reserve_of(q: Array, X_WO: Array, X_FG: Array, X_OG: Array, funnel: Funnel) 
         funnel: The way into a grasp.
     """
     X_OH = se3.inverse(X_WO) @ forward_kinematics(q, X_FG)
-    poses = np.ascontiguousarray(X_OG, dtype=float).reshape(-1, 4, 4)
+    poses = np.array(X_OG, dtype=float).reshape(-1, 4, 4)  # a copy: of one type, read-only or not
     return float(reserve_kernel(poses, np.ascontiguousarray(X_OH), funnel.parameters))
