@@ -50,13 +50,12 @@ class Carrier:
             return grasps
         grip = grip_of(gpdf, grasps, self.gripper)
         body = estimate_mass(gpdf, self.mass)
-        moment = np.column_stack([FRICTION * grip.torsion, grip.bending])
         load = Load(
             R_OG=grasps.X_OG[:, :3, :3],
             lever=body.p_OC - grip.p_OP,
             body=body,
             force=np.full(len(grasps), FRICTION * grip.force),
-            moment=MOMENT_SHARE * moment,
+            moment=MOMENT_SHARE * grip.moment * [FRICTION, 1.0, 1.0],
         )
         return replace(grasps, load=load)
 
@@ -71,8 +70,8 @@ def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
 
     Returns:
         Best first, their scores multiplied by the probability that the pads bear the load. Those
-        less likely than `LEAST_CARRY` count as "too heavy there" and are dropped, unless no other
-        is there.
+        less likely than `LEAST_CARRY` count as "too heavy there" and are dropped; where no other is
+        there, those less likely than `NEARLY_BEST` of the best.
     """
     if grasps.load is None or len(grasps) == 0:
         return grasps

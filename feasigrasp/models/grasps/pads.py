@@ -35,20 +35,18 @@ class Grip(Frozen):
     Attributes:
         force: Tangential force that both pads bear together, for a coefficient of friction of 1,
             which scales it [N].
-        torsion: Moment about the closing line that both bear together, shape (n,), likewise [Nm].
-        bending: Moments about y and z of the grasp frame that both bear together, shape (n, 2); no
-            friction is in them [Nm].
+        moment: Moments about x, y and z of the grasp frame that both bear together, shape (n, 3);
+            that about x, the closing line, likewise for a coefficient of 1 [Nm].
         p_OP: Where they bear it, the mean of the centres of pressure, shape (n, 3) [m].
     """
 
     force: float
-    torsion: Array
-    bending: Array
+    moment: Array
     p_OP: Array
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        self._freeze(torsion=self.torsion, bending=self.bending, p_OP=self.p_OP)
+        self._freeze(moment=self.moment, p_OP=self.p_OP)
 
 
 def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
@@ -63,16 +61,15 @@ def grip_of(gpdf: Gpdf, grasps: GraspSet, gripper: ParallelGripper) -> Grip:
     x, half = grasps.X_OG[:, :3, 0], 0.5 * grasps.width[:, None]
     across = np.einsum("nij,kj->nki", grasps.X_OG[:, :3, 1:3], np.column_stack([y, z]))
     stiffness = gripper.grip_force / (ROUGHNESS * area * len(y))
-    torsion, bending, middle = (np.zeros((len(grasps), *more)) for more in ((), (2,), (2,)))
+    moment, middle = np.zeros((len(grasps), 3)), np.zeros((len(grasps), 2))
     for way in (-1.0, 1.0):
         on_pad = (grasps.X_OG[:, :3, 3] + way * half * x)[:, None] + across
         gap = gpdf.refine(on_pad.reshape(-1, 3), _STEPS)[0].reshape(len(grasps), len(y))
         pressure = contact_pressure(gap, area, stiffness, gripper.grip_force)
-        torsion += torsion_limit(y, z, pressure * area)
-        bending += bending_limits(y, z, pressure * area)
+        moment += moment_limits(y, z, pressure * area)
         middle += 0.5 * pressure_centre(y, z, pressure)
     p_OP = grasps.X_OG[:, :3, 3] + np.einsum("nij,nj->ni", grasps.X_OG[:, :3, 1:3], middle)
-    return Grip(2.0 * gripper.grip_force, torsion, bending, p_OP)
+    return Grip(2.0 * gripper.grip_force, moment, p_OP)
 
 
 def pad_cells(gripper: ParallelGripper) -> tuple[Array, Array, float]:
@@ -110,8 +107,8 @@ def pressure_centre(y: Array, z: Array, weight: Array) -> Array:
     return np.column_stack([share @ y, share @ z])
 
 
-def torsion_limit(y: Array, z: Array, force: Array) -> Array:
-    """Greatest moment of friction of patches about their centres of pressure.
+def moment_limits(y: Array, z: Array, force: Array) -> Array:
+    """Greatest moments that patches bear about their centres of pressure.
 
     Args:
         y: Where the cells are, shape (k,) [m].
@@ -119,30 +116,10 @@ def torsion_limit(y: Array, z: Array, force: Array) -> Array:
         force: Normal force in every cell, shape (n, k) [N].
 
     Returns:
-        ``sum_i f_i |r_i - r_p|``, shape (n,) [Nm], for a coefficient of friction of 1.
+        About x, y and z: ``sum_i f_i |r_i - r_p|``, by friction with a coefficient of 1,
+        ``sum_i f_i |z_i - z_p|`` and ``sum_i f_i |y_i - y_p|``, shape (n, 3) [Nm].
     """
     centre = pressure_centre(y, z, force)
-    arm = np.hypot(y - centre[:, :1], z - centre[:, 1:])
-    return np.asarray((force * arm).sum(axis=1))
-
-
-def bending_limits(y: Array, z: Array, force: Array) -> Array:
-    """Moments that a patch bears by where it presses, before it opens.
-
-    Args:
-        y: Where the cells are, shape (k,) [m].
-        z: The same, shape (k,) [m].
-        force: Normal force in every cell, shape (n, k) [N].
-
-    Returns:
-        About the y and z axes, ``sum_i f_i |z_i - z_p|`` and ``sum_i f_i |y_i - y_p|``, shape
-        (n, 2) [Nm].
-    """
-    centre = pressure_centre(y, z, force)
-    return np.stack(
-        [
-            (force * np.abs(z - centre[:, 1:])).sum(axis=1),
-            (force * np.abs(y - centre[:, :1])).sum(axis=1),
-        ],
-        axis=1,
-    )
+    across, along = np.abs(y - centre[:, :1]), np.abs(z - centre[:, 1:])
+    arms = np.stack([np.hypot(across, along), along, across])
+    return np.asarray((force * arms).sum(axis=-1).T)

@@ -7,12 +7,11 @@ from scipy.integrate import dblquad
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.pads import (
-    bending_limits,
     contact_pressure,
     grip_of,
+    moment_limits,
     pad_cells,
     pressure_centre,
-    torsion_limit,
 )
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
@@ -31,7 +30,7 @@ def test_uniform_disc_bears_two_thirds_of_force_times_radius():
     y, z, _ = fine_cells(2 * radius, 2 * radius)
     on_disc = np.hypot(y, z) <= radius
     force = np.where(on_disc, FORCE / on_disc.sum(), 0.0)
-    assert torsion_limit(y, z, force[None])[0] == pytest.approx(2 / 3 * FORCE * radius, rel=2e-3)
+    assert moment_limits(y, z, force[None])[0, 0] == pytest.approx(2 / 3 * FORCE * radius, rel=2e-3)
 
 
 def test_a_flat_pad_bears_the_integral_of_the_distance():
@@ -41,9 +40,9 @@ def test_a_flat_pad_bears_the_integral_of_the_distance():
     b, h = gripper.finger_width / 2, gripper.tip
     mean_arm = dblquad(np.hypot, -h, h, -b, b)[0] / (4 * b * h)
     np.testing.assert_allclose(pressure, FORCE / (4 * b * h))
-    assert torsion_limit(y, z, pressure * area)[0] == pytest.approx(FORCE * mean_arm, rel=0.03)
+    torsion, *bending = moment_limits(y, z, pressure * area)[0]
+    assert torsion == pytest.approx(FORCE * mean_arm, rel=0.03)
     # Half of the force at a quarter of either side, on this side or that.
-    bending = bending_limits(y, z, pressure * area)[0]
     np.testing.assert_allclose(bending, [FORCE * h / 2, FORCE * b / 2], rtol=0.05)
 
 
@@ -56,7 +55,7 @@ def test_a_cylinder_presses_as_the_elastic_foundation_says():
     assert np.abs(z[pressure > 0]).max() == pytest.approx(b, rel=0.05)
     assert pressure.max() == pytest.approx(STIFFNESS * b**2 / (2 * radius), rel=0.02)
     # A strip much longer than wide bears a quarter of force times length.
-    moment = torsion_limit(y, z, pressure[None] * area)[0]
+    moment = moment_limits(y, z, pressure[None] * area)[0, 0]
     assert moment == pytest.approx(FORCE * length / 4, rel=0.05)
 
 
@@ -81,13 +80,10 @@ def test_moment_is_about_the_centre_of_pressure():
     rng = np.random.default_rng(1)
     y, z = rng.normal(size=(2, 30))
     force = rng.uniform(0.0, 1.0, (3, 30))
-    moment = torsion_limit(y, z, force)
-    np.testing.assert_allclose(torsion_limit(y + 3.0, z - 2.0, force), moment)
-    np.testing.assert_allclose(torsion_limit(-z, y, force), moment)
-    bending = bending_limits(y, z, force)
-    np.testing.assert_allclose(bending_limits(y + 3.0, z - 2.0, force), bending)
-    np.testing.assert_allclose(bending_limits(-z, y, force), bending[:, ::-1])
-    assert (bending <= moment[:, None]).all()
+    moment = moment_limits(y, z, force)
+    np.testing.assert_allclose(moment_limits(y + 3.0, z - 2.0, force), moment)
+    np.testing.assert_allclose(moment_limits(-z, y, force), moment[:, [0, 2, 1]])
+    assert (moment[:, 1:] <= moment[:, :1]).all()
     np.testing.assert_allclose(
         pressure_centre(y + 3.0, z, force)[:, 0], pressure_centre(y, z, force)[:, 0] + 3.0
     )
@@ -111,10 +107,12 @@ def test_faces_bear_more_than_a_ball():
     faces = grip_of(box_field([0.04, 0.12, 0.12]), grasps_at((0, 0, 0), width=0.04), gripper)
     ball = grip_of(fit_gpdf(sphere_points(400, 0.02)), grasps_at((0, 0, 0), width=0.04), gripper)
     flat = 2 * FORCE * 0.0153  # mean distance from the middle of 30 x 50 mm
-    assert flat * 0.75 < faces.torsion[0] < flat * 1.05
-    assert ball.torsion[0] < 0.5 * faces.torsion[0]
-    np.testing.assert_allclose(faces.bending[0], 2 * FORCE * np.array([0.0125, 0.0075]), rtol=0.25)
-    assert (ball.bending[0] < 0.5 * faces.bending[0]).all()
+    assert flat * 0.75 < faces.moment[0, 0] < flat * 1.05
+    assert ball.moment[0, 0] < 0.5 * faces.moment[0, 0]
+    np.testing.assert_allclose(
+        faces.moment[0, 1:], 2 * FORCE * np.array([0.0125, 0.0075]), rtol=0.25
+    )
+    assert (ball.moment[0, 1:] < 0.5 * faces.moment[0, 1:]).all()
     assert faces.force == ball.force == 2 * gripper.grip_force
 
 
@@ -124,4 +122,4 @@ def test_pads_that_reach_beyond_an_edge_bear_where_the_object_is():
     grip = grip_of(field, grasps_at((0, 0, 0), (0, 0, 0.06), width=0.04), ParallelGripper())
     assert abs(grip.p_OP[0, 2]) < 0.004
     assert grip.p_OP[1, 2] < 0.056
-    assert grip.torsion[1] < 0.9 * grip.torsion[0]
+    assert grip.moment[1, 0] < 0.9 * grip.moment[0, 0]
