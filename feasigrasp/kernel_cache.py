@@ -76,11 +76,10 @@ def _folders(package: Path) -> Iterator[Path]:
 
 
 def _cached(source: Path) -> Iterator[Path]:
-    """Caches of a source; also those of its namesakes where numba mixes them."""
+    """Caches of a source; those of its namesakes too, where numba has a folder for all."""
     pattern = f"{source.stem}.*.nb[ic]"
-    yield from (source.parent / "__pycache__").glob(pattern)
     for folder in _folders(source.parent):
-        yield from folder.glob(f"*_*/{pattern}")
+        yield from (*folder.glob(pattern), *folder.glob(f"*/{pattern}"))
 
 
 def _dependants(package: Path, names: set[str], changed: set[str]) -> set[str]:
