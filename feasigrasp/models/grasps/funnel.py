@@ -13,8 +13,6 @@ import numpy as np
 from numba import njit
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry import se3
-from feasigrasp.models.robot.kinematics import forward_kinematics
 
 
 class Funnel(NamedTuple):
@@ -86,23 +84,6 @@ def standoff_kernel(X_OG, X_OH, funnel):
     return min(funnel.max_standoff, standoff)
 
 
-#: A hand that has not lined up comes but slowly nearer to the object than this share of its
-#: standoff, at most so far [m]; else it would slide round the object, a millimetre off.
-_RESERVE_SHARE, _MOST_RESERVE = 0.2, 0.01
-
-
-@njit(cache=True)
-def reserve_kernel(X_OG, X_OH, funnel):
-    """The reserve of a hand that goes for the nearest of grasps (n, 4, 4).
-
-    It is zero once the hand has lined up with one.
-    """
-    reserve = _MOST_RESERVE
-    for k in range(len(X_OG)):
-        reserve = min(reserve, _RESERVE_SHARE * standoff_kernel(X_OG[k], X_OH, funnel))
-    return reserve
-
-
 @njit(cache=True)
 def grasp_errors_kernel(X_OG, X_OH, errors):
     """Writes position [m] and angle [rad] error of the hand to every grasp, shape (n, 2)."""
@@ -119,18 +100,3 @@ def grasp_errors(X_OG: Array, X_OH: Array) -> Array:
     errors = np.empty((len(X_OG), 2))
     grasp_errors_kernel(np.ascontiguousarray(X_OG), np.ascontiguousarray(X_OH), errors)
     return errors
-
-
-def reserve_of(q: Array, X_WO: Array, X_FG: Array, X_OG: Array, funnel: Funnel) -> float:
-    """Within which distance beyond its clearance a hand on its way comes but slowly nearer [m].
-
-    Args:
-        q: Joint positions [rad], shape (7,).
-        X_WO: Object pose, shape (4, 4).
-        X_FG: Grasp frame on the flange, shape (4, 4).
-        X_OG: Grasps that the hand goes for, in O, shape (n, 4, 4).
-        funnel: The way into a grasp.
-    """
-    X_OH = se3.inverse(X_WO) @ forward_kinematics(q, X_FG)
-    poses = np.array(X_OG, dtype=float).reshape(-1, 4, 4)  # a copy: of one type, read-only or not
-    return float(reserve_kernel(poses, np.ascontiguousarray(X_OH), funnel.parameters))

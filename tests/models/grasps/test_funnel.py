@@ -6,9 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import Funnel, grasp_errors, reserve_of, standoff_kernel
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.grasps.funnel import Funnel, grasp_errors, standoff_kernel
 
 FUNNEL = Funnel()
 
@@ -122,20 +120,3 @@ def test_following_the_funnel_never_cuts_in_from_the_side():
         target = hand_at(X_OG, z=-standoff(X_OG, X_OH))
         X_OH = X_OH @ se3.exp(0.03 * se3.log(se3.inverse(X_OH) @ target))
     np.testing.assert_allclose(X_OH, X_OG, atol=1e-3)
-
-
-def test_the_reserve_is_that_of_the_grasp_that_the_hand_is_lined_up_with_best(grasp):
-    """Nothing when lined up with any; a share of the least standoff; a centimetre far away."""
-    q = np.array([0.1, 0.6, -0.2, -1.4, 0.3, 1.1, 0.4])
-    X_FG = ParallelGripper().X_FG
-    X_WO = se3.random_pose(np.random.default_rng(3), 1)[0]
-    X_OH = se3.inverse(X_WO) @ forward_kinematics(q, X_FG)
-
-    def reserve(*offsets):
-        grasps = [X_OH @ se3.inverse(hand_at(np.eye(4), **offset)) for offset in offsets]
-        return reserve_of(q, X_WO, X_FG, np.reshape(grasps, (-1, 4, 4)), FUNNEL)
-
-    lined_up, near, far = {"z": -0.05}, {"x": 0.013}, {"x": 0.2, "turn": (0.0, 0.0, 2.0)}
-    assert reserve(far, lined_up) == pytest.approx(0.0, abs=1e-12)
-    assert reserve(far, near) == pytest.approx(0.2 * FUNNEL.lateral_gain * 0.005)
-    assert reserve(far) == reserve() == 0.01

@@ -29,10 +29,11 @@ from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_ke
 from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead
 from feasigrasp.models.control.planning.prices import Prices
-from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
+from feasigrasp.models.control.safety.reserve import kept_off
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
-from feasigrasp.models.grasps.funnel import Funnel, reserve_of
+from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
@@ -289,9 +290,6 @@ class JointSpaceControl:
         qd = self.requested_velocity(q, solutions, time, X_WO, V_WO)
         if self.safety is None:
             return qd
-        moving = None
-        if surface is not None:
-            X_FG, funnel = self.reachability.gripper.X_FG, self.options.funnel
-            reserve = reserve_of(q, X_WO, X_FG, solutions.X_OG, funnel)
-            moving = MovingObject(surface, X_WO, V_WO, reserve)
+        X_FG, funnel = self.reachability.gripper.X_FG, self.options.funnel
+        moving = kept_off(surface, q, X_WO, V_WO, X_FG, solutions.X_OG, funnel)
         return self.safety.velocity(q, qd, qd_last=qd_last, obstacles=obstacles, moving=moving)

@@ -25,13 +25,13 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import Law, Targets
-from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
+from feasigrasp.models.control.safety.reserve import kept_off
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
-from feasigrasp.models.grasps.funnel import reserve_of
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -155,14 +155,8 @@ def task_space_velocity(
         Joint velocity [rad/s], shape (7,), always finite: the arm also stops while pose or twist
         of the object is not.
     """
-    moving = None
-    if surface is not None:
-        X_FG, chosen = (
-            reachability.gripper.X_FG,
-            choice.X_OG[None] if choice else np.empty((0, 4, 4)),
-        )
-        reserve = reserve_of(q, X_WO, X_FG, chosen, options.choice.funnel)
-        moving = MovingObject(surface, X_WO, V_WO, reserve)
+    X_FG, chosen = reachability.gripper.X_FG, [choice.X_OG] if choice else []
+    moving = kept_off(surface, q, X_WO, V_WO, X_FG, chosen, options.choice.funnel)
     if not options.feed_forward:
         V_WO = np.where(np.isfinite(V_WO), 0.0, V_WO)  # an unknown twist still stops the arm
     reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
@@ -170,7 +164,6 @@ def task_space_velocity(
         return safety.velocity(
             q, np.zeros(IIWA_7.joints), qd_last=qd_last, obstacles=obstacles, moving=moving
         )
-    X_FG = reachability.gripper.X_FG
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
     far = 1.0
     if reference.on_strand:
