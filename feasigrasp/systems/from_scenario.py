@@ -97,7 +97,7 @@ def make_foreground_segmentation(
 ) -> ForegroundSegmentation:
     """The segmentation of the images of the scenario's camera by their depth."""
     # A perfect camera's pixels are told apart no more finely than those of a real one.
-    camera = _camera(scenario, without_noise=DepthNoise())
+    camera = make_camera(scenario, without_noise=DepthNoise())
     return ForegroundSegmentation(
         camera, KnownBodies(gripper, cell_boxes(station_config(scenario)))
     )
@@ -105,10 +105,10 @@ def make_foreground_segmentation(
 
 def make_field_tracker(scenario: Scenario) -> FieldTracker:
     """The tracker of what perception's camera sees, which knows how noisy that camera is."""
-    return FieldTracker(_camera(scenario), scenario.tracker)
+    return FieldTracker(make_camera(scenario), scenario.tracker)
 
 
-def _camera(scenario: Scenario, *, without_noise: DepthNoise | None = None) -> Camera:
+def make_camera(scenario: Scenario, *, without_noise: DepthNoise | None = None) -> Camera:
     """Perception's camera; ``without_noise`` is what is reckoned with where it makes no errors."""
     name = scenario.perception.camera
     config, noise = scenario.cameras[name], make_camera_noise(scenario).get(name, without_noise)

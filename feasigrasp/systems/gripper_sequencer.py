@@ -52,9 +52,11 @@ class GripperSequencer(LeafSystem):
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
     connected. While the object is lost (``tracking``, a `Tracking`), or a view contradicts its pose
-    (``perceived``, a `Perceived`), grasps lapse: none is passed on, nor a pose or twist (NaN), so
-    that a controller brakes at once and waits; ``rejected`` of the empty set has the `StatusCode`.
-    Nor are the fingers closed on a pose that is merely extrapolated. Both ports are optional.
+    (``perceived``, a `Perceived`), grasps lapse: none is passed on, and a controller brakes and
+    waits; ``rejected`` of the empty set has the `StatusCode`. Of a lost object neither pose nor
+    twist is passed on (NaN); a contradicted pose is, since the hand that waits had better keep off
+    where the object may be. Nor are the fingers closed on a pose that is merely extrapolated. Both
+    ports are optional.
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     predicted then (by ``object_motion``, a `MotionEstimate` or None, else by the twist), and the
@@ -145,7 +147,7 @@ class GripperSequencer(LeafSystem):
 
     def _target(self, context: Context) -> tuple[Array, Array]:
         state = self.state(context)
-        if state.grasp is None and self._doubt(context):
+        if state.grasp is None and self._doubt(context) is StatusCode.POSE_LOST:
             return np.full((4, 4), np.nan), np.full(6, np.nan)
         return state.target(
             context.get_time(),

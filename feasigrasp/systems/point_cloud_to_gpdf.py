@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context, DependencyTicket, LeafSystem
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.outline import Outline
 from feasigrasp.models.clouds.usable import ViewFault, of_one_depth, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.control.safety.obstacle_grid import object_grid
@@ -98,6 +99,7 @@ class PointCloudToGPDF(LeafSystem):
         - object_pose
         - camera_pose
         - tracking
+        - outline
         output_ports:
         - gpdf
         - perceived
@@ -107,10 +109,11 @@ class PointCloudToGPDF(LeafSystem):
     ``point_cloud`` shows the object only, in the world frame W; ``object_pose`` X_WO and
     ``camera_pose`` X_WC are ``RigidTransform``. ``tracking`` is a `Tracking` and may be left open:
     while it says that the object is lost, the pose is worth nothing, and no view is compared with
-    it. ``gpdf`` is a `Gpdf` in the object frame O, or None before the first usable view;
-    ``perceived`` holds the merged cloud as well, ``seen_at`` the time of its last view [s], NaN
-    before. The inputs are read every ``period`` seconds. A view with too few finite points (object
-    out of sight, or hidden by the hand) changes nothing: the field of the
+    it. So may ``outline``, an `Outline` in the camera's axes or None, without which all that is
+    beside the cloud is taken for free. ``gpdf`` is a `Gpdf` in the object frame O, or None before
+    the first usable view; ``perceived`` holds the merged cloud as well, ``seen_at`` the time of its
+    last view [s], NaN before. The inputs are read every ``period`` seconds. A view with too few
+    finite points (object out of sight, or hidden by the hand) changes nothing: the field of the
     earlier views stays valid in O. Nor does one that cannot be used, whatever is wrong with it: it
     is counted in ``view_faults`` (V1) and named in ``perceived``. Outliers are dropped before a
     view is merged. From a side that it has seen ``views_per_side`` times it merges no view until
@@ -172,6 +175,7 @@ class PointCloudToGPDF(LeafSystem):
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._tracking = declare_input(self, "tracking", Tracking.of_age(0.0, np.inf))
+        self._outline = declare_input(self, "outline")
         self._seen = PeriodicState(self, Perceived(nothing, None), period, self._look)
         declare_perceived(self, self._seen.Eval, {self._seen.ticket()})
 
@@ -208,13 +212,18 @@ class PointCloudToGPDF(LeafSystem):
         looked = replace(seen, looked=time, contradicted=contradicted, last_fault="")
         if contradicted or not tells_more:
             return looked
-        merged = self._merged(looked, kept, p_OC)
+        outline = self._outline.Eval(context) if self._outline.HasValue(context) else None
+        if outline is not None:
+            outline = outline.turned((X_OW @ X_WC).rotation().matrix())
+        merged = self._merged(looked, kept, p_OC, outline)
         return replace(merged, outliers=seen.outliers + len(points_O) - len(kept))
 
-    def _merged(self, seen: Perceived, points_O: Array, p_OC: Array) -> Perceived:
+    def _merged(
+        self, seen: Perceived, points_O: Array, p_OC: Array, outline: Outline | None
+    ) -> Perceived:
         """What is known after one more view; without it if no field comes of it."""
         try:
-            cloud = seen.cloud.merged(points_O, p_OC)
+            cloud = seen.cloud.merged(points_O, p_OC, outline=outline)
             if len(cloud.points) < MIN_POINTS or spread_across(cloud.points) < MIN_SPREAD:
                 return seen.without(ViewFault.NO_SURFACE)
             gpdf = complete_shape(cloud, **self._options)

@@ -64,7 +64,7 @@ def test_its_label_image_fits_the_port_of_the_point_cloud(dut, fixed_context):
     assert set(np.unique(labels.data)) <= {int(label) for label in Label}
     segment = SegmentPointCloud(Label.OBJECT, edge_jump=None)
     of_object = fixed_context(segment, point_cloud=cloud, label_image=labels)
-    kept = segment.get_output_port().Eval(of_object)
+    kept = segment.GetOutputPort("point_cloud").Eval(of_object)
     assert kept.size() == np.count_nonzero(labels.data[:, :, 0] == Label.OBJECT)
     assert kept.size() > 0.5 * shown.sum()
 
@@ -102,7 +102,7 @@ def test_in_the_diagram_it_takes_the_place_of_the_label_image():
     context = diagram.CreateDefaultContext()
     foreground, station = map(diagram.GetSubsystemByName, ("foreground", "station"))
     of_station = station.GetMyContextFromRoot(context)
-    points = diagram.GetSubsystemByName("segmentation").get_output_port()
+    points = diagram.GetSubsystemByName("segmentation").GetOutputPort("point_cloud")
     seen = points.Eval(diagram.GetSubsystemByName("segmentation").GetMyContextFromRoot(context))
     labels = foreground.get_output_port().Eval(foreground.GetMyContextFromRoot(context))
     truth = station.GetOutputPort("wrist_camera.label_image").Eval(of_station)

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.outline import Outline
 from feasigrasp.models.clouds.usable import ViewFault
 from feasigrasp.systems import point_cloud_to_gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
@@ -49,7 +51,8 @@ class Perception:
     def look(self, t, points_W, X_WO=POSES[0], p_WC=CAMERA):
         """Fixes what is seen and advances to t; what has been perceived by then."""
         fix = {"point_cloud": cloud_of(points_W), "object_pose": X_WO}
-        fix["camera_pose"] = RigidTransform(np.asarray(p_WC, dtype=float))
+        X_WC = p_WC if isinstance(p_WC, RigidTransform) else RigidTransform(np.asarray(p_WC, float))
+        fix["camera_pose"] = X_WC
         for name, value in fix.items():
             self.dut.GetInputPort(name).FixValue(self.context, value)
         self.simulator.AdvanceTo(t)
@@ -332,3 +335,22 @@ def test_the_completion_stays_out_of_free_space():
 def test_an_unknown_preset_is_refused():
     with pytest.raises(PointCloudError, match="'fast'.*choose one of default, paper"):
         PointCloudToGPDF(preset="fast")
+
+
+@pytest.mark.parametrize("X_WO", POSES)
+def test_the_outline_is_turned_into_the_frame_of_the_object(X_WO):
+    """What the camera says of its own axes is where the object is, whatever its pose."""
+    perception = Perception(period=0.1)
+    whole = seen_from(sphere(3000), CAMERA)
+    band = np.abs(whole[:, 0]) < 0.012
+    R_WC = RollPitchYaw(0.4, -0.3, 1.0).ToRotationMatrix()
+    X_WC = RigidTransform(R_WC, X_WO @ CAMERA)
+    rays_C = (X_WC.inverse() @ (X_WO @ whole[band].T)).T
+    perception.dut.GetInputPort("outline").FixValue(
+        perception.context, Value[object](Outline(rays_C, []))
+    )
+    seen = perception.look(0.05, (X_WO @ whole[~band].T).T, X_WO, X_WC)
+    (image,) = seen.cloud.images
+    row, column, _, inside = image.project(whole[band])
+    assert inside.all() and (image.unclear | image.mask)[row, column].all()
+    assert image.unclear.any()

@@ -7,6 +7,7 @@ from pydrake.perception import DepthImageToPointCloud, PointCloud
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, PixelType
 
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 
 LABEL = 7
@@ -40,7 +41,7 @@ def test_it_keeps_exactly_the_labelled_finite_pixels_in_order(fixed_context):
     )
     dut = SegmentPointCloud(LABEL, edge_jump=None)
     context = fixed_context(dut, point_cloud=cloud_of(xyz), label_image=label_image(labels))
-    kept = dut.get_output_port().Eval(context).xyzs()
+    kept = dut.GetOutputPort("point_cloud").Eval(context).xyzs()
     expected = [
         xyz[:, 8 * row + column]
         for row in range(6)
@@ -57,7 +58,7 @@ def test_without_a_valid_pixel_the_cloud_is_empty(fixed_context, value):
     dut = SegmentPointCloud(LABEL)
     labels = np.full((2, 2), LABEL)
     context = fixed_context(dut, point_cloud=cloud_of(xyz), label_image=label_image(labels))
-    assert dut.get_output_port().Eval(context).size() == 0
+    assert dut.GetOutputPort("point_cloud").Eval(context).size() == 0
 
 
 def test_too_near_and_too_far_depths_give_no_point(fixed_context):
@@ -70,7 +71,7 @@ def test_too_near_and_too_far_depths_give_no_point(fixed_context):
     builder.ExportInput(to_cloud.depth_image_input_port(), "depth")
     builder.ExportInput(to_cloud.camera_pose_input_port(), "pose")
     builder.ExportInput(segment.GetInputPort("label_image"), "label")
-    builder.ExportOutput(segment.get_output_port(), "cloud")
+    builder.ExportOutput(segment.GetOutputPort("point_cloud"), "cloud")
     dut = builder.Build()
     depth = ImageDepth32F(3, 2)
     depth.mutable_data[:, :, 0] = [[0.0, 0.5, np.inf], [np.inf, 0.0, 0.0]]
@@ -87,7 +88,7 @@ def test_a_cloud_of_another_size_is_refused(fixed_context):
         dut, point_cloud=PointCloud(5), label_image=label_image(np.full((2, 3), LABEL))
     )
     with pytest.raises(ValueError, match="5 points but 6 labels.*same camera"):
-        dut.get_output_port().Eval(context)
+        dut.GetOutputPort("point_cloud").Eval(context)
 
 
 def square_on_a_table():
@@ -109,7 +110,7 @@ def kept_pixels(dut, fixed_context, points, labels):
     context = fixed_context(
         dut, point_cloud=cloud_of(points.reshape(3, -1)), label_image=label_image(labels)
     )
-    xyz = dut.get_output_port().Eval(context).xyzs()
+    xyz = dut.GetOutputPort("point_cloud").Eval(context).xyzs()
     kept = np.zeros(labels.shape, dtype=bool)
     kept[np.rint(xyz[1] / 0.002).astype(int), np.rint(xyz[0] / 0.002).astype(int)] = True
     return kept
@@ -136,3 +137,22 @@ def test_a_hole_in_the_measurement_is_no_edge_but_a_flying_pixel_is_none_of_the_
     points[:, 5, 5] = [0.010, 0.010, 0.48]
     flown = kept_pixels(SegmentPointCloud(LABEL), fixed_context, points, labels)
     assert not flown[5, 5] and (holed & ~flown).sum() == 4
+
+
+def test_the_outline_is_of_what_has_no_depth_and_of_what_is_before_the_body(fixed_context):
+    points, body = square_on_a_table()
+    points[:, 4:9, 5:8] = np.inf
+    labels = np.where(body, LABEL, 3)
+    labels[:2] = 5
+    inputs = {"point_cloud": cloud_of(points.reshape(3, -1)), "label_image": label_image(labels)}
+    camera = Camera((10.0, 10.0, 6.0, 5.0), 13, 10, 0.1, 0.0)
+    dut = SegmentPointCloud(LABEL, camera=camera, hiding=[5, LABEL])
+    found = dut.GetOutputPort("outline").Eval(fixed_context(dut, **inputs))
+    u, v = camera.pixels(found.unmeasured)
+    assert {*zip(np.rint(v).astype(int), np.rint(u).astype(int), strict=True)} == {
+        (row, column) for row in (5, 6, 7, 8) for column in (5, 6, 7)
+    } - {(row, column) for row in (5, 6, 7, 8) for column in (5, 7)}
+    assert set(np.rint(camera.pixels(found.hidden)[1]).astype(int)) == {0, 1}
+    assert found.whole
+    plain = SegmentPointCloud(LABEL)
+    assert plain.GetOutputPort("outline").Eval(fixed_context(plain, **inputs)) is None

@@ -64,8 +64,8 @@ QUICK_OBJECTS = 8
 #: Friction of object and fingers in the simulation.
 FRICTION = 0.6
 GRIPPER = ParallelGripper()
-#: Coverage asks for so many grasps.
-ENOUGH = 10
+#: So many grasps are a choice, whether they are true or not.
+TEN = 10
 #: Deviations of the noise that the baseline's directions are compared with a known mixture at
 #: [rad and units of length], and poses.
 NOISE, NOISED_POSES = (0.03, 0.2, 0.7), 200_000
@@ -229,10 +229,14 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
             rows.append(_pooled(f"{name}.per_view", preset, found, _precision_per_view, "1"))
             tops = [r["top_valid"] for r in found if r["top_valid"] is not None]
             rows.append(Row.percent(f"sampler.top1_valid_percent.{condition}", preset, tops))
-            enough = [r["grasps"] >= ENOUGH for r in found if r["graspable"]]
+            graspable = [r for r in found if r["graspable"]]
             # Coverage is asked for with one view; other conditions are named.
-            name = "sampler.coverage_percent" + (condition != "1view") * f".{condition}"
-            rows.append(Row.percent(name, preset, enough))
+            suffix = (condition != "1view") * f".{condition}"
+            for name, counted in (
+                ("sampler.coverage_percent", [r["valid"] > 0 for r in graspable]),
+                ("sampler.ten_offered_percent", [r["grasps"] >= TEN for r in graspable]),
+            ):
+                rows.append(Row.percent(name + suffix, preset, counted))
         for choice in ("top1", "random"):
             held = [r["held"] for r in _of(of_preset, "hold", choice=choice) if r["graspable"]]
             if held:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.free_space import free_distance
+from feasigrasp.models.clouds.outline import Outline
 from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.clouds.smoothing import smooth_view
 from feasigrasp.models.clouds.view_image import ViewImage, view_image
@@ -83,7 +84,14 @@ class FusedCloud(Frozen):
         image = view_image(view, np.asarray(p_OC, dtype=float))
         return max(out_of_place, _seen_through(image, self.points))
 
-    def merged(self, points: ArrayLike, p_OC: ArrayLike, *, register: bool = True) -> FusedCloud:
+    def merged(
+        self,
+        points: ArrayLike,
+        p_OC: ArrayLike,
+        *,
+        register: bool = True,
+        outline: Outline | None = None,
+    ) -> FusedCloud:
         """Adds one view.
 
         A smoothed view is first registered to what was seen before. Every view has the same
@@ -95,6 +103,7 @@ class FusedCloud(Frozen):
             p_OC: Position of the camera in O, shape (3,) [m].
             register: Whether to. A view that was tracked by this very cloud has been already, and
                 must not move it.
+            outline: Where the object may go on beside its points, in O; nowhere if not given.
 
         Returns:
             The cloud with the mean over the views in every voxel.
@@ -108,7 +117,7 @@ class FusedCloud(Frozen):
         if not self.smooth or len(at) < _MIN_SURFACE:
             return self._with(at, towards, np.zeros((len(at), 3)), self.images)
 
-        image = view_image(points, camera)
+        image = view_image(points, camera, outline)
         at, normals = smooth_view(points, at, camera)
         old = self
         if self.views and register:

@@ -7,7 +7,7 @@ picture, and says the same in any frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.clouds.outline import Outline
 from feasigrasp.models.geometry.se3 import perpendiculars
 
 #: Pixels along each side.
@@ -23,6 +24,9 @@ SIDE = 40
 MARGIN = 4
 #: Scatter of depths that says nothing about the surface [m].
 DEPTH_NOISE = 2e-3
+#: The picture contains the points. Where more than this share of what the camera saw of the object
+#: is outside, since it has no depth, the silhouette is not whole.
+_MAX_OUTSIDE = 0.05
 _AROUND = np.ones((3, 3), dtype=bool)
 
 
@@ -40,6 +44,8 @@ class ViewImage:
             steep or has steps, shape (SIDE, SIDE) [m]; 0 outside the mask.
         whole: Whether the object ends where the silhouette does. If the picture ends there, or
             something hides the rest, only what is before the seen surface is known to be free.
+        unclear: Pixels beside the silhouette that may show the object nevertheless, shape (SIDE,
+            SIDE).
     """
 
     X_OC: Array
@@ -49,21 +55,20 @@ class ViewImage:
     depth: Array
     front: Array
     whole: bool = True
+    unclear: Mask = field(default_factory=lambda: np.zeros((SIDE, SIDE), dtype=bool))
 
     @cached_property
     def beside(self) -> Array:
-        """Distance from every pixel to the silhouette, 0 in it, shape (SIDE, SIDE) [pixels]."""
-        return self._transform[0]
+        """Distance to the nearest pixel that may show the object, shape (SIDE, SIDE) [pixels]."""
+        return np.asarray(distance_transform_edt(~(self.mask | self.unclear)))
 
     @cached_property
     def nearest(self) -> Indices:
         """Row and column of the silhouette's pixel nearest to every pixel, (2, SIDE, SIDE)."""
-        return self._transform[1]
-
-    @cached_property
-    def _transform(self) -> tuple[Array, Indices]:
-        beside, nearest = distance_transform_edt(~self.mask, return_indices=True)
-        return beside, nearest
+        found: Indices = distance_transform_edt(
+            ~self.mask, return_distances=False, return_indices=True
+        )
+        return found
 
     def in_camera(self, x: Array) -> Array:
         """Points (n, 3) given in O as seen from the camera."""
@@ -99,12 +104,13 @@ class ViewImage:
         return np.asarray(points_C @ self.X_OC[:3, :3].T + self.X_OC[:3, 3])
 
 
-def view_image(points: Array, p_OC: Array) -> ViewImage:
+def view_image(points: Array, p_OC: Array, outline: Outline | None = None) -> ViewImage:
     """Draws the picture of a view.
 
     Args:
         points: Points of the object that one camera saw, shape (n, 3) [m].
         p_OC: Position of the camera, shape (3,) [m].
+        outline: Where the object may go on, in O; nowhere if not given.
     """
     R = _looking_along(points.mean(axis=0) - p_OC)
     at = _projected(points, p_OC, R)[0]
@@ -143,7 +149,21 @@ def view_image(points: Array, p_OC: Array) -> ViewImage:
     X_OC = np.eye(4)
     X_OC[:3, :3], X_OC[:3, 3] = R, p_OC
     depth, front = (np.where(mask, part, 0.0) for part in (depth, depth - steep))
-    return ViewImage(X_OC, pixel, pitch, mask, depth, front)
+    image = ViewImage(X_OC, pixel, pitch, mask, depth, front)
+    return image if outline is None else _outlined(image, outline, len(points))
+
+
+def _outlined(image: ViewImage, outline: Outline, n_points: int) -> ViewImage:
+    """With what the outline says that may be the object, of which there are so many points."""
+    rays = np.concatenate([outline.unmeasured, outline.hidden])
+    row, column, z, inside = image.project(image.X_OC[:3, 3] + rays)
+    inside &= z > 0.0
+    unclear = np.zeros_like(image.mask)
+    unclear[row[inside], column[inside]] = True
+    unclear = binary_dilation(unclear, _AROUND) & ~image.mask
+    unmeasured = len(outline.unmeasured)
+    outside = np.count_nonzero(~inside[:unmeasured]) / (n_points + unmeasured)
+    return replace(image, whole=outline.whole and outside <= _MAX_OUTSIDE, unclear=unclear)
 
 
 def _looking_along(direction: Array) -> Array:

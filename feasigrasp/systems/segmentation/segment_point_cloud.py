@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import RenderLabel
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.models.arrays import Mask
+from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.edges import EDGE_JUMP, GROWTH, edge_pixels, grown_mask
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.models.clouds.outline import Outline, outline
+from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
 #: Labels of pixels that show nothing that is known: that of the world, and none.
 _UNKNOWN = (0, int(RenderLabel.kEmpty))
@@ -27,6 +32,7 @@ class SegmentPointCloud(LeafSystem):
         - label_image
         output_ports:
         - point_cloud
+        - outline
 
     ``point_cloud`` is pixel-ordered as ``DepthImageToPointCloud`` makes it, infinite where the
     camera saw nothing; ``label_image`` holds the label of the body in each pixel. The output keeps
@@ -35,23 +41,51 @@ class SegmentPointCloud(LeafSystem):
     Pixels on the edge of a surface are dropped: there a real camera mixes the depths of two
     surfaces, and the label is a guess. Where the body touches another one, and the depth does not
     jump, nothing is lost. A mask of a few pixels only is grown along the surface that it is on.
+
+    ``outline`` is an `Outline` in the camera's axes: where the body may go on although no point of
+    it is in the cloud. It is None if the camera is not known.
     """
 
-    def __init__(self, label: int, *, edge_jump: float | None = EDGE_JUMP) -> None:
+    def __init__(
+        self,
+        label: int,
+        *,
+        camera: Camera | None = None,
+        hiding: Collection[int] = (),
+        edge_jump: float | None = EDGE_JUMP,
+    ) -> None:
         """Keeps the pixels whose label is ``label`` (Drake's cameras label by body index).
 
         Args:
             label: The body's label.
+            camera: The camera.
+            hiding: Labels of what may be before the body.
             edge_jump: Points of neighbouring pixels that are farther apart than this [m] lie on
                 different surfaces; None keeps the pixels at edges too.
         """
         super().__init__()
-        self.label, self._edge_jump = label, edge_jump
+        self.label, self._edge_jump, self._camera = label, edge_jump, camera
+        self._hiding = sorted(set(hiding) - {label})
         self._cloud_input = declare_input(self, "point_cloud", PointCloud())
         self._label_input = declare_input(self, "label_image", ImageLabel16I(1, 1))
-        declare_output(self, "point_cloud", self._calc, model=PointCloud())
+        inputs = {self._cloud_input.ticket(), self._label_input.ticket()}
+        self._segmented = declare_cache(self, "segmented", self._calc, inputs)
+        segmented = {self._segmented.ticket()}
+        declare_output(self, "point_cloud", self._calc_cloud, segmented, model=PointCloud())
+        declare_output(self, "outline", self._calc_outline, segmented)
 
-    def _calc(self, context: Context) -> PointCloud:
+    def _calc_cloud(self, context: Context) -> PointCloud:
+        chosen, _ = self._segmented.Eval(context)
+        cloud = PointCloud(chosen.shape[1])
+        cloud.mutable_xyzs()[:] = chosen
+        return cloud
+
+    def _calc_outline(self, context: Context) -> Outline | None:
+        found: Outline | None = self._segmented.Eval(context)[1]
+        return found
+
+    def _calc(self, context: Context) -> tuple[NDArray[np.floating], Outline | None]:
+        """Points of the body, shape (3, n) [m], and its outline."""
         xyz = self._cloud_input.Eval(context).xyzs()
         labels = self._label_input.Eval(context).data[:, :, 0]
         if xyz.shape[1] != labels.size:
@@ -69,10 +103,11 @@ class SegmentPointCloud(LeafSystem):
             unknown = np.isin(labels[around], _UNKNOWN)
             of_body = grown_mask(points, of_body, unknown, self._edge_jump)
             keep = of_body & seen & ~edge_pixels(points, seen, of_body, self._edge_jump)
-        chosen = points[:, keep]
-        cloud = PointCloud(chosen.shape[1])
-        cloud.mutable_xyzs()[:] = chosen
-        return cloud
+        if self._camera is None:
+            return points[:, keep], None
+        hiding = np.isin(labels[around], self._hiding)
+        corner = around[0].start or 0, around[1].start or 0
+        return points[:, keep], outline(keep, of_body, hiding, corner, self._camera)
 
 
 def _box_about(mask: Mask) -> tuple[slice, slice]:

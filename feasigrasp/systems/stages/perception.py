@@ -8,7 +8,7 @@ from pydrake.systems.framework import LeafSystem, OutputPort
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.schema import Segmentation
-from feasigrasp.systems.from_scenario import make_foreground_segmentation
+from feasigrasp.systems.from_scenario import make_camera, make_foreground_segmentation
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
@@ -24,13 +24,16 @@ def add_perception(cell: Cell, sampler: GraspSamplerFn, perception: LeafSystem) 
         for name in ("point_cloud", "label_image", "pose")
     )
     label, no_scene = station.object_label, station.robot_and_object_labels()
+    hiding = set(no_scene)
     cloud = cell.faults.cloud(cloud, labels, camera_pose, label)
     if config.segmentation == Segmentation.DEPTH:
         label, no_scene = Label.OBJECT, [Label.OBJECT, Label.ROBOT, Label.UNCLEAR]
+        hiding = {Label.ROBOT}
         foreground = make_foreground_segmentation(cell.scenario, cell.gripper)
         labels = cell.builder.AddNamedSystem("foreground", foreground).get_output_port()
     images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, label)}
-    segmentation = cell.add("segmentation", SegmentPointCloud(label), **images)
+    segment = SegmentPointCloud(label, camera=make_camera(cell.scenario), hiding=hiding)
+    segmentation = cell.add("segmentation", segment, **images)
     field = cell.builder.AddNamedSystem("perception", perception)
     seen_pose = _pose_at_view(cell)
     tracker = cell["tracker"]

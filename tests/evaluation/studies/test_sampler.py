@@ -79,7 +79,7 @@ def a_proposal(name, condition, contact, is_contact):
 @pytest.fixture
 def records():
     return [
-        a_set("a", "1view", 30, 27), a_set("b", "1view", 10, 3), a_set("c", "1view", 0, 0),
+        a_set("a", "1view", 30, 27), a_set("b", "1view", 8, 2), a_set("c", "1view", 0, 0),
         a_set("d", "1view", 0, 0, graspable=0), a_set("a", "3views", 20, 20),
         a_hold("a", "top1", 1), a_hold("b", "top1", 0), a_hold("d", "top1", 0, graspable=0),
         a_proposal("a", "1view", [0.9, 0.1], [1, 0]), a_proposal("a", "true", [0.1, 0.9], [1, 0]),
@@ -98,11 +98,12 @@ def test_both_networks_get_the_same_help():
 
 def test_rows_are_what_the_records_say(records):
     rows = {row.name: row for row in summary_rows(records)}
-    assert rows["sampler.precision.1view"].value == pytest.approx(30 / 40)
-    assert rows["sampler.precision.1view.per_view"].value == pytest.approx((0.9 + 0.3) / 2)
+    assert rows["sampler.precision.1view"].value == pytest.approx(29 / 38)
+    assert rows["sampler.precision.1view.per_view"].value == pytest.approx((0.9 + 0.25) / 2)
     assert rows["sampler.precision.3views"].value == 1.0
     assert rows["sampler.coverage_percent"].value == pytest.approx(200 / 3)
     assert rows["sampler.coverage_percent"].n == 3  # what cannot be grasped is not asked for
+    assert rows["sampler.ten_offered_percent"].value == pytest.approx(100 / 3)
     assert rows["sampler.held_top1_percent"].value == 50.0
     assert "sampler.held_random_percent" not in rows
     assert rows["sampler.contact_ap.completed"].value == 1.0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.free_space import free_distance, rim_points
+from feasigrasp.models.clouds.outline import Outline
 from feasigrasp.models.clouds.view_image import SIDE, view_image
 from feasigrasp.models.geometry import se3
 
@@ -110,3 +111,38 @@ def test_it_moves_with_object_and_camera(image):
 @pytest.mark.parametrize("points", [np.zeros((30, 3)), np.tile([[0.0, 0.01, 0.0]], (40, 1))])
 def test_points_all_in_one_place_make_a_picture(points):
     assert view_image(points, CAMERA).mask.any()
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """Of a ball: points with a depth, points without one between them, and points beyond."""
+    x = ball_view() @ np.array([1.0, 0.2, 0.0])
+    return ball_view()[np.abs(x) > 0.01], ball_view()[np.abs(x) < 0.008], ball_view()[x > 0.02]
+
+
+@pytest.mark.parametrize("of", ["unmeasured", "hidden"])
+def test_what_may_be_the_object_is_not_free(parts, of):
+    measured, between, _ = parts
+    rays = {"unmeasured": np.zeros((0, 3)), "hidden": np.zeros((0, 3))} | {of: between - CAMERA}
+    plain, outlined = (view_image(measured, CAMERA, outline) for outline in (None, Outline(**rays)))
+    assert free_distance((plain,), between).max() > 0.003
+    assert free_distance((outlined,), between).max() <= 0.0
+    angle = np.linspace(-0.7, 0.7, 100)  # far from the band
+    beside = 0.07 * np.stack([np.cos(angle), np.sin(angle), np.zeros(100)], axis=1)
+    known = free_distance((outlined,), beside)
+    assert outlined.whole and known.min() > 0.005
+    np.testing.assert_allclose(known, free_distance((plain,), beside), atol=1e-12)
+
+
+def test_rim_points_have_the_depth_of_the_silhouette_beside_what_is_unclear(parts):
+    measured, between, _ = parts
+    points = rim_points(view_image(measured, CAMERA, Outline(between - CAMERA, [])), 60)
+    assert np.abs(points[:, 2]).max() < 0.12  # not in the camera, where nothing was measured
+
+
+def test_a_silhouette_most_of_which_has_no_depth_is_not_whole(parts):
+    _, _, end = parts
+    image = view_image(end, CAMERA, Outline(ball_view() - CAMERA, []))
+    assert not image.whole
+    assert view_image(end, CAMERA, Outline(end - CAMERA, [])).whole
+    assert not view_image(end, CAMERA, Outline([], [], whole=False)).whole

@@ -7,6 +7,7 @@ import pytest
 
 from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.outline import Outline
 from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
@@ -280,3 +281,16 @@ def test_a_view_of_a_part_contradicts_nothing():
     assert cloud.contradicted(top[top[:, 0] > 0.0], camera) == 0.0
     assert cloud.contradicted(top + [0.002, 0.0, 0.002], camera) < 0.1
     assert cloud.contradicted(top[:5], camera) == 0.0
+
+
+def test_a_part_that_had_no_depth_contradicts_nothing_when_it_is_seen():
+    """The stem between the two parts of a tool, too steep at first."""
+    rng = np.random.default_rng(5)
+    at = np.c_[rng.uniform(-0.06, 0.06, 6000), rng.uniform(-0.02, 0.02, 6000), np.zeros(6000)]
+    camera, stem = np.array([0.0, 0.0, 0.4]), np.abs(at[:, 0]) < 0.03
+    nothing = FusedCloud.empty(0.003, smooth=True)
+    unclear = Outline(at[stem] - camera, [])
+    for outline, least, most in ((None, 0.3, 1.0), (unclear, 0.0, 0.01)):
+        cloud = nothing.merged(at[~stem], camera, outline=outline)
+        assert least <= cloud.contradicted(at, camera) <= most
+        assert cloud.contradicted(at + [0.0, 0.08, 0.0], camera) > 0.5  # aside
