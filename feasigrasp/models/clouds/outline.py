@@ -62,8 +62,11 @@ def outline(
     """
     # The neighbours of a point are pixels at an edge, which silhouettes allow for.
     unmeasured = of_body & ~binary_dilation(kept, _AROUND)
-    rays = (_rays(mask, corner, camera) for mask in (unmeasured, hiding))
-    return Outline(*rays, whole=bool(_cut(of_body) <= _MAX_CUT))
+    return Outline(
+        _rays(unmeasured, corner, camera),
+        _rays(hiding, corner, camera),
+        whole=bool(_cut(of_body) <= _MAX_CUT),
+    )
 
 
 def _rays(mask: Mask, corner: tuple[int, int], camera: Camera) -> Array:

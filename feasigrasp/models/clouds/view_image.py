@@ -163,7 +163,7 @@ def _outlined(image: ViewImage, outline: Outline, n_points: int) -> ViewImage:
     unclear = binary_dilation(unclear, _AROUND) & ~image.mask
     unmeasured = len(outline.unmeasured)
     outside = np.count_nonzero(~inside[:unmeasured]) / (n_points + unmeasured)
-    return replace(image, whole=outline.whole and outside <= _MAX_OUTSIDE, unclear=unclear)
+    return replace(image, whole=bool(outline.whole and outside <= _MAX_OUTSIDE), unclear=unclear)
 
 
 def _looking_along(direction: Array) -> Array:
