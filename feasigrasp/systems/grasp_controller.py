@@ -16,6 +16,8 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.planning.in_view import velocity_in_view
+from feasigrasp.models.control.planning.lookout import Sought, lookout, lookout_velocity
 from feasigrasp.models.control.safety.obstacle_grid import (
     MovingObject,
     ObstacleGrid,
@@ -107,6 +109,18 @@ class ControllerInputs:
         return np.zeros(IIWA_7.joints) if touch is None else touch
 
     @property
+    def X_WC(self) -> Array | None:
+        """Pose of the camera on the hand, shape (4, 4) [m]; None without one."""
+        X_WC: RigidTransform | None = _optional(self._controller._camera_pose, self._context)
+        return None if X_WC is None else X_WC.GetAsMatrix4()
+
+    @property
+    def sought(self) -> Sought | None:
+        """The object that is looked for; None while it is in sight."""
+        sought: Sought | None = _optional(self._controller._sought, self._context)
+        return sought
+
+    @property
     def obstacles(self) -> ObstacleGrid | None:
         """Distances to the scene, which the arm keeps clear of; None unless limits are enforced."""
         return self._grid(self._controller._obstacles)
@@ -137,6 +151,8 @@ class GraspController(LeafSystem):
         - object_motion
         - gpdf
         - touch
+        - camera_pose
+        - sought
         output_ports:
         - commanded_velocity
 
@@ -146,7 +162,9 @@ class GraspController(LeafSystem):
     which the arm keeps clear of; ``object_motion``, a `MotionEstimate` that predicts, without which
     the object's twist is taken for constant; ``gpdf``, the object's `Gpdf` or None, whose surface
     the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one, to which
-    the arm gives way in ``safe`` mode, whatever `velocity` says.
+    the arm gives way in ``safe`` mode, whatever `velocity` says. With ``camera_pose``, X_WC of a
+    camera on the hand, the arm keeps the object in its image in that mode, as long as there is a
+    ``gpdf``; and while there is a ``sought``, a `Sought` or None, it looks for that instead.
 
     A controller of your own is two functions: `update`, called every ``period`` seconds, returns
     what to remember of the grasps, and `velocity` the command, at whatever rate it is asked for.
@@ -210,9 +228,12 @@ class GraspController(LeafSystem):
         self._motion = declare_input(self, "object_motion")
         self._gpdf = declare_input(self, "gpdf")
         self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._sought = declare_input(self, "sought")
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
         self._surface = self._declare_grid("surface of the object", self._gpdf, object_grid)
         self._memory = PeriodicState(self, memory, period, self._updated)
+        self._lookout = PeriodicState(self, None, period, self._look_out)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
 
     @cached_property
@@ -266,6 +287,24 @@ class GraspController(LeafSystem):
             inputs.q, qd, J, V, qd_last=inputs.qd_last, obstacles=inputs.obstacles, moving=moving
         )
 
+    def in_view(self, qd: Array, inputs: ControllerInputs) -> Array:
+        """The velocity nearest to ``qd`` (7,) that also keeps the object in the camera's image.
+
+        It is ``qd`` itself in a mode that enforces nothing, without a camera on the hand, or while
+        it is not known where the object is.
+        """
+        X_WC, gpdf, X_WO, V_WO = inputs.X_WC, inputs.gpdf, inputs.X_WO, inputs.V_WO
+        if self.safety is None or X_WC is None or gpdf is None:
+            return qd
+        if not np.isfinite(X_WO.sum() + V_WO.sum()):
+            return qd
+        lever = X_WO[:3, :3] @ gpdf.bounds.mean(axis=0)
+        v_W = V_WO[3:] + np.cross(V_WO[:3], lever)
+        radius = 0.5 * float(np.linalg.norm(gpdf.bounds[1] - gpdf.bounds[0]))
+        X_FG, p_W = self.reachability.gripper.X_FG, X_WO[:3, 3] + lever
+        kept = velocity_in_view(qd, inputs.q, X_FG, X_WC, p_W, v_W, radius)
+        return qd if np.array_equal(kept, qd) else self.enforced(kept, inputs)
+
     def rehearse(self) -> None:
         """Follows a made-up grasp for a while, so that no kernel is compiled inside a control tick.
 
@@ -283,6 +322,8 @@ class GraspController(LeafSystem):
             "object_motion": Value[object](MotionEstimate(empty_state(), 0.0)),
             "scene": Value[object](fit_scene(ball + [0.5, 0.3, 0.3], [0.0, 0.0, 1.0])),
             "gpdf": Value[object](fit_gpdf(ball)),
+            "camera_pose": RigidTransform([0.3, 0.0, 0.5]),
+            "sought": Value[object](Sought(X_WO.translation(), 0.0)),
         }.items():
             self.GetInputPort(name).FixValue(context, value)
         memory, some = self.memory(context), grasps
@@ -293,7 +334,9 @@ class GraspController(LeafSystem):
             if tick % 4 == 0:
                 memory = self.update(memory, ControllerInputs(self, context))
                 some = grasps.with_twins()
-            q = q + _REHEARSAL_STEP * self.velocity(memory, ControllerInputs(self, context))
+                self._look_out(context)
+            qd = self.velocity(memory, ControllerInputs(self, context))
+            q = q + _REHEARSAL_STEP * self.in_view(qd, ControllerInputs(self, context))
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]
@@ -309,9 +352,21 @@ class GraspController(LeafSystem):
     def _updated(self, context: Context) -> Any:
         return self.update(self.memory(context), ControllerInputs(self, context))
 
+    def _look_out(self, context: Context) -> Array | None:
+        """The configuration from which the arm looks for the object; None if it does not."""
+        inputs = ControllerInputs(self, context)
+        sought, X_WC = inputs.sought, inputs.X_WC
+        if self.safety is None or sought is None or X_WC is None:
+            return None
+        return lookout(sought, inputs.q, X_WC, self.reachability)
+
     def _calc(self, context: Context, output) -> None:
         inputs = ControllerInputs(self, context)
-        qd = self.velocity(self.memory(context), inputs)
+        q_lookout = self._lookout.Eval(context) if inputs.sought else None
+        if q_lookout is not None:
+            qd = self.enforced(lookout_velocity(inputs.q, q_lookout), inputs)
+        else:
+            qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if self.safety is not None and inputs.touch.any():
             J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)[1]
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
