@@ -33,106 +33,14 @@ from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
+from feasigrasp.systems.controller_inputs import ControllerInputs, optional
 from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
 _REHEARSAL_STEP = 0.04
-
-
-class ControllerInputs:
-    """What a controller knows at one instant.
-
-    Every entry is read from its port when it is asked for: at control rate a port that nobody needs
-    costs as much as the law itself.
-    """
-
-    __slots__ = ("_context", "_controller")
-
-    def __init__(self, controller: GraspController, context: Context) -> None:
-        """The inputs of a controller in a context."""
-        self._controller, self._context = controller, context
-
-    @property
-    def time(self) -> float:
-        """Now [s]."""
-        return float(self._context.get_time())
-
-    @property
-    def q(self) -> Array:
-        """Joint positions [rad], shape (7,)."""
-        position: Array = self._controller._position.Eval(self._context)
-        return position
-
-    @property
-    def grasps(self) -> GraspSet:
-        """Reachable grasps in the object frame."""
-        grasps: GraspSet = self._controller._grasps.Eval(self._context)
-        return grasps
-
-    @property
-    def X_WO(self) -> Array:
-        """Object pose, shape (4, 4) [m]; not finite while it is unknown."""
-        X_WO: Array = self._controller._pose.Eval(self._context).GetAsMatrix4()
-        return X_WO
-
-    @property
-    def V_WO(self) -> Array:
-        """Object twist [angular; linear], shape (6,)."""
-        V_WO: Array = self._controller._twist.Eval(self._context).get_coeffs()
-        return V_WO
-
-    @property
-    def motion(self) -> MotionEstimate | None:
-        """Predicts the object's poses; without it they follow its twist."""
-        motion: MotionEstimate | None = _optional(self._controller._motion, self._context)
-        return motion
-
-    @property
-    def gpdf(self) -> Gpdf | None:
-        """The object's distance field, in its frame; None while there is none."""
-        gpdf: Gpdf | None = _optional(self._controller._gpdf, self._context)
-        return gpdf
-
-    @property
-    def qd_last(self) -> Array | None:
-        """The last command as the drive carried it out [rad/s], shape (7,)."""
-        qd_last: Array | None = _optional(self._controller._last, self._context)
-        return qd_last
-
-    @property
-    def touch(self) -> Array:
-        """Torques of a contact that the arm gives way to [Nm], shape (7,); zero without one."""
-        touch: Array | None = _optional(self._controller._touch, self._context)
-        return np.zeros(IIWA_7.joints) if touch is None else touch
-
-    @property
-    def X_WC(self) -> Array | None:
-        """Pose of the camera on the hand, shape (4, 4) [m]; None without one."""
-        X_WC: RigidTransform | None = _optional(self._controller._camera_pose, self._context)
-        return None if X_WC is None else X_WC.GetAsMatrix4()
-
-    @property
-    def sought(self) -> Sought | None:
-        """The object that is looked for; None while it is in sight."""
-        sought: Sought | None = _optional(self._controller._sought, self._context)
-        return sought
-
-    @property
-    def obstacles(self) -> ObstacleGrid | None:
-        """Distances to the scene, which the arm keeps clear of; None unless limits are enforced."""
-        return self._grid(self._controller._obstacles)
-
-    @property
-    def surface(self) -> ObstacleGrid | None:
-        """Distances to the object's surface, in its frame; None unless limits are enforced."""
-        return self._grid(self._controller._surface)
-
-    def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
-        safe = self._controller.mode is ControlMode.SAFE
-        return entry.Eval(self._context) if safe else None
 
 
 class GraspController(LeafSystem):
@@ -344,7 +252,7 @@ class GraspController(LeafSystem):
         """A grid of the field at an optional port, made anew when that changes; None if None."""
 
         def calc(context: Context) -> ObstacleGrid | None:
-            field = _optional(port, context)
+            field = optional(port, context)
             return None if field is None else make_grid(field)
 
         return declare_cache(self, name, calc, {port.ticket()})
@@ -371,8 +279,3 @@ class GraspController(LeafSystem):
             J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)[1]
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)
-
-
-def _optional(port: InputPort, context: Context) -> Any:
-    """The value of an input port; None if nothing is connected to it."""
-    return port.Eval(context) if port.HasValue(context) else None

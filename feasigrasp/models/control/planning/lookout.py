@@ -100,9 +100,7 @@ def _aside(z: Array, age: float) -> Array:
     circling = max(age - _CIRCLES_AFTER, 0.0)
     angle, phase = min(_WIDENS * circling, _WIDEST), 2.0 * np.pi * circling / _CIRCLE_PERIOD
     x, y = se3.perpendiculars(z)
-    return np.asarray(
-        np.cos(angle) * z + np.sin(angle) * (np.cos(phase) * x + np.sin(phase) * y)
-    )
+    return np.asarray(np.cos(angle) * z + np.sin(angle) * (np.cos(phase) * x + np.sin(phase) * y))
 
 
 def _direction(v: Array, otherwise: Array) -> Array:

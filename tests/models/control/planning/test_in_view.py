@@ -30,9 +30,7 @@ def some(seed):
 
 def rate_of_room(q, qd, p_W, v_W):
     """How the room in view changes, by differences."""
-    after, before = (
-        room_in_view(camera(q + h * qd), p_W + h * v_W, RADIUS) for h in (STEP, -STEP)
-    )
+    after, before = (room_in_view(camera(q + h * qd), p_W + h * v_W, RADIUS) for h in (STEP, -STEP))
     return (after - before) / (2.0 * STEP)
 
 
