@@ -41,6 +41,7 @@ from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
 _REHEARSAL_STEP = 0.04
+_AT_REST = np.zeros(6)
 
 
 class GraspController(LeafSystem):
@@ -183,14 +184,15 @@ class GraspController(LeafSystem):
         """The velocity nearest to ``qd`` (7,) that keeps limits and clearances.
 
         With a Jacobian J (6, 7) and a twist V (6,) of the hand, that is the one nearest to V, and
-        ``qd`` only fills the redundant directions. In a mode that enforces nothing it is ``qd``
-        itself.
+        ``qd`` only fills the redundant directions. An object that is looked for is kept off where
+        it is expected. In a mode that enforces nothing it is ``qd`` itself.
         """
         if self.safety is None:
             return qd
-        moving = None
+        moving, sought = None, inputs.sought
         if inputs.surface is not None:
-            moving = MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
+            X_WO, V_WO = (inputs.X_WO, inputs.V_WO) if sought is None else (sought.X_WO, _AT_REST)
+            moving = MovingObject(inputs.surface, X_WO, V_WO)
         return self.safety.velocity(
             inputs.q, qd, J, V, qd_last=inputs.qd_last, obstacles=inputs.obstacles, moving=moving
         )
@@ -231,7 +233,7 @@ class GraspController(LeafSystem):
             "scene": Value[object](fit_scene(ball + [0.5, 0.3, 0.3], [0.0, 0.0, 1.0])),
             "gpdf": Value[object](fit_gpdf(ball)),
             "camera_pose": RigidTransform([0.3, 0.0, 0.5]),
-            "sought": Value[object](Sought(X_WO.translation(), 0.0)),
+            "sought": Value[object](Sought(X_WO.GetAsMatrix4(), 0.0)),
         }.items():
             self.GetInputPort(name).FixValue(context, value)
         memory, some = self.memory(context), grasps

@@ -348,8 +348,8 @@ def test_the_fingers_do_not_close_on_an_extrapolated_pose():
 
 
 def out_of_sight(state, age):
-    p_W = X_WO.translation()
-    return Value[object](Tracking(TrackingState(state), age, expected=p_W))
+    X = X_WO.GetAsMatrix4()
+    return Value[object](Tracking(TrackingState(state), age, expected=X))
 
 
 def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
@@ -360,7 +360,7 @@ def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
     for state, age in (("coasting", 0.4), ("lost", 7.0)):
         mock.fix(tracking=out_of_sight(state, age))
         sought = mock.output("sought")
-        np.testing.assert_allclose(sought.p_W, X_WO.translation())
+        np.testing.assert_allclose(sought.X_WO, X_WO.GetAsMatrix4())
         assert sought.age == age
     mock.fix(tracking=out_of_sight("tracking", 0.0))
     mock.advance_to_phase(Phase.CLOSE)

@@ -17,7 +17,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 
 #: With this share of the known surface in the image a grasp is worth all that it was; with less, in
 #: proportion, but never less than this share of it.
-_ENOUGH, _LEAST = 0.4, 0.05
+_ENOUGH, _LEAST = 0.6, 0.05
 #: Points of the surface that are looked at, at most.
 _POINTS = 150
 

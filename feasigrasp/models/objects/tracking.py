@@ -39,8 +39,8 @@ class Tracking(Frozen):
             the shape does not determine, like the turn of a can, does not count.
         covariance: Of the pose's error [theta, p], see `feasigrasp.models.tracking.twist_filter`,
             shape (6, 6); None if it is not known.
-        expected: Where the origin of O is by all that is known, shape (3,) [m]: a camera on the arm
-            may be turned there. None before it was seen, and for a tracker without a camera.
+        expected: X_WO by all that is known, shape (4, 4): a camera on the arm may be turned there.
+            None before the object was seen, and for a tracker without a camera.
     """
 
     state: TrackingState

@@ -85,7 +85,7 @@ class FieldTracker(LeafSystem):
             in_view=found.in_view,
             deviation=found.deviation,
             covariance=found.estimate.pose_covariance,
-            expected=self._expected(found, state, context.get_time())[:3, 3],
+            expected=self._expected(found, state, context.get_time()),
         )
 
     def _look(self, context: Context) -> FieldTrack:

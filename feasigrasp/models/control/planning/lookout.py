@@ -41,16 +41,16 @@ class Sought(Frozen):
     """An object that is looked for.
 
     Attributes:
-        p_W: Where it is expected, shape (3,) [m].
+        X_WO: Where it is expected, shape (4, 4) [m].
         age: How long it has been out of sight [s].
     """
 
-    p_W: Array
+    X_WO: Array
     age: float
 
     def __post_init__(self) -> None:
         """Freezes the array."""
-        self._freeze(p_W=np.array(self.p_W, dtype=float))
+        self._freeze(X_WO=np.array(self.X_WO, dtype=float))
 
 
 def lookout(sought: Sought, q: Array, X_WC: Array, reachability: Reachability) -> Array | None:
@@ -81,12 +81,13 @@ def lookout_velocity(q: Array, q_lookout: Array) -> Array:
 
 def _views(sought: Sought, X_WC: Array) -> Iterator[Array]:
     """Poses (4, 4) of the camera in which it looks at the place, or beside it."""
-    to_camera = _direction(X_WC[:3, 3] - sought.p_W, -X_WC[:3, 2])
+    p_WO = sought.X_WO[:3, 3]
+    to_camera = _direction(X_WC[:3, 3] - p_WO, -X_WC[:3, 2])
     shoulder = np.array([0.0, 0.0, IIWA_7.joint_heights[1]])
-    to_base = _direction(shoulder - sought.p_W, to_camera)
+    to_base = _direction(shoulder - p_WO, to_camera)
     for share in _FROM_BASE:
         back = _direction((1.0 - share) * to_camera + share * to_base, to_base)
-        p = sought.p_W + _DISTANCE * back
+        p = p_WO + _DISTANCE * back
         z = _aside(-back, sought.age)
         x = _direction(X_WC[:3, 0] - (X_WC[:3, 0] @ z) * z, se3.perpendiculars(z)[0])
         y = np.cross(z, x)

@@ -17,6 +17,10 @@ HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 PLACES = [np.array([0.5, y, z]) for y in (-0.2, 0.0, 0.2) for z in (0.5, 0.6)]
 
 
+def sought(p_W, age=0.5):
+    return Sought(se3.make_pose(np.eye(3), p_W), age)
+
+
 def camera(q):
     return forward_kinematics(q, REACH.gripper.X_FG) @ X_HC
 
@@ -25,7 +29,7 @@ def camera(q):
 @pytest.mark.parametrize("turn", [0.0, 0.6, -0.9])
 def test_the_camera_sees_the_place_from_some_way_off(p_W, turn):
     q = HOME + turn * np.array([0.3, 0.2, 0.5, 0.3, 1.0, -0.5, 1.0])
-    found = lookout(Sought(p_W, 0.5), q, camera(q), REACH)
+    found = lookout(sought(p_W), q, camera(q), REACH)
     assert REACH.admissible(found[None])[0]
     X_WC = camera(found)
     assert room_in_view(X_WC, p_W, 0.0) > np.deg2rad(20.0)
@@ -35,7 +39,7 @@ def test_the_camera_sees_the_place_from_some_way_off(p_W, turn):
 def test_the_view_goes_round_the_place_in_circles_that_widen_to_a_limit():
     p_W, aside = PLACES[2], []
     for age in np.arange(0.5, 30.0, 0.5):
-        z = camera(lookout(Sought(p_W, age), HOME, camera(HOME), REACH))[:3]
+        z = camera(lookout(sought(p_W, age), HOME, camera(HOME), REACH))[:3]
         to = p_W - z[:, 3]
         off = z[:, 2] - (z[:, 2] @ to) * to / (to @ to)
         aside.append((np.linalg.norm(off), *off))
@@ -47,7 +51,7 @@ def test_the_view_goes_round_the_place_in_circles_that_widen_to_a_limit():
 
 
 def test_nothing_is_found_for_a_place_out_of_reach():
-    assert lookout(Sought([3.0, 0.0, 0.5], 0.5), HOME, camera(HOME), REACH) is None
+    assert lookout(sought([3.0, 0.0, 0.5]), HOME, camera(HOME), REACH) is None
 
 
 def test_the_way_there_is_inside_the_speed_limits_and_ends_at_rest():
