@@ -1,9 +1,9 @@
 """How an arm on its way keeps an object in the image of the camera on its hand.
 
-The object's middle is to stay inside a cone about the camera's axis, as wide as the image is high,
-and wider where the object is near and large in it: there a part of it is seen all the same. With
-the angle ``a`` that is left to the cone's edge the velocity is the one nearest to what is wanted
-with ``a' >= -g a``; outside the cone, it leads back.
+The object's middle is to stay inside a cone about the camera's axis, in which most of the object is
+in the image; the cone is wider where the object is near and large: at a grasp only a part of it can
+be seen, and its middle may be far aside. With the angle ``a`` that is left to the cone's edge the
+velocity is the one nearest to what is wanted with ``a' >= -g a``; outside the cone, it leads back.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: Half of the cone's opening [rad], and the share of the object's apparent radius that is added.
-_HALF_OPENING, _OF_RADIUS = np.deg2rad(24.0), 0.4
+#: Half of the cone's opening, and the share that is added of what the object's apparent radius is
+#: larger than that of one as far away as it is first seen [rad].
+_HALF_OPENING, _OF_RADIUS, _FAR_RADIUS = np.deg2rad(22.0), 0.8, np.deg2rad(18.0)
 #: g, the rate at which the edge may be approached [1/s].
 _RATE = 3.0
 #: No faster than this does the object come back from outside the cone [rad/s].
@@ -64,8 +65,8 @@ def velocity_in_view(
     kept = np.array(qd, dtype=float)
     _keep_kernel(
         np.array(q, dtype=float),
-        np.array(X_FG, dtype=float),
-        np.array(X_WC, dtype=float),
+        np.array(X_FG, dtype=float, order="C"),
+        np.array(X_WC, dtype=float, order="C"),
         np.array(p_W, dtype=float),
         np.array(v_W, dtype=float),
         float(radius),
@@ -77,7 +78,8 @@ def velocity_in_view(
 @njit(cache=True)
 def _room_kernel(cosine, apparent):
     angle = np.arccos(min(max(cosine, -1.0), 1.0))
-    return _HALF_OPENING + _OF_RADIUS * np.arcsin(min(1.0, apparent)) - angle
+    larger = np.arcsin(min(1.0, apparent)) - _FAR_RADIUS
+    return _HALF_OPENING + _OF_RADIUS * max(larger, 0.0) - angle
 
 
 @njit(cache=True)
@@ -98,7 +100,7 @@ def _keep_kernel(q, X_FG, X_WC, p_W, v_W, radius, qd):
     # The angle decreases by a turn of z towards n, and as n moves towards z ...
     towards = np.cross(axis, n) / distance
     # ... and the object looks larger as it comes nearer.
-    if radius < distance:
+    if np.sin(_FAR_RADIUS) * distance < radius < distance:
         towards -= _OF_RADIUS * radius / (distance * np.sqrt(distance**2 - radius**2)) * n
     row, square, rate = np.empty(IIWA_7.joints), 0.0, towards @ v_W
     for j in range(IIWA_7.joints):
