@@ -6,9 +6,9 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.control.planning.grasp_view import rated_by_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.in_view import rated_by_view
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics

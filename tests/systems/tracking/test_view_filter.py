@@ -6,10 +6,10 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.control.planning.grasp_view import rated_by_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.in_view import rated_by_view
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf

@@ -26,19 +26,6 @@ _FASTEST = 1.0
 _ON_AXIS = 1e-3
 
 
-def room_in_view(X_WC: Array, p_W: Array, radius: float) -> float:
-    """Angle from an object's middle to the edge of the cone [rad]; negative outside.
-
-    Args:
-        X_WC: Pose of the camera, z forward, shape (4, 4).
-        p_W: The object's middle, shape (3,) [m].
-        radius: Of the object [m].
-    """
-    to = p_W - X_WC[:3, 3]
-    distance = max(float(np.linalg.norm(to)), 1e-6)
-    return float(_room_kernel(to @ X_WC[:3, 2] / distance, radius / distance))
-
-
 def velocity_in_view(
     qd: Array,
     q: Array,
@@ -77,6 +64,7 @@ def velocity_in_view(
 
 @njit(cache=True)
 def _room_kernel(cosine, apparent):
+    """Angle from an object's middle to the edge of the cone; negative outside."""
     angle = np.arccos(min(max(cosine, -1.0), 1.0))
     larger = np.arcsin(min(1.0, apparent)) - _FAR_RADIUS
     return _HALF_OPENING + _OF_RADIUS * max(larger, 0.0) - angle

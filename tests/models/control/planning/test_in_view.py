@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.planning.in_view import room_in_view, velocity_in_view
+from feasigrasp.models.control.planning.in_view import velocity_in_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -17,6 +17,14 @@ RADIUS, RATE, STEP = 0.05, 3.0, 1e-6
 
 def camera(q):
     return forward_kinematics(q, X_FG) @ X_HC
+
+
+def room_in_view(X_WC, p_W, radius):
+    """Angle from the object's middle to the edge of the cone, as the module says, [rad]."""
+    x, y, z, _ = se3.inverse(X_WC) @ [*p_W, 1.0]
+    apparent = np.rad2deg(np.arcsin(min(1.0, radius / np.linalg.norm([x, y, z]))))
+    edge = 22.0 + 0.8 * max(apparent - 18.0, 0.0)
+    return np.deg2rad(edge) - np.arctan2(np.hypot(x, y), z)
 
 
 def some(seed):
@@ -70,9 +78,13 @@ def test_it_is_the_nearest_such_velocity_in_units_of_the_speed_limits():
 
 
 def test_a_near_object_may_be_farther_off_the_axis():
-    X_WC, angle = np.eye(4), np.deg2rad(28.0)
-    n = np.array([np.sin(angle), 0.0, np.cos(angle)])
-    assert room_in_view(X_WC, 1.0 * n, RADIUS) < 0.0 < room_in_view(X_WC, 0.1 * n, RADIUS)
+    """Moving on outwards is kept from the far one, and the near one goes on as it was."""
+    q, qd = some(0)[0], np.zeros(IIWA_7.joints)
+    X_WC, angle = camera(q), np.deg2rad(28.0)
+    n = X_WC[:3, :3] @ [np.sin(angle), 0.0, np.cos(angle)]
+    far, near = (X_WC[:3, 3] + distance * n for distance in (0.6, 0.1))
+    assert np.abs(kept(q, qd, far, np.zeros(3))).max() > 0.01
+    np.testing.assert_array_equal(kept(q, qd, near, np.zeros(3)), qd)
 
 
 def test_what_is_on_the_axis_or_unknown_changes_nothing():

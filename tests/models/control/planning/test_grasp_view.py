@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.control.planning.grasp_view import rated_by_view, share_in_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
-from feasigrasp.models.grasps.in_view import rated_by_view, share_in_view
 
 CAMERA = Camera((223.0, 216.0, 211.5, 119.5), 424, 240, near=0.07, depth_noise=0.02)
 X_GC = se3.make_pose(se3.so3_exp([np.deg2rad(25.0), 0.0, 0.0]), [0.0, 0.085, -0.105])
@@ -42,7 +42,9 @@ def test_of_a_grasp_and_its_half_turn_the_one_that_sees_the_object_is_worth_more
     assert abs(share[0] - share[1]) > 0.1
     rated = rated_by_view(grasps, ROD, X_GC, CAMERA)
     assert np.argmax(rated.score) == np.argmax(share)
-    assert rated.score.max() == pytest.approx(0.8) and rated.score.min() > 0.0
+    assert rated.score[0] / rated.score[1] == pytest.approx(share[0] / share[1])
+    near = rated_by_view(grasps, 0.2 * ROD, X_GC, CAMERA)  # which both see
+    np.testing.assert_array_equal(near.score, grasps.score)
     np.testing.assert_array_equal(rated.X_OG, grasps.X_OG)
 
 
