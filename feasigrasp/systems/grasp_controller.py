@@ -203,9 +203,10 @@ class GraspController(LeafSystem):
         It is ``qd`` itself in a mode that enforces nothing, without a camera on the hand, or while
         it is not known where the object is.
         """
-        X_WC, gpdf, X_WO, V_WO = inputs.X_WC, inputs.gpdf, inputs.X_WO, inputs.V_WO
+        X_WC, gpdf = inputs.X_WC, inputs.gpdf
         if self.safety is None or X_WC is None or gpdf is None:
             return qd
+        X_WO, V_WO = inputs.X_WO, inputs.V_WO
         if not np.isfinite(X_WO.sum() + V_WO.sum()):
             return qd
         lever = X_WO[:3, :3] @ gpdf.bounds.mean(axis=0)
