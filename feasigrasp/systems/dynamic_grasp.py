@@ -90,8 +90,8 @@ def make_dynamic_grasp(
     the torques of its motors at every step of the plant. With a Meshcat there are ``scene``,
     ``visualizer`` and ``camera_pictures`` as well; with a scene field ``scene_perception``,
     ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth`` ``foreground``; with a
-    tracker of ``kind: camera`` ``true_frame``; where images have a stamp ``pose_at_view``; with
-    faults systems that `FaultInjection` adds.
+    tracker of ``kind: camera`` ``true_frame``, and ``in_view`` if the arm carries that camera;
+    where images have a stamp ``pose_at_view``; with faults systems that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log of one's own when it has
     run::

@@ -56,6 +56,7 @@ from feasigrasp.systems.station.hand import cell_directives
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
+from feasigrasp.systems.tracking.view_filter import ViewFilter
 
 
 def make_station(scenario: Scenario) -> Station:
@@ -106,6 +107,17 @@ def make_foreground_segmentation(
 def make_field_tracker(scenario: Scenario) -> FieldTracker:
     """The tracker of what perception's camera sees, which knows how noisy that camera is."""
     return FieldTracker(make_camera(scenario), scenario.tracker)
+
+
+def led_by_its_camera(scenario: Scenario) -> bool:
+    """Whether the object is tracked with a camera that the arm carries."""
+    frame = scenario.cameras[scenario.perception.camera].X_PB.base_frame
+    return scenario.tracker.kind == TrackerKind.CAMERA and frame not in (None, "", "world")
+
+
+def make_view_filter(scenario: Scenario, gripper: ParallelGripper) -> ViewFilter:
+    """What rates grasps by what perception's camera sees there."""
+    return ViewFilter(gripper, make_camera(scenario))
 
 
 def make_camera(scenario: Scenario, *, without_noise: DepthNoise | None = None) -> Camera:

@@ -8,7 +8,8 @@ from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
+from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.grasp_controller import GraspController
 
 
 class GPJointController(GraspController):

@@ -16,6 +16,8 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.planning.in_view import velocity_in_view
+from feasigrasp.models.control.planning.lookout import Sought, lookout, lookout_velocity
 from feasigrasp.models.control.safety.obstacle_grid import (
     MovingObject,
     ObstacleGrid,
@@ -31,94 +33,15 @@ from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
+from feasigrasp.systems.controller_inputs import ControllerInputs, optional
 from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
 _REHEARSAL_STEP = 0.04
-
-
-class ControllerInputs:
-    """What a controller knows at one instant.
-
-    Every entry is read from its port when it is asked for: at control rate a port that nobody needs
-    costs as much as the law itself.
-    """
-
-    __slots__ = ("_context", "_controller")
-
-    def __init__(self, controller: GraspController, context: Context) -> None:
-        """The inputs of a controller in a context."""
-        self._controller, self._context = controller, context
-
-    @property
-    def time(self) -> float:
-        """Now [s]."""
-        return float(self._context.get_time())
-
-    @property
-    def q(self) -> Array:
-        """Joint positions [rad], shape (7,)."""
-        position: Array = self._controller._position.Eval(self._context)
-        return position
-
-    @property
-    def grasps(self) -> GraspSet:
-        """Reachable grasps in the object frame."""
-        grasps: GraspSet = self._controller._grasps.Eval(self._context)
-        return grasps
-
-    @property
-    def X_WO(self) -> Array:
-        """Object pose, shape (4, 4) [m]; not finite while it is unknown."""
-        X_WO: Array = self._controller._pose.Eval(self._context).GetAsMatrix4()
-        return X_WO
-
-    @property
-    def V_WO(self) -> Array:
-        """Object twist [angular; linear], shape (6,)."""
-        V_WO: Array = self._controller._twist.Eval(self._context).get_coeffs()
-        return V_WO
-
-    @property
-    def motion(self) -> MotionEstimate | None:
-        """Predicts the object's poses; without it they follow its twist."""
-        motion: MotionEstimate | None = _optional(self._controller._motion, self._context)
-        return motion
-
-    @property
-    def gpdf(self) -> Gpdf | None:
-        """The object's distance field, in its frame; None while there is none."""
-        gpdf: Gpdf | None = _optional(self._controller._gpdf, self._context)
-        return gpdf
-
-    @property
-    def qd_last(self) -> Array | None:
-        """The last command as the drive carried it out [rad/s], shape (7,)."""
-        qd_last: Array | None = _optional(self._controller._last, self._context)
-        return qd_last
-
-    @property
-    def touch(self) -> Array:
-        """Torques of a contact that the arm gives way to [Nm], shape (7,); zero without one."""
-        touch: Array | None = _optional(self._controller._touch, self._context)
-        return np.zeros(IIWA_7.joints) if touch is None else touch
-
-    @property
-    def obstacles(self) -> ObstacleGrid | None:
-        """Distances to the scene, which the arm keeps clear of; None unless limits are enforced."""
-        return self._grid(self._controller._obstacles)
-
-    @property
-    def surface(self) -> ObstacleGrid | None:
-        """Distances to the object's surface, in its frame; None unless limits are enforced."""
-        return self._grid(self._controller._surface)
-
-    def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
-        safe = self._controller.mode is ControlMode.SAFE
-        return entry.Eval(self._context) if safe else None
+_AT_REST = np.zeros(6)
 
 
 class GraspController(LeafSystem):
@@ -137,6 +60,8 @@ class GraspController(LeafSystem):
         - object_motion
         - gpdf
         - touch
+        - camera_pose
+        - sought
         output_ports:
         - commanded_velocity
 
@@ -146,7 +71,9 @@ class GraspController(LeafSystem):
     which the arm keeps clear of; ``object_motion``, a `MotionEstimate` that predicts, without which
     the object's twist is taken for constant; ``gpdf``, the object's `Gpdf` or None, whose surface
     the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one, to which
-    the arm gives way in ``safe`` mode, whatever `velocity` says.
+    the arm gives way in ``safe`` mode, whatever `velocity` says. With ``camera_pose``, X_WC of a
+    camera on the hand, the arm keeps the object in its image in that mode, as long as there is a
+    ``gpdf``; and while there is a ``sought``, a `Sought` or None, it looks for that instead.
 
     A controller of your own is two functions: `update`, called every ``period`` seconds, returns
     what to remember of the grasps, and `velocity` the command, at whatever rate it is asked for.
@@ -210,9 +137,12 @@ class GraspController(LeafSystem):
         self._motion = declare_input(self, "object_motion")
         self._gpdf = declare_input(self, "gpdf")
         self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._sought = declare_input(self, "sought")
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
         self._surface = self._declare_grid("surface of the object", self._gpdf, object_grid)
         self._memory = PeriodicState(self, memory, period, self._updated)
+        self._lookout = PeriodicState(self, None, period, self._look_out)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
 
     @cached_property
@@ -254,17 +184,37 @@ class GraspController(LeafSystem):
         """The velocity nearest to ``qd`` (7,) that keeps limits and clearances.
 
         With a Jacobian J (6, 7) and a twist V (6,) of the hand, that is the one nearest to V, and
-        ``qd`` only fills the redundant directions. In a mode that enforces nothing it is ``qd``
-        itself.
+        ``qd`` only fills the redundant directions. An object that is looked for is kept off where
+        it is expected. In a mode that enforces nothing it is ``qd`` itself.
         """
         if self.safety is None:
             return qd
-        moving = None
+        moving, sought = None, inputs.sought
         if inputs.surface is not None:
-            moving = MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
+            X_WO, V_WO = (inputs.X_WO, inputs.V_WO) if sought is None else (sought.X_WO, _AT_REST)
+            moving = MovingObject(inputs.surface, X_WO, V_WO)
         return self.safety.velocity(
             inputs.q, qd, J, V, qd_last=inputs.qd_last, obstacles=inputs.obstacles, moving=moving
         )
+
+    def in_view(self, qd: Array, inputs: ControllerInputs) -> Array:
+        """The velocity nearest to ``qd`` (7,) that also keeps the object in the camera's image.
+
+        It is ``qd`` itself in a mode that enforces nothing, without a camera on the hand, or while
+        it is not known where the object is.
+        """
+        X_WC, gpdf = inputs.X_WC, inputs.gpdf
+        if self.safety is None or X_WC is None or gpdf is None:
+            return qd
+        X_WO, V_WO = inputs.X_WO, inputs.V_WO
+        if not np.isfinite(X_WO.sum() + V_WO.sum()):
+            return qd
+        lever = X_WO[:3, :3] @ gpdf.bounds.mean(axis=0)
+        v_W = V_WO[3:] + np.cross(V_WO[:3], lever)
+        radius = 0.5 * float(np.linalg.norm(gpdf.bounds[1] - gpdf.bounds[0]))
+        X_FG, p_W = self.reachability.gripper.X_FG, X_WO[:3, 3] + lever
+        kept = velocity_in_view(qd, inputs.q, X_FG, X_WC, p_W, v_W, radius)
+        return qd if np.array_equal(kept, qd) else self.enforced(kept, inputs)
 
     def rehearse(self) -> None:
         """Follows a made-up grasp for a while, so that no kernel is compiled inside a control tick.
@@ -283,6 +233,8 @@ class GraspController(LeafSystem):
             "object_motion": Value[object](MotionEstimate(empty_state(), 0.0)),
             "scene": Value[object](fit_scene(ball + [0.5, 0.3, 0.3], [0.0, 0.0, 1.0])),
             "gpdf": Value[object](fit_gpdf(ball)),
+            "camera_pose": RigidTransform([0.3, 0.0, 0.5]),
+            "sought": Value[object](Sought(X_WO.GetAsMatrix4(), 0.0)),
         }.items():
             self.GetInputPort(name).FixValue(context, value)
         memory, some = self.memory(context), grasps
@@ -293,7 +245,9 @@ class GraspController(LeafSystem):
             if tick % 4 == 0:
                 memory = self.update(memory, ControllerInputs(self, context))
                 some = grasps.with_twins()
-            q = q + _REHEARSAL_STEP * self.velocity(memory, ControllerInputs(self, context))
+                self._look_out(context)
+            qd = self.velocity(memory, ControllerInputs(self, context))
+            q = q + _REHEARSAL_STEP * self.in_view(qd, ControllerInputs(self, context))
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]
@@ -301,7 +255,7 @@ class GraspController(LeafSystem):
         """A grid of the field at an optional port, made anew when that changes; None if None."""
 
         def calc(context: Context) -> ObstacleGrid | None:
-            field = _optional(port, context)
+            field = optional(port, context)
             return None if field is None else make_grid(field)
 
         return declare_cache(self, name, calc, {port.ticket()})
@@ -309,15 +263,22 @@ class GraspController(LeafSystem):
     def _updated(self, context: Context) -> Any:
         return self.update(self.memory(context), ControllerInputs(self, context))
 
+    def _look_out(self, context: Context) -> Array | None:
+        """The configuration from which the arm looks for the object; None if it does not."""
+        inputs = ControllerInputs(self, context)
+        sought, X_WC = inputs.sought, inputs.X_WC
+        if self.safety is None or sought is None or X_WC is None:
+            return None
+        return lookout(sought, inputs.q, X_WC, self.reachability)
+
     def _calc(self, context: Context, output) -> None:
         inputs = ControllerInputs(self, context)
-        qd = self.velocity(self.memory(context), inputs)
+        q_lookout = self._lookout.Eval(context) if inputs.sought else None
+        if q_lookout is not None:
+            qd = self.enforced(lookout_velocity(inputs.q, q_lookout), inputs)
+        else:
+            qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if self.safety is not None and inputs.touch.any():
             J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)[1]
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)
-
-
-def _optional(port: InputPort, context: Context) -> Any:
-    """The value of an input port; None if nothing is connected to it."""
-    return port.Eval(context) if port.HasValue(context) else None

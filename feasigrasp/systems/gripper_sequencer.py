@@ -10,11 +10,12 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.planning.lookout import SOUGHT_AFTER, Sought
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
-from feasigrasp.models.objects.tracking import TrackingState
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -48,6 +49,7 @@ class GripperSequencer(LeafSystem):
         - gripper_position
         - object_hold
         - phase
+        - sought
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
@@ -56,7 +58,9 @@ class GripperSequencer(LeafSystem):
     waits; ``rejected`` of the empty set has the `StatusCode`. Of a lost object neither pose nor
     twist is passed on (NaN); a contradicted pose is, since the hand that waits had better keep off
     where the object may be. Nor are the fingers closed on a pose that is merely extrapolated. Both
-    ports are optional.
+    ports are optional. ``sought`` is a `Sought` while an object that is to be approached has been
+    out of sight for a moment, its tracker says where it is expected, and the arm can look there;
+    else None.
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     predicted then (by ``object_motion``, a `MotionEstimate` or None, else by the twist), and the
@@ -78,9 +82,11 @@ class GripperSequencer(LeafSystem):
         gripper: ParallelGripper,
         *,
         period: float = ReachabilityConfig.period,
+        looks: bool = False,
     ) -> None:
-        """A sequencer for one gripper."""
+        """A sequencer for one gripper; ``looks``: with a camera on the arm, to look for objects."""
         super().__init__()
+        self._looks = looks
         self._config = config
         self._gripper = gripper
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
@@ -107,6 +113,7 @@ class GripperSequencer(LeafSystem):
         self.DeclareVectorOutputPort("gripper_position", 1, self._calc_gripper, {state, time})
         self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
         self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
+        declare_output(self, "sought", self._calc_sought, {state, self._tracking.ticket()})
 
     def state(self, context: Context) -> GraspState:
         """Where the sequence is."""
@@ -176,6 +183,15 @@ class GripperSequencer(LeafSystem):
     def _calc_motion(self, context: Context) -> MotionEstimate | None:
         passed = self.state(context).grasp is None and self._motion.HasValue(context)
         return self._motion.Eval(context) if passed else None
+
+    def _calc_sought(self, context: Context) -> Sought | None:
+        approaching = self.state(context).phase == Phase.APPROACH
+        if not (self._looks and approaching and self._tracking.HasValue(context)):
+            return None
+        tracking: Tracking = self._tracking.Eval(context)
+        if tracking.expected is None or tracking.age < SOUGHT_AFTER:
+            return None
+        return Sought(tracking.expected, tracking.age)
 
     def _calc_gripper(self, context: Context, output) -> None:
         state = self.state(context)

@@ -13,7 +13,8 @@ from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_spa
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
+from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.grasp_controller import GraspController
 
 
 class RMMTaskController(GraspController):

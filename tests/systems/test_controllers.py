@@ -41,6 +41,8 @@ def test_either_controller_can_replace_the_other(ports):
         "object_motion": None,
         "gpdf": None,
         "touch": 7,
+        "camera_pose": None,
+        "sought": None,
     }
     assert outputs == {"commanded_velocity": 7}
 

@@ -53,8 +53,8 @@ def grasps_at(*errors):
 class Mock:
     """A sequencer whose inputs are set by hand."""
 
-    def __init__(self, config=CONFIG, **inputs):
-        self.dut = GripperSequencer(config, GRIPPER, period=0.05)
+    def __init__(self, config=CONFIG, looks=False, **inputs):
+        self.dut = GripperSequencer(config, GRIPPER, period=0.05, looks=looks)
         self.simulator = Simulator(self.dut)
         self.context = self.simulator.get_mutable_context()
         self.fix(
@@ -347,6 +347,32 @@ def test_the_fingers_do_not_close_on_an_extrapolated_pose():
     # Being there counts from now on.
     assert mock.advance(1.09) == Phase.APPROACH
     mock.advance_to_phase(Phase.CLOSE, limit=1.3)
+
+
+def out_of_sight(state, age):
+    X = X_WO.GetAsMatrix4()
+    return Value[object](Tracking(TrackingState(state), age, expected=X))
+
+
+def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
+    mock = Mock(tracking=out_of_sight("tracking", 0.0), looks=True)
+    assert mock.output("sought") is None
+    mock.fix(tracking=out_of_sight("coasting", 0.1))
+    assert mock.output("sought") is None  # an image or two
+    for state, age in (("coasting", 0.4), ("lost", 7.0)):
+        mock.fix(tracking=out_of_sight(state, age))
+        sought = mock.output("sought")
+        np.testing.assert_allclose(sought.X_WO, X_WO.GetAsMatrix4())
+        assert sought.age == age
+    mock.fix(tracking=out_of_sight("tracking", 0.0))
+    mock.advance_to_phase(Phase.CLOSE)
+    mock.fix(tracking=out_of_sight("lost", 7.0))
+    assert mock.output("sought") is None
+
+
+def test_nothing_is_looked_for_without_a_place_or_a_camera_on_the_arm():
+    assert Mock(tracking=tracked("lost", 7.0), looks=True).output("sought") is None
+    assert Mock(tracking=out_of_sight("lost", 7.0)).output("sought") is None
 
 
 def test_what_is_in_the_fingers_is_not_let_go_because_the_object_is_lost():

@@ -33,6 +33,7 @@ class StatusCode(StrEnum):
     DONE = "done"
     TOUCHED = "touched"
     POSE_JUMPED = "pose_jumped"
+    LOOKING_FOR_OBJECT = "looking_for_object"
     POSE_LOST = "pose_lost"
     POSE_CONTRADICTED = "pose_contradicted"
     VIEWS_DROPPED = "views_dropped"
@@ -65,6 +66,7 @@ class Situation:
     Attributes:
         phase: What the gripper is doing.
         tracking: How much the object's pose is worth.
+        sought: Whether the arm looks for the object.
         contradicted: Whether the camera contradicts that pose.
         seen: Whether there is a field of the object.
         views_dropped: Why views of late could not be used, if any were dropped; else empty.
@@ -83,6 +85,7 @@ class Situation:
 
     phase: Phase = Phase.APPROACH
     tracking: Tracking | None = None
+    sought: bool = False
     contradicted: bool = False
     seen: bool = True
     views_dropped: str = ""
@@ -125,6 +128,8 @@ def judge(now: Situation) -> tuple[StatusCode, str]:
 def _pose(now: Situation) -> tuple[StatusCode, str] | None:
     if now.tracking is not None and now.tracking.jumping:
         return StatusCode.POSE_JUMPED, "measurements say that the object is somewhere else"
+    if now.tracking is not None and now.sought:
+        return StatusCode.LOOKING_FOR_OBJECT, f"not seen for {now.tracking.age:.1f} s"
     if now.tracking is not None and now.tracking.lost:
         since = "ever" if now.tracking.age == float("inf") else f"for {now.tracking.age:.1f} s"
         return StatusCode.POSE_LOST, f"no measurement of the object's pose {since}"

@@ -26,7 +26,8 @@ class TrackerConfig:
         rotation_noise: Standard deviation [rad].
         dropout: Probability that a measurement is lost.
         silence: The object is lost when measurements have been missing this long [s]: its pose is
-            held, nothing is grasped, and the arm waits.
+            held, nothing is grasped, and the arm waits, or looks for it with the camera that it
+            is tracked with.
         jerk: How quickly the object's acceleration is expected to change, see
             `feasigrasp.models.objects.pose_filter.Noise`: lower is smoother, higher follows sooner.
         angular_jerk: The same for its angular acceleration.

@@ -39,6 +39,8 @@ class Tracking(Frozen):
             the shape does not determine, like the turn of a can, does not count.
         covariance: Of the pose's error [theta, p], see `feasigrasp.models.tracking.twist_filter`,
             shape (6, 6); None if it is not known.
+        expected: X_WO by all that is known, shape (4, 4): a camera on the arm may be turned there.
+            None before the object was seen, and for a tracker without a camera.
     """
 
     state: TrackingState
@@ -47,6 +49,7 @@ class Tracking(Frozen):
     in_view: float = 1.0
     deviation: float = 0.0
     covariance: Array | None = None
+    expected: Array | None = None
 
     @classmethod
     def of_age(cls, age: float, silence: float, jumping: bool = False) -> Tracking:

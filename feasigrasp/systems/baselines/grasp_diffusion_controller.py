@@ -27,7 +27,8 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
+from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.grasp_controller import GraspController
 
 
 class GraspDiffusionController(GraspController):

@@ -12,7 +12,8 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.control import CommandFault, SolverFailure
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.systems.grasp_controller import ControllerInputs, GraspController
+from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.grasp_controller import GraspController
 
 
 class FaultyCommand(LeafSystem):

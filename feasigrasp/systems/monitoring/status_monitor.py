@@ -85,6 +85,7 @@ class StatusMonitor(LeafSystem):
         - command_faults
         - scene
         - touches
+        - sought
         output_ports:
         - status
         - history
@@ -94,8 +95,8 @@ class StatusMonitor(LeafSystem):
     the reachability filter says of each; ``reachable`` what the controller is given; ``phase`` a
     `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
-    touched. ``status`` is a `Status`, ``history`` a tuple of all of them, one for every change of
-    the code.
+    touched; ``sought``, optional, a `Sought` while the arm looks for the object. ``status`` is a
+    `Status`, ``history`` a tuple of all of them, one for every change of the code.
     """
 
     def __init__(self, gripper: ParallelGripper, *, period: float = PERIOD) -> None:
@@ -115,6 +116,7 @@ class StatusMonitor(LeafSystem):
         self._scene = declare_input(self, "scene")
         self._balls = arm_balls(capsule_model(gripper))
         self._touches = self.DeclareVectorInputPort("touches", 1)
+        self._sought = declare_input(self, "sought")
         self._said = PeriodicState(self, _Said(), period, self._look)
         state = {self._said.ticket()}
         declare_output(self, "status", self._calc_status, state)
@@ -150,6 +152,7 @@ class StatusMonitor(LeafSystem):
             Situation(
                 phase=phase,
                 tracking=tracking,
+                sought=self._sought.HasValue(context) and self._sought.Eval(context) is not None,
                 contradicted=perceived.contradicted,
                 seen=perceived.gpdf is not None,
                 views_dropped=perceived.last_fault,

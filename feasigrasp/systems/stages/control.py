@@ -9,7 +9,11 @@ from pydrake.systems.primitives import ZeroOrderHold
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.systems.carry_filter import CarryFilter
-from feasigrasp.systems.from_scenario import make_reachability_filter
+from feasigrasp.systems.from_scenario import (
+    led_by_its_camera,
+    make_reachability_filter,
+    make_view_filter,
+)
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.monitoring.contact_sense import ContactSense
 from feasigrasp.systems.scene_filter import SceneFilter
@@ -33,6 +37,11 @@ def add_control(
     """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper."""
     station, tracker, scenario = cell.station, cell["tracker"], cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
+    looks = led_by_its_camera(scenario) and controller.HasInputPort("camera_pose")
+    position = station.GetOutputPort("iiwa.position_measured")
+    own_camera = {"position": position}
+    if looks:
+        own_camera["camera_pose"] = station.GetOutputPort(f"{scenario.perception.camera}.pose")
     grasps = cell["latency"].get_output_port()
     if safe:
         grasps = cell.add("carrying", CarryFilter(), tracker, grasps=grasps).get_output_port()
@@ -41,13 +50,16 @@ def add_control(
     in_reach = make_reachability_filter(scenario, reachability)
     cell.add("reachability", in_reach, tracker, grasps=grasps)
     hand_poses = _clear_of_scene(cell, "clear_hand_poses", in_reach.GetOutputPort("grasps"))
+    if looks:
+        view = make_view_filter(scenario, cell.gripper)
+        cell.add("in_view", view, grasps=hand_poses, gpdf=gpdf, **own_camera)
+        hand_poses = view.get_output_port()
     reachable = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
     cell.add("reachable", reachable, u=hand_poses)
 
-    position = station.GetOutputPort("iiwa.position_measured")
     sequencer = cell.add(
         "sequencer",
-        GripperSequencer(scenario.grasp, cell.gripper, period=config.period),
+        GripperSequencer(scenario.grasp, cell.gripper, period=config.period, looks=looks),
         tracker,
         gpdf=gpdf,
         perceived=cell["perception"].GetOutputPort("perceived"),
@@ -64,7 +76,7 @@ def add_control(
     drive = VelocityDrive(scenario.control.period, enforce_limits=safe)
     cell.builder.AddNamedSystem("drive", drive)
     scene = [cell["scene_perception"]] if scenario.scene.enabled else []
-    cell.add("controller", controller, sequencer, tracker, drive, sense, *scene, position=position)
+    cell.add("controller", controller, sequencer, tracker, drive, sense, *scene, **own_camera)
     cell.connect(drive, velocity=cell.faults.command(controller), position=position)
     for name, port in (
         ("iiwa.desired_state", drive.GetOutputPort("desired_state")),

@@ -85,6 +85,7 @@ class FieldTracker(LeafSystem):
             in_view=found.in_view,
             deviation=found.deviation,
             covariance=found.estimate.pose_covariance,
+            expected=self._expected(found, state, context.get_time()),
         )
 
     def _look(self, context: Context) -> FieldTrack:
@@ -108,10 +109,17 @@ class FieldTracker(LeafSystem):
         state = self.tracking(context).state
         if found.estimate is None:
             return np.full((4, 4), np.nan), np.full(6, np.nan)
+        lost = state is TrackingState.LOST
+        V_WO = np.zeros(6) if lost else found.estimate.V_WO
+        return self._expected(found, state, context.get_time()), V_WO
+
+    @staticmethod
+    def _expected(found: FieldTrack, state: TrackingState, time: float) -> Array:
+        """Pose at a time; held once the object is lost."""
+        assert found.estimate is not None
         if state is TrackingState.LOST:
-            return found.estimate.X_WO, np.zeros(6)
-        coasting = state is TrackingState.COASTING
-        return found.estimate.pose(context.get_time(), coasting=coasting), found.estimate.V_WO
+            return found.estimate.X_WO
+        return found.estimate.pose(time, coasting=state is TrackingState.COASTING)
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         return RigidTransform(self._pose_and_twist(context)[0])

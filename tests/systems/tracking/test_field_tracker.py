@@ -109,9 +109,15 @@ def test_it_follows_and_says_what_it_is_worth(depth):
     t = (n - 1) * PERIOD
     loop.see(t + 0.2, np.eye(4), shown=False)
     assert loop.output("tracking").state is TrackingState.COASTING
+    pose, expected = loop.output("object_pose"), loop.output("tracking").expected
+    assert expected == pytest.approx(pose.GetAsMatrix4())
     loop.see(t + 0.5, np.eye(4), shown=False)
     assert loop.output("tracking").state is TrackingState.LOST
     assert loop.output("object_velocity").translational() == pytest.approx(np.zeros(3))
+    # It is held where it was expected last, a little farther on.
+    held = loop.output("tracking").expected
+    assert held == pytest.approx(loop.output("object_pose").GetAsMatrix4())
+    assert np.linalg.norm((held - expected)[:3, 3]) < 0.05
     assert not loop.output("object_motion").known
 
 
@@ -134,6 +140,7 @@ def test_before_the_first_view_nothing_is_known():
     assert loop.output("tracking").lost
     assert np.isnan(loop.output("object_pose").translation()).all()
     assert loop.output("keyframe") is None
+    assert loop.output("tracking").expected is None
 
 
 def test_a_scenario_may_track_with_its_camera():

@@ -1,0 +1,110 @@
+"""How an arm looks with the camera on its hand for an object that is out of sight.
+
+It draws back until the camera is some way off the place where the object is expected, and turns the
+camera there. If the object does not show, the view goes round that place in circles that widen. An
+object that moves to and fro in front of the arm comes into such a view by itself, too.
+
+The poses from which the camera would see the place are many: from where it is or from nearer to the
+robot's base, at any turn about its axis. The arm goes to the one that it is soonest at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+
+#: An object that was not seen for so long is looked for [s].
+SOUGHT_AFTER = 0.25
+#: Distance of the camera from what it looks for [m].
+_DISTANCE = 0.38
+#: The camera looks from where it is, from the base, or from between: shares of the latter.
+_FROM_BASE = (0.0, 0.4, 1.0)
+#: Turns about the camera's axis that are tried.
+_ROLLS = 6
+#: The view begins to circle when the object has been out of sight so long [s], once in so long [s],
+#: and so quickly farther out [rad/s], up to this [rad].
+_CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _WIDEST = 1.5, 4.0, 0.08, 0.35
+#: Share of the joints' speed limits, and rate at which the way that is left decreases [1/s].
+_SPEED_SHARE, _GAIN = 0.5, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Sought(Frozen):
+    """An object that is looked for.
+
+    Attributes:
+        X_WO: Where it is expected, shape (4, 4) [m].
+        age: How long it has been out of sight [s].
+    """
+
+    X_WO: Array
+    age: float
+
+    def __post_init__(self) -> None:
+        """Freezes the array."""
+        self._freeze(X_WO=np.array(self.X_WO, dtype=float))
+
+
+def lookout(sought: Sought, q: Array, X_WC: Array, reachability: Reachability) -> Array | None:
+    """The configuration from which the arm looks for an object.
+
+    Args:
+        sought: What it looks for.
+        q: Joint positions [rad], shape (7,).
+        X_WC: Pose of the camera, which is on the hand, z forward, shape (4, 4).
+        reachability: Tells which configurations are admissible.
+
+    Returns:
+        Shape (7,) [rad]; None if there is none.
+    """
+    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
+    poses = np.stack(list(_views(sought, X_WC)))
+    found, times = reachability.nearest(poses @ X_CH, q)
+    best = int(np.argmin(times))
+    return found[best] if np.isfinite(times[best]) else None
+
+
+def lookout_velocity(q: Array, q_lookout: Array) -> Array:
+    """Joint velocity (7,) [rad/s] that takes the arm there, all joints in time with each other."""
+    way = q_lookout - q
+    time = float(np.max(np.abs(way) / (_SPEED_SHARE * IIWA_7.velocity_limits)))
+    return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
+
+
+def _views(sought: Sought, X_WC: Array) -> Iterator[Array]:
+    """Poses (4, 4) of the camera in which it looks at the place, or beside it."""
+    p_WO = sought.X_WO[:3, 3]
+    to_camera = _direction(X_WC[:3, 3] - p_WO, -X_WC[:3, 2])
+    shoulder = np.array([0.0, 0.0, IIWA_7.joint_heights[1]])
+    to_base = _direction(shoulder - p_WO, to_camera)
+    for share in _FROM_BASE:
+        back = _direction((1.0 - share) * to_camera + share * to_base, to_base)
+        p = p_WO + _DISTANCE * back
+        z = _aside(-back, sought.age)
+        x = _direction(X_WC[:3, 0] - (X_WC[:3, 0] @ z) * z, se3.perpendiculars(z)[0])
+        y = np.cross(z, x)
+        for roll in np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False):
+            turned = np.cos(roll) * x + np.sin(roll) * y
+            yield se3.make_pose(np.column_stack([turned, np.cross(z, turned), z]), p)
+
+
+def _aside(z: Array, age: float) -> Array:
+    """The direction (3,) in which is looked when the object has been out of sight so long."""
+    circling = max(age - _CIRCLES_AFTER, 0.0)
+    angle, phase = min(_WIDENS * circling, _WIDEST), 2.0 * np.pi * circling / _CIRCLE_PERIOD
+    x, y = se3.perpendiculars(z)
+    return np.asarray(np.cos(angle) * z + np.sin(angle) * (np.cos(phase) * x + np.sin(phase) * y))
+
+
+def _direction(v: Array, otherwise: Array) -> Array:
+    """Unit vector along v (3,); another if v has no length."""
+    length = float(np.linalg.norm(v))
+    return v / length if length > 1e-6 else otherwise

@@ -1,0 +1,116 @@
+"""What a controller of the arm knows at one instant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import CacheEntry, Context, InputPort
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.planning.lookout import Sought
+from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.shape.gpdf import Gpdf
+
+
+class ControllerInputs:
+    """What a controller knows at one instant.
+
+    Every entry is read from its port when it is asked for: at control rate a port that nobody needs
+    costs as much as the law itself.
+    """
+
+    __slots__ = ("_context", "_controller")
+
+    def __init__(self, controller: Any, context: Context) -> None:
+        """The inputs of a `GraspController` in a context."""
+        self._controller, self._context = controller, context
+
+    @property
+    def time(self) -> float:
+        """Now [s]."""
+        return float(self._context.get_time())
+
+    @property
+    def q(self) -> Array:
+        """Joint positions [rad], shape (7,)."""
+        position: Array = self._controller._position.Eval(self._context)
+        return position
+
+    @property
+    def grasps(self) -> GraspSet:
+        """Reachable grasps in the object frame."""
+        grasps: GraspSet = self._controller._grasps.Eval(self._context)
+        return grasps
+
+    @property
+    def X_WO(self) -> Array:
+        """Object pose, shape (4, 4) [m]; not finite while it is unknown."""
+        X_WO: Array = self._controller._pose.Eval(self._context).GetAsMatrix4()
+        return X_WO
+
+    @property
+    def V_WO(self) -> Array:
+        """Object twist [angular; linear], shape (6,)."""
+        V_WO: Array = self._controller._twist.Eval(self._context).get_coeffs()
+        return V_WO
+
+    @property
+    def motion(self) -> MotionEstimate | None:
+        """Predicts the object's poses; without it they follow its twist."""
+        motion: MotionEstimate | None = optional(self._controller._motion, self._context)
+        return motion
+
+    @property
+    def gpdf(self) -> Gpdf | None:
+        """The object's distance field, in its frame; None while there is none."""
+        gpdf: Gpdf | None = optional(self._controller._gpdf, self._context)
+        return gpdf
+
+    @property
+    def qd_last(self) -> Array | None:
+        """The last command as the drive carried it out [rad/s], shape (7,)."""
+        qd_last: Array | None = optional(self._controller._last, self._context)
+        return qd_last
+
+    @property
+    def touch(self) -> Array:
+        """Torques of a contact that the arm gives way to [Nm], shape (7,); zero without one."""
+        touch: Array | None = optional(self._controller._touch, self._context)
+        return np.zeros(IIWA_7.joints) if touch is None else touch
+
+    @property
+    def X_WC(self) -> Array | None:
+        """Pose of the camera on the hand, shape (4, 4) [m]; None without one."""
+        X_WC: RigidTransform | None = optional(self._controller._camera_pose, self._context)
+        return None if X_WC is None else X_WC.GetAsMatrix4()
+
+    @property
+    def sought(self) -> Sought | None:
+        """The object that is looked for; None while it is in sight."""
+        sought: Sought | None = optional(self._controller._sought, self._context)
+        return sought
+
+    @property
+    def obstacles(self) -> ObstacleGrid | None:
+        """Distances to the scene, which the arm keeps clear of; None unless limits are enforced."""
+        return self._grid(self._controller._obstacles)
+
+    @property
+    def surface(self) -> ObstacleGrid | None:
+        """Distances to the object's surface, in its frame; None unless limits are enforced."""
+        return self._grid(self._controller._surface)
+
+    def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
+        safe = self._controller.mode is ControlMode.SAFE
+        return entry.Eval(self._context) if safe else None
+
+
+def optional(port: InputPort, context: Context) -> Any:
+    """The value of an input port; None if nothing is connected to it."""
+    return port.Eval(context) if port.HasValue(context) else None
