@@ -30,6 +30,8 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 MAX_CONTRADICTION = 0.3
 #: A contradiction is forgotten when the object has been out of sight for so long [s].
 DOUBTED_FOR = 2.0
+#: So many views in turn that contradict the earlier ones, and not each other, are right.
+OUTVOTING = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,7 @@ class Perceived(Frozen):
         faults: How many views could not be used, by `ViewFault`. A view that does not show the
             object is none.
         last_fault: What was wrong with the last look, and with what figures; empty if nothing was.
+        rival: The views since then that contradict the earlier ones, and not each other.
     """
 
     cloud: FusedCloud
@@ -57,6 +60,7 @@ class Perceived(Frozen):
     outliers: int = 0
     faults: Counter[ViewFault] = field(default_factory=Counter)
     last_fault: str = ""
+    rival: FusedCloud | None = None
 
     def without(self, fault: ViewFault, detail: str = "") -> Perceived:
         """The same, and one more view that could not be used."""
@@ -119,7 +123,8 @@ class PointCloudToGPDF(LeafSystem):
     view is merged. From a side that it has seen ``views_per_side`` times it merges no view until
     ``revisit`` seconds have passed; it looks there (something is rendered, but nothing fitted)
     every ``check`` seconds, to see whether the tracked pose is still true. A view that contradicts
-    the earlier ones is not merged.
+    the earlier ones is not merged; but if `OUTVOTING` in turn do, and agree with each other, they
+    replace the earlier ones.
 
     By default every view is smoothed, registered to the earlier ones and remembered with its
     silhouette, so that the field stays out of space the camera has looked through; ``preset:
@@ -162,6 +167,7 @@ class PointCloudToGPDF(LeafSystem):
         cap = cap[cap[:, 2] > 0.0]
         twice = nothing.merged(cap, [0.0, 0.0, 0.5]).merged(cap, [0.0, 0.1, 0.5])
         _ = complete_shape(twice, preset=preset).completion  # compiles, before the first tick
+        self._nothing = nothing
         self._options: dict[str, Any] = {
             "preset": preset,
             "max_points": max_points,
@@ -209,14 +215,39 @@ class PointCloudToGPDF(LeafSystem):
         if fault is not None:
             return seen.without(fault, detail)
         contradicted = seen.cloud.contradicted(kept, p_OC) > MAX_CONTRADICTION
-        looked = replace(seen, looked=time, contradicted=contradicted, last_fault="")
-        if contradicted or not tells_more:
-            return looked
+        looked = replace(seen, looked=time, contradicted=contradicted, last_fault="", rival=None)
         outline = self._outline.Eval(context) if self._outline.HasValue(context) else None
         if outline is not None:
             outline = outline.turned((X_OW @ X_WC).rotation().matrix())
+        if contradicted:
+            looked = self._doubted(looked, seen.rival, kept, p_OC, outline)
+        if looked.contradicted or not (tells_more or looked.gpdf is None):
+            return looked
         merged = self._merged(looked, kept, p_OC, outline)
         return replace(merged, outliers=seen.outliers + len(points_O) - len(kept))
+
+    def _doubted(
+        self,
+        seen: Perceived,
+        rival: FusedCloud | None,
+        points_O: Array,
+        p_OC: Array,
+        outline: Outline | None,
+    ) -> Perceived:
+        """What is known after a view that contradicts it.
+
+        Usually the pose is wrong now, and later views agree again. But it may have been wrong when
+        the first views were merged: if all that come after agree, those are forgotten.
+        """
+        if rival is None or rival.contradicted(points_O, p_OC) > MAX_CONTRADICTION:
+            rival = self._nothing
+        if rival.views + 1 < OUTVOTING:
+            rival = rival.merged(points_O, p_OC, outline=outline)
+            return replace(seen, rival=rival)
+        outvoted = seen.faults + Counter({ViewFault.OUTVOTED: seen.cloud.views})
+        return replace(
+            seen, cloud=rival, gpdf=None, views=ViewRecord(), contradicted=False, faults=outvoted
+        )
 
     def _merged(
         self, seen: Perceived, points_O: Array, p_OC: Array, outline: Outline | None

@@ -354,3 +354,26 @@ def test_the_outline_is_turned_into_the_frame_of_the_object(X_WO):
     row, column, _, inside = image.project(whole[band])
     assert inside.all() and (image.unclear | image.mask)[row, column].all()
     assert image.unclear.any()
+
+
+def test_first_views_at_a_wrong_pose_are_outvoted_by_later_ones_that_agree():
+    perception = Perception(period=0.5, check=0.5)
+    visible = seen_from(sphere(3000), CAMERA)
+    assert not perception.look(0.6, visible + [0.0, 0.1, 0.0]).contradicted
+    states = [perception.look(0.6 + 0.5 * k, visible) for k in range(1, 5)]
+    assert [state.contradicted for state in states] == [True, True, True, False]
+    last = states[-1]
+    assert last.cloud.views == 4 and last.gpdf is not None
+    assert last.faults[ViewFault.OUTVOTED] == states[0].cloud.views
+    np.testing.assert_allclose(last.cloud.points.mean(axis=0)[:2], 0.0, atol=0.003)
+    assert not perception.look(3.6, visible).contradicted
+
+
+def test_views_that_contradict_each_other_outvote_nothing():
+    """As while the measured pose stands still and the object moves on."""
+    perception = Perception(period=0.5, check=0.5)
+    visible = seen_from(sphere(3000), CAMERA)
+    first = perception.look(0.1, visible)
+    for k in range(1, 9):
+        seen = perception.look(0.1 + 0.5 * k, visible + [0.0, 0.06 * k, 0.0])
+        assert seen.contradicted and seen.cloud is first.cloud

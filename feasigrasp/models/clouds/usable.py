@@ -31,6 +31,7 @@ class ViewFault(StrEnum):
     ONE_DEPTH = "the same depth everywhere"
     NO_SURFACE = "points on a spot or line"
     NO_FIELD = "no field fits"
+    OUTVOTED = "later views agree on another place"
 
 
 def of_one_depth(points: Array, X_WC: Array) -> bool:
