@@ -19,7 +19,7 @@ from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
-from feasigrasp.scenario.schema import Segmentation
+from feasigrasp.scenario.schema import Execution, Segmentation
 
 _SEED = (0, 2**32 - 1, "")
 _TURN = (-3600.0, 3600.0, "deg")
@@ -151,6 +151,7 @@ CHOICES: dict[str, Sequence[str]] = {
     "control.source": tuple(Source),
     "control.look_ahead": tuple(LookAhead),
     "perception.segmentation": tuple(Segmentation),
+    "perception.execution": tuple(Execution),
     "perception.preset": tuple(Preset),
     "perception.sampler": tuple(SamplerName),
     "reachability.method": tuple(JudgeMethod),
@@ -160,3 +161,5 @@ CHOICES: dict[str, Sequence[str]] = {
     "plant_config.discrete_contact_approximation": ("tamsi", "sap", "similar", "lagged"),
     "plant_config.contact_surface_representation": ("triangle", "polygon"),
 }
+#: Those that may be left open: what the scenario runs on decides.
+OPEN = {"perception.execution"}

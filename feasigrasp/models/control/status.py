@@ -35,6 +35,7 @@ class StatusCode(StrEnum):
     POSE_JUMPED = "pose_jumped"
     POSE_LOST = "pose_lost"
     POSE_CONTRADICTED = "pose_contradicted"
+    PERCEPTION_LAPSED = "perception_lapsed"
     VIEWS_DROPPED = "views_dropped"
     NOTHING_SEEN = "nothing_seen"
     NO_GRASP = "no_grasp"
@@ -66,6 +67,7 @@ class Situation:
         phase: What the gripper is doing.
         tracking: How much the object's pose is worth.
         contradicted: Whether the camera contradicts that pose.
+        lapsed: Whether the process that perceives is gone.
         seen: Whether there is a field of the object.
         views_dropped: Why views of late could not be used, if any were dropped; else empty.
         grasps: How many grasps there are on what was seen.
@@ -84,6 +86,7 @@ class Situation:
     phase: Phase = Phase.APPROACH
     tracking: Tracking | None = None
     contradicted: bool = False
+    lapsed: bool = False
     seen: bool = True
     views_dropped: str = ""
     grasps: int = 1
@@ -130,6 +133,8 @@ def _pose(now: Situation) -> tuple[StatusCode, str] | None:
         return StatusCode.POSE_LOST, f"no measurement of the object's pose {since}"
     if now.contradicted:
         return StatusCode.POSE_CONTRADICTED, "the camera sees the object elsewhere than tracked"
+    if now.lapsed:
+        return StatusCode.PERCEPTION_LAPSED, "its process has ended, or hung; one starts anew"
     return None
 
 

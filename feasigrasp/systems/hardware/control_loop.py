@@ -15,6 +15,7 @@ from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.intake import Intake
 from feasigrasp.systems.hardware.station import HardwareStation
+from feasigrasp.systems.remote.remote_stage import RemoteStage
 
 
 class ControlLoop:
@@ -28,6 +29,7 @@ class ControlLoop:
         simulator: Advances it.
         intake: What arrives.
         started: Whether anything is asked of the guard yet.
+        image_to_grasps: From an image to its grasps, each time that there were other ones [s].
     """
 
     def __init__(self, scenario: Scenario, lcm: DrakeLcm) -> None:
@@ -44,7 +46,10 @@ class ControlLoop:
         self._station = HardwareStation(scenario, inbox, lcm)
         self.diagram: Diagram = make_dynamic_grasp(scenario, station=self._station)
         self.simulator = Simulator(self.diagram)
+        systems = self.diagram.GetSystems()
+        self._remote = [each for each in systems if isinstance(each, RemoteStage)]
         self.started = False
+        self.image_to_grasps: list[float] = []
         self._first: int | None = None
 
     def step(self, timeout: float) -> None:
@@ -85,8 +90,15 @@ class ControlLoop:
         # Whole periods: the driver's jitter is none of the control's.
         periods = round(1e-6 * (utime - self.intake.zero) / self._period)
         if periods * self._period > self.simulator.get_context().get_time():
+            self._take(periods * self._period)
             self.simulator.AdvanceTo(periods * self._period)
             self.simulator.AdvancePendingEvents()
+
+    def _take(self, now: float) -> None:
+        """Takes over what perception's processes have found; waits for none of them."""
+        context = self.simulator.get_mutable_context()
+        for stage in self._remote:
+            self.image_to_grasps += stage.take(stage.GetMyMutableContextFromRoot(context), now)
 
     def _wait(self, timeout: float) -> int:
         """Time stamp of the next status [us], as soon as there is one."""

@@ -85,6 +85,7 @@ class StatusMonitor(LeafSystem):
         - command_faults
         - scene
         - touches
+        - lapsed
         output_ports:
         - status
         - history
@@ -94,7 +95,7 @@ class StatusMonitor(LeafSystem):
     the reachability filter says of each; ``reachable`` what the controller is given; ``phase`` a
     `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
-    touched. ``status`` is a `Status`, ``history`` a tuple of all of them, one for every change of
+    touched; ``lapsed``, optional, V1, not 0 while perception's process is gone. ``status`` is a `Status`, ``history`` a tuple of all of them, one for every change of
     the code.
     """
 
@@ -115,6 +116,7 @@ class StatusMonitor(LeafSystem):
         self._scene = declare_input(self, "scene")
         self._balls = arm_balls(capsule_model(gripper))
         self._touches = self.DeclareVectorInputPort("touches", 1)
+        self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
         self._said = PeriodicState(self, _Said(), period, self._look)
         state = {self._said.ticket()}
         declare_output(self, "status", self._calc_status, state)
@@ -151,6 +153,7 @@ class StatusMonitor(LeafSystem):
                 phase=phase,
                 tracking=tracking,
                 contradicted=perceived.contradicted,
+                lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,
                 seen=perceived.gpdf is not None,
                 views_dropped=perceived.last_fault,
                 grasps=len(grasps),
