@@ -33,11 +33,14 @@ class ControlLoop:
     """
 
     def __init__(self, scenario: Scenario, lcm: DrakeLcm) -> None:
-        """Builds the pipeline.
+        """Builds the pipeline, and waits for the processes of perception to be there.
 
         Args:
             scenario: What to run; of its object and motion nothing is used.
             lcm: The bus that the drivers are on.
+
+        Raises:
+            WorkerError: One of them does not start.
         """
         self._period = scenario.control.period
         # The diagram has a bus of its own, to which the intake hands on what may be used.
@@ -48,6 +51,8 @@ class ControlLoop:
         self.simulator = Simulator(self.diagram)
         systems = self.diagram.GetSystems()
         self._remote = [each for each in systems if isinstance(each, RemoteStage)]
+        for stage in self._remote:
+            stage.worker.wait_until_ready()
         self.started = False
         self.image_to_grasps: list[float] = []
         self._first: int | None = None

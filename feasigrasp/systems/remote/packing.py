@@ -42,10 +42,14 @@ def _image(kind: str, pixels: NDArray[Any]) -> Any:
     return image
 
 
+def _read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(mapping)
+
+
 class _Pickler(pickle.Pickler):
     dispatch_table = copyreg.dispatch_table | {
         PointCloud: lambda cloud: (_cloud, (cloud.xyzs(),)),
         ImageDepth32F: lambda image: (_image, ("depth", image.data)),
         ImageLabel16I: lambda image: (_image, ("label", image.data)),
-        MappingProxyType: lambda mapping: (MappingProxyType, (dict(mapping),)),
+        MappingProxyType: lambda mapping: (_read_only, (dict(mapping),)),
     }

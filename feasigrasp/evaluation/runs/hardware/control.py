@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.errors import HardwareError
@@ -87,7 +88,12 @@ def run_hardware(
     history = status_history(loop.diagram, context)
     status = [[s.time, str(s.code), s.detail] for s in history]
     record |= {"error": error, "status": status, "metrics": dict.fromkeys(METRICS)}
-    record |= {"on_hardware": {"messages_dropped": dict(loop.intake.dropped)}}
+    latencies = loop.image_to_grasps
+    record["on_hardware"] = {
+        "messages_dropped": dict(loop.intake.dropped),
+        "image_to_grasps_ms": 1e3 * float(np.median(latencies)) if latencies else None,
+        "image_to_grasps_count": len(latencies),
+    }
     keep(record)
     return record
 
