@@ -15,7 +15,7 @@ from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.intake import Intake
 from feasigrasp.systems.hardware.station import HardwareStation
-from feasigrasp.systems.remote.remote_stage import RemoteStage
+from feasigrasp.systems.remote.remote_stage import remote_stages
 
 
 class ControlLoop:
@@ -49,8 +49,7 @@ class ControlLoop:
         self._station = HardwareStation(scenario, inbox, lcm)
         self.diagram: Diagram = make_dynamic_grasp(scenario, station=self._station)
         self.simulator = Simulator(self.diagram)
-        systems = self.diagram.GetSystems()
-        self._remote = [each for each in systems if isinstance(each, RemoteStage)]
+        self._remote = remote_stages(self.diagram)
         for stage in self._remote:
             stage.worker.wait_until_ready()
         self.started = False

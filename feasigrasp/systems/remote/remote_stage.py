@@ -10,12 +10,16 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State, System
+from pydrake.systems.framework import Context, Diagram, EventStatus, LeafSystem, State, System
 
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.remote.served import Served, inputs_of, is_vector, outputs_of
 from feasigrasp.systems.remote.worker import Worker
+
+
+#: What has been posted for so long without an answer is given up: perception has lapsed [s].
+DEADLINE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +48,9 @@ class RemoteStage(LeafSystem):
     for bit. Without, nobody waits: a view that comes while the process is busy is passed over, and
     `take`, which whoever advances the diagram calls, takes over what has arrived, the latest of it.
     ``stamp``, optional, V1, is when the present image was taken [s]: none is posted twice.
-    ``lapsed``, V1, is 1 while the process has died or hangs, until another one is there in its
-    place, which remembers what the first one did; meanwhile the outputs stay what they are.
+    ``lapsed``, V1, is 1 while the process has not answered for `DEADLINE`, or has died, until it
+    does or another one is there in its place, which remembers what the first one did; meanwhile the
+    outputs stay what they are.
 
     What is on its way is no part of the context.
     """
@@ -64,12 +69,12 @@ class RemoteStage(LeafSystem):
         """
         super().__init__()
         self.worker = Worker(make)
-        weakref.finalize(self, self.worker.close)
+        weakref.finalize(self, self.worker.close)  # at the latest when Python ends
         self._waits = latency is not None
         stage = make()
         self._given = [self._mirrored(port, stage) for port in inputs_of(stage)]
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
-        self._posted_at: deque[float] = deque()
+        self._posted: deque[tuple[float, float]] = deque()  # when, and when the image was taken
         self._last_stamp = np.nan
         arrived = _Arrived(Served(stage).outputs())
         index = self.DeclareAbstractState(AbstractValue.Make(arrived))
@@ -95,11 +100,12 @@ class RemoteStage(LeafSystem):
         before = arrived = self._arrived(context)
         latencies = []
         for answer in self.worker.answers():
-            posted = self._posted_at.popleft()
+            _, taken_at = self._posted.popleft()
             if answer:
                 arrived = replace(arrived, outputs=arrived.outputs | answer)
-                latencies += [time - posted] if "grasps" in answer else []
-        lapsed = not self.worker.ready.is_set()
+                latencies += [time - taken_at] if "grasps" in answer else []
+        overdue = bool(self._posted) and time - self._posted[0][0] > DEADLINE
+        lapsed = overdue or not self.worker.ready.is_set()
         if lapsed != arrived.lapsed:
             arrived = replace(arrived, lapsed=lapsed)
         if arrived is not before:
@@ -140,7 +146,7 @@ class RemoteStage(LeafSystem):
         if not self._waits and self.worker.busy:
             return EventStatus.DidNothing()
         self._last_stamp = stamp
-        self._posted_at.append(stamp)
+        self._posted.append((time, stamp))
         known = [port for port in self._given if port.HasValue(context)]
         self.worker.post(time, {port.get_name(): port.Eval(context) for port in known})
         return EventStatus.Succeeded()
@@ -153,3 +159,14 @@ class RemoteStage(LeafSystem):
         arrived = replace(arrived, outputs=arrived.outputs | answer)
         state.get_mutable_abstract_state(self._index).set_value(arrived)
         return EventStatus.Succeeded()
+
+
+def end_processes(diagram: Diagram) -> None:
+    """Ends the processes of a diagram's remote stages; it can only be looked at from then on."""
+    for stage in remote_stages(diagram):
+        stage.worker.close()
+
+
+def remote_stages(diagram: Diagram) -> list[RemoteStage]:
+    """Those of a diagram's systems."""
+    return [system for system in diagram.GetSystems() if isinstance(system, RemoteStage)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from multiprocessing.connection import Connection
 
@@ -11,8 +10,6 @@ from threadpoolctl import threadpool_limits
 from feasigrasp.systems.remote.packing import packed, unpacked
 from feasigrasp.systems.remote.served import Served
 
-#: Control goes first where processors are scarce: by so much this process is nicer.
-_NICER = 5
 #: What is said when the stage is built and compiled.
 READY = b"ready"
 
@@ -20,7 +17,6 @@ READY = b"ready"
 def main(descriptor: int) -> None:
     """Works until the other side closes the connection of that descriptor, or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever has started this
-    os.nice(_NICER)
     connection = Connection(descriptor)
     try:
         _serve(connection)

@@ -18,7 +18,7 @@ from feasigrasp.errors import WorkerError
 from feasigrasp.systems.remote.packing import packed, unpacked
 
 #: A worker that takes longer hangs: to start and compile, and for one piece of work [s].
-START_PATIENCE, PATIENCE = 300.0, 2.0
+START_PATIENCE, PATIENCE = 300.0, 10.0
 #: What the process runs: modules are looked for where this one finds them.
 _SERVE = (
     "import sys; sys.path[:] = {path!r}; from feasigrasp.systems.remote.serving import main; "

@@ -20,6 +20,7 @@ from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
+from feasigrasp.systems.remote.remote_stage import end_processes
 
 #: How long to wait for the driver's first message, and then for each [s].
 WAIT_FOR_DRIVER, SILENCE = 60.0, 5.0
@@ -77,6 +78,7 @@ def run_hardware(
         finally:
             watch.terminate()  # which ends it when the arm rests
             watch.join()
+            end_processes(loop.diagram)
     if interrupted.is_set():
         error = INTERRUPTED
     context = loop.simulator.get_context()
