@@ -50,7 +50,7 @@ def kept_with_value(
     """
 
     @wraps(make)
-    def kept(value: _Value, *args: _Options.args, **options: _Options.kwargs) -> _Made:
+    def kept(value: _Value, /, *args: _Options.args, **options: _Options.kwargs) -> _Made:
         made: dict[Any, _Made] = value.__dict__.setdefault("_made", {})
         key = (make.__name__, *sorted(options.items()))
         if key not in made:

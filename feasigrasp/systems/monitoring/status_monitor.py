@@ -95,8 +95,8 @@ class StatusMonitor(LeafSystem):
     the reachability filter says of each; ``reachable`` what the controller is given; ``phase`` a
     `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
-    touched; ``lapsed``, optional, V1, not 0 while perception's process is gone. ``status`` is a `Status`, ``history`` a tuple of all of them, one for every change of
-    the code.
+    touched; ``lapsed``, optional, V1, not 0 while perception's process is gone. ``status`` is a
+    `Status`, ``history`` a tuple of all of them, one for every change of the code.
     """
 
     def __init__(self, gripper: ParallelGripper, *, period: float = PERIOD) -> None:

@@ -17,7 +17,6 @@ from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.remote.served import Served, inputs_of, is_vector, outputs_of
 from feasigrasp.systems.remote.worker import Worker
 
-
 #: What has been posted for so long without an answer is given up: perception has lapsed [s].
 DEADLINE = 2.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from threadpoolctl import threadpool_limits
@@ -18,10 +19,8 @@ def main(descriptor: int) -> None:
     """Works until the other side closes the connection of that descriptor, or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever has started this
     connection = Connection(descriptor)
-    try:
+    with suppress(EOFError, ConnectionError):
         _serve(connection)
-    except (EOFError, ConnectionError):
-        pass
 
 
 def _serve(connection: Connection) -> None:
@@ -34,4 +33,3 @@ def _serve(connection: Connection) -> None:
         while True:
             new = served.looked(*unpacked(connection.recv_bytes()))
             connection.send_bytes(packed((new, served.state() if new else None)))
-

@@ -29,9 +29,10 @@ _SERVE = (
 class Worker:
     """A stage in a process of its own.
 
-    Nothing here waits but `next_answer` and `wait_until_ready`. A process that dies is started anew, at
-    once, and remembers what the one before it knew when it last answered. One that hangs has to be
-    looked for, by `end_if_stuck`. It ends with this process, however that ends.
+    Nothing here waits but `next_answer` and `wait_until_ready`. A process that dies is started
+    anew, as soon as something is asked of it, and remembers what the one before it knew when it
+    last answered. One that hangs has to be looked for, by `end_if_stuck`. It ends with this
+    process, however that ends.
 
     Attributes:
         ready: Set while the process is there to work.
@@ -153,7 +154,7 @@ class Worker:
     def _started(self) -> Connection:
         """A new process, and the connection to it; one that does not start shows at a request."""
         mine, other = multiprocessing.Pipe()
-        # Not multiprocessing's own way, which a daemonic process, as runs of a study are, may not go.
+        # Not as multiprocessing does: runs of a study are daemonic, and could not.
         code = _SERVE.format(path=sys.path, descriptor=other.fileno())
         with other:
             self._process = subprocess.Popen(

@@ -85,4 +85,3 @@ class Cell:
 def given(**ports: OutputPort | None) -> dict[str, OutputPort]:
     """Those of the ports that there are."""
     return {name: port for name, port in ports.items() if port is not None}
-

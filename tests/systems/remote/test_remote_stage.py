@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from tests.remote_counter import DIE, NAP, PERIOD, SLEEP, Counter, broken, fixed
 
 from feasigrasp.errors import WorkerError
 from feasigrasp.systems.remote import worker
 from feasigrasp.systems.remote.remote_stage import RemoteStage, end_processes
 from feasigrasp.systems.remote.worker import Worker
+from tests.remote_counter import DIE, NAP, PERIOD, SLEEP, Counter, broken, fixed
 
 
 class Run:
