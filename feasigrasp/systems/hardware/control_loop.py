@@ -45,13 +45,14 @@ class ControlLoop:
         self._period = scenario.control.period
         # The diagram has a bus of its own, to which the intake hands on what may be used.
         inbox = DrakeLcm("memq://")
-        self.intake = Intake(lcm, channels.inbound(scenario), inbox)
         self._station = HardwareStation(scenario, inbox, lcm)
         self.diagram: Diagram = make_dynamic_grasp(scenario, station=self._station)
         self.simulator = Simulator(self.diagram)
         self._remote = remote_stages(self.diagram)
         for stage in self._remote:
             stage.worker.wait_until_ready()
+        # Now: what comes while nobody listens is old when it is heard.
+        self.intake = Intake(lcm, channels.inbound(scenario), inbox)
         self.started = False
         self.image_to_grasps: list[float] = []
         self._first: int | None = None

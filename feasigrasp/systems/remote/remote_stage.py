@@ -46,7 +46,8 @@ class RemoteStage(LeafSystem):
     at that simulated time after each post: the simulation waits for them, so that a run repeats bit
     for bit. Without, nobody waits: a view that comes while the process is busy is passed over, and
     `take`, which whoever advances the diagram calls, takes over what has arrived, the latest of it.
-    ``stamp``, optional, V1, is when the present image was taken [s]: none is posted twice.
+    ``stamp``, optional, V1, is when the present image was taken [s]: none is posted twice, and none
+    from before time 0, when nobody knew where the object was.
     ``lapsed``, V1, is 1 while the process has not answered for `DEADLINE`, or has died, until it
     does or another one is there in its place, which remembers what the first one did; meanwhile the
     outputs stay what they are.
@@ -74,7 +75,7 @@ class RemoteStage(LeafSystem):
         self._given = [self._mirrored(port, stage) for port in inputs_of(stage)]
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         self._posted: deque[tuple[float, float]] = deque()  # when, and when the image was taken
-        self._last_stamp = np.nan
+        self._last_stamp = 0.0
         arrived = _Arrived(Served(stage).outputs())
         index = self.DeclareAbstractState(AbstractValue.Make(arrived))
         self._index, tickets = int(index), {self.abstract_state_ticket(index)}
@@ -140,7 +141,7 @@ class RemoteStage(LeafSystem):
         time = stamp = context.get_time()
         if self._stamp.HasValue(context):
             stamp = float(self._stamp.Eval(context)[0])
-            if np.isnan(stamp) or stamp == self._last_stamp:
+            if not stamp > self._last_stamp:  # NaN is not, either
                 return EventStatus.DidNothing()
         if not self._waits and self.worker.busy:
             return EventStatus.DidNothing()

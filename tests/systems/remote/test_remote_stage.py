@@ -91,7 +91,10 @@ def test_nobody_waits_and_the_latest_wins(free):
 def test_latency_counts_from_the_image_and_no_image_is_posted_twice(free):
     fixed(free.stage, free.context, stamp=-0.03)
     free.to(0.0)
-    assert taken(free, 0.1) == pytest.approx([0.13])
+    assert not free.stage.worker.busy
+    fixed(free.stage, free.context, stamp=0.07)
+    free.to(0.1)
+    assert taken(free, 0.2) == pytest.approx([0.13])
     free.to(0.3)
     time.sleep(0.3)
     assert free.stage.take(free.context, 0.3) == [] and len(free["grasps"]) == 1
