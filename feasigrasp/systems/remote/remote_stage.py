@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, Diagram, EventStatus, LeafSystem, State, System
 
