@@ -19,7 +19,7 @@ from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
-from feasigrasp.scenario.limits import CHOICES, LIMITS, OPEN
+from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.parts import check_parts
 from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.sampling import camera_errors
@@ -125,7 +125,7 @@ def _check_choices(scenario: Scenario) -> None:
     for key, allowed in CHOICES.items():
         section, name = key.split(".")
         choice = getattr(getattr(scenario, section), name)
-        if choice not in allowed and not (choice is None and key in OPEN):
+        if choice not in allowed:
             raise ScenarioError(
                 f"{key} is {choice!r}; choose one of {', '.join(allowed)}{nearest(choice, allowed)}"
             )

@@ -161,5 +161,3 @@ CHOICES: dict[str, Sequence[str]] = {
     "plant_config.discrete_contact_approximation": ("tamsi", "sap", "similar", "lagged"),
     "plant_config.contact_surface_representation": ("triangle", "polygon"),
 }
-#: Those that may be left open: what the scenario runs on decides.
-OPEN = {"perception.execution"}

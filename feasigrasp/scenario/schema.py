@@ -114,6 +114,7 @@ class Segmentation(StrEnum):
 class Execution(StrEnum):
     """Where perception works."""
 
+    AUTO = "auto"
     INLINE = "inline"
     PROCESSES = "processes"
 
@@ -128,7 +129,8 @@ class PerceptionConfig:
             simulation, or ``depth``, its depth image alone, see `ForegroundSegmentation`.
         execution: Where it works: ``inline``, between two ticks of the controller, or
             ``processes``, in a process of its own, for which no tick waits; so does what is made of
-            the surroundings. By default ``processes`` where an arm is commanded, else ``inline``.
+            the surroundings; ``auto``, the latter where an arm is commanded by its driver's
+            messages, else the former.
         period: Time between views [s].
         latency: Time from a view to its grasps [s], where the cell is simulated; by default that of
             the mode.
@@ -149,7 +151,7 @@ class PerceptionConfig:
 
     camera: str = "wrist_camera"
     segmentation: str = Segmentation.LABELS.value
-    execution: str | None = None
+    execution: str = Execution.AUTO.value
     period: float = 0.5
     latency: float = _of_the_mode()
     preset: str = _of_the_mode()

@@ -40,8 +40,8 @@ class Cell:
     @property
     def remote(self) -> bool:
         """Whether perception works in processes of its own."""
-        default = Execution.INLINE if self.simulated else Execution.PROCESSES
-        return (self.scenario.perception.execution or default) == Execution.PROCESSES
+        chosen = self.scenario.perception.execution
+        return chosen == Execution.PROCESSES or (chosen == Execution.AUTO and not self.simulated)
 
     def late(self, value: AbstractValue | int) -> LeafSystem:
         """Hands on a value of that kind, or a vector of that size, as late as grasps are.
