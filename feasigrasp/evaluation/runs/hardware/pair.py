@@ -21,12 +21,13 @@ from drake import lcmt_iiwa_status
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
-from feasigrasp.evaluation.runs.hardware.control import SILENCE
 from feasigrasp.evaluation.runs.hardware.network import Network, Relay
 from feasigrasp.systems.hardware import channels
 
 #: How long a pair of processes may take from its start to its end [s].
 PATIENCE = 900.0
+#: How long the controller may take from the end of the simulation to its own [s].
+LAST_WORDS = 60.0
 
 
 class Blow(StrEnum):
@@ -145,7 +146,7 @@ class _Times:
 def _wait_for(controller: subprocess.Popen[bytes]) -> None:
     """Lets a controller say what it has to say; it sees itself that nobody answers any more."""
     with suppress(subprocess.TimeoutExpired):
-        controller.wait(3.0 * SILENCE)
+        controller.wait(LAST_WORDS)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
