@@ -43,3 +43,7 @@ class ControlError(FeasigraspError, ValueError):
 
 class HardwareError(FeasigraspError, RuntimeError):
     """A driver that is silent or has stopped, or a message bus that cannot be opened."""
+
+
+class WorkerError(FeasigraspError, RuntimeError):
+    """A process of ours that does not start, has died, or hangs."""

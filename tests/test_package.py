@@ -38,7 +38,7 @@ ORDER = (
     ("models.control.task", "models.control.joint"),
     ("scenario",),
     ("systems.ports",),
-    ("systems.station",),
+    ("systems.station", "systems.remote"),
     ("systems",),
     ("systems.hardware",),
     ("results",),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, Self
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +34,30 @@ class Frozen:
         for name, array in arrays.items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+
+
+_Value = TypeVar("_Value", bound=Frozen)
+_Options = ParamSpec("_Options")
+_Made = TypeVar("_Made")
+
+
+def kept_with_value(
+    make: Callable[Concatenate[_Value, _Options], _Made],
+) -> Callable[Concatenate[_Value, _Options], _Made]:
+    """Keeps what is made of a frozen value with that value, to be made once.
+
+    It goes where the value goes, into another process too. Options are given by name.
+    """
+
+    @wraps(make)
+    def kept(value: _Value, /, *args: _Options.args, **options: _Options.kwargs) -> _Made:
+        made: dict[Any, _Made] = value.__dict__.setdefault("_made", {})
+        key = (make.__name__, *sorted(options.items()))
+        if key not in made:
+            made[key] = make(value, *args, **options)
+        return made[key]
+
+    return kept
 
 
 def record(options: Any) -> NDArray[np.void]:

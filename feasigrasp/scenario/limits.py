@@ -19,7 +19,7 @@ from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
-from feasigrasp.scenario.schema import Segmentation
+from feasigrasp.scenario.schema import Execution, Segmentation
 
 _SEED = (0, 2**32 - 1, "")
 _TURN = (-3600.0, 3600.0, "deg")
@@ -151,6 +151,7 @@ CHOICES: dict[str, Sequence[str]] = {
     "control.source": tuple(Source),
     "control.look_ahead": tuple(LookAhead),
     "perception.segmentation": tuple(Segmentation),
+    "perception.execution": tuple(Execution),
     "perception.preset": tuple(Preset),
     "perception.sampler": tuple(SamplerName),
     "reachability.method": tuple(JudgeMethod),

@@ -111,6 +111,14 @@ class Segmentation(StrEnum):
     DEPTH = "depth"
 
 
+class Execution(StrEnum):
+    """Where perception works."""
+
+    AUTO = "auto"
+    INLINE = "inline"
+    PROCESSES = "processes"
+
+
 @dc.dataclass
 class PerceptionConfig:
     """How often the object is looked at, and the distance field that is fitted.
@@ -119,8 +127,13 @@ class PerceptionConfig:
         camera: Name of the camera that is used.
         segmentation: By what its pixels of the object are told: ``labels``, the label image of the
             simulation, or ``depth``, its depth image alone, see `ForegroundSegmentation`.
+        execution: Where it works: ``inline``, between two ticks of the controller, or
+            ``processes``, in a process of its own, for which no tick waits; so does what is made of
+            the surroundings; ``auto``, the latter where an arm is commanded by its driver's
+            messages, else the former.
         period: Time between views [s].
-        latency: Time from a view to its grasps [s]; by default that of the mode.
+        latency: Time from a view to its grasps [s], where the cell is simulated; by default that of
+            the mode.
         preset: ``default``, or ``paper`` for the paper's field, see `complete_shape`; by default
             that of the mode.
         max_points: Points that the field is fitted to.
@@ -138,6 +151,7 @@ class PerceptionConfig:
 
     camera: str = "wrist_camera"
     segmentation: str = Segmentation.LABELS.value
+    execution: str = Execution.AUTO.value
     period: float = 0.5
     latency: float = _of_the_mode()
     preset: str = _of_the_mode()

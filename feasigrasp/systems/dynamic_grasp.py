@@ -9,6 +9,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
+from feasigrasp.errors import ScenarioError
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.grippers import load_gripper
@@ -21,6 +22,7 @@ from feasigrasp.systems.stages.cell import Cell, given
 from feasigrasp.systems.stages.control import add_control
 from feasigrasp.systems.stages.measurement import add_measurement, add_status
 from feasigrasp.systems.stages.perception import add_perception
+from feasigrasp.systems.stages.remote import remote_object
 from feasigrasp.systems.stages.visualization import add_visualization
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.station import Station
@@ -35,7 +37,7 @@ class Subsystems:
         tracker: Where the object is.
         segmentation: Which points are the object's.
         perception: Its completed shape.
-        sampler: Its grasps.
+        sampler: Its grasps; the perception itself, if that is in a process of its own.
         reachability: Those in reach.
         sequencer: When to close, and what the controller is given.
         controller: The arm's velocity.
@@ -124,7 +126,8 @@ def make_dynamic_grasp(
         connect: Adds systems and logs before the diagram is built.
 
     Raises:
-        ScenarioError: A part that the scenario names cannot be made.
+        ScenarioError: A part that the scenario names cannot be made, or one that is given would
+            have to go to another process.
     """
     gripper, scenario = load_gripper(scenario.gripper), resolve(scenario)
     reachability = Reachability(gripper)
@@ -134,11 +137,19 @@ def make_dynamic_grasp(
     check_cell(station.plant, gripper, hand_error=hand_error)
     cell = Cell(builder, scenario, gripper, station)
     _add_tracker(cell, tracker or make_part(Part.TRACKER, scenario, reachability))
-    gpdf = add_perception(
-        cell,
-        sampler or make_part(Part.SAMPLER, scenario, reachability),
-        perception or make_part(Part.PERCEPTION, scenario, reachability),
-    )
+    if cell.remote:
+        if sampler or perception:
+            raise ScenarioError(
+                "perception.execution: processes builds sampler and perception elsewhere; name "
+                "them in parts, or give perception: {execution: inline}"
+            )
+        gpdf = add_perception(cell, remote_object(cell))
+    else:
+        gpdf = add_perception(
+            cell,
+            perception or make_part(Part.PERCEPTION, scenario, reachability),
+            sampler or make_part(Part.SAMPLER, scenario, reachability),
+        )
     controller = controller or make_part(Part.CONTROLLER, scenario, reachability)
     add_control(cell, reachability, controller, gpdf)
     add_status(cell)
@@ -146,7 +157,11 @@ def make_dynamic_grasp(
         add_measurement(cell)
     if meshcat is not None:
         add_visualization(cell, meshcat)
-    subsystems = Subsystems(**{name: cell[name] for name in Subsystems.__annotations__})
+    # In a process of its own perception samples as well.
+    elsewhere = {"sampler": "perception"} if cell.remote else {}
+    subsystems = Subsystems(
+        **{name: cell[elsewhere.get(name, name)] for name in Subsystems.__annotations__}
+    )
     if connect is not None:
         connect(builder, subsystems)
     diagram = DynamicGrasp()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -44,8 +44,10 @@ from feasigrasp.scenario.schema import ControlConfig, Scenario
 from feasigrasp.systems.baselines.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
+from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
@@ -147,6 +149,24 @@ def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> Grasp
     )
     sampler(fit_gpdf(sphere_points(64, 0.03)))
     return sampler
+
+
+def make_grasp_sampler(
+    scenario: Scenario, sampler: GraspSamplerFn, gripper: ParallelGripper
+) -> GraspSampler:
+    """What samples grasps, and filters them as the scenario says."""
+    checks = gripper if scenario.perception.filter else None
+    return GraspSampler(sampler, checks, mass=scenario.object.mass)
+
+
+def make_scene(
+    scenario: Scenario, gripper: ParallelGripper, labels: Iterable[int]
+) -> PointCloudToScene:
+    """What makes a scene of all pixels but those of some labels."""
+    config = scenario.scene
+    return PointCloudToScene(
+        labels, gripper=gripper, period=config.period, resolution=config.resolution
+    )
 
 
 def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> ReachabilityFilter:

@@ -40,6 +40,7 @@ class GripperSequencer(LeafSystem):
         - gpdf
         - tracking
         - perceived
+        - lapsed
         output_ports:
         - grasps
         - gpdf
@@ -53,14 +54,14 @@ class GripperSequencer(LeafSystem):
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
-    connected. While the object is lost (``tracking``, a `Tracking`), or a view contradicts its pose
-    (``perceived``, a `Perceived`), grasps lapse: none is passed on, and a controller brakes and
-    waits; ``rejected`` of the empty set has the `StatusCode`. Of a lost object neither pose nor
-    twist is passed on (NaN); a contradicted pose is, since the hand that waits had better keep off
-    where the object may be. Nor are the fingers closed on a pose that is merely extrapolated. Both
-    ports are optional. ``sought`` is a `Sought` while an object that is to be approached has been
-    out of sight for a moment, its tracker says where it is expected, and the arm can look there;
-    else None.
+    connected. While the object is lost (``tracking``, a `Tracking`), a view contradicts its pose
+    (``perceived``, a `Perceived`), or perception's process is gone (``lapsed``, V1, not 0), grasps
+    lapse: none is passed on, and a controller brakes and waits; ``rejected`` of the empty set has
+    the `StatusCode`. Of a lost object neither pose nor twist is passed on (NaN); otherwise both
+    are, since the hand that waits had better keep off where the object may be. Nor are the fingers
+    closed on a pose that is merely extrapolated. These ports are optional. ``sought`` is a `Sought`
+    while an object that is to be approached has been out of sight for a moment, its tracker says
+    where it is expected, and the arm can look there; else None.
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     predicted then (by ``object_motion``, a `MotionEstimate` or None, else by the twist), and the
@@ -98,10 +99,11 @@ class GripperSequencer(LeafSystem):
         self._gpdf = declare_input(self, "gpdf")
         self._tracking = declare_input(self, "tracking")
         self._perceived = declare_input(self, "perceived")
+        self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
         self._state = PeriodicState(self, GraspState(), period, self._advance)
 
         state, time = self._state.ticket(), self.time_ticket()
-        doubts = {self._tracking.ticket(), self._perceived.ticket()}
+        doubts = {port.ticket() for port in (self._tracking, self._perceived, self._lapsed)}
         target = {state, time, self._pose.ticket(), self._velocity.ticket(), *doubts}
         declare_output(self, "grasps", self._calc_grasps, {state, self._grasps.ticket(), *doubts})
         declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
@@ -121,11 +123,13 @@ class GripperSequencer(LeafSystem):
         return state
 
     def _doubt(self, context: Context) -> StatusCode | None:
-        """Why the object's pose is not to be relied on; None if it is."""
+        """Why what is known of the object is not to be relied on; None if it is."""
         if self._tracking.HasValue(context) and self._tracking.Eval(context).lost:
             return StatusCode.POSE_LOST
         if self._perceived.HasValue(context) and self._perceived.Eval(context).contradicted:
             return StatusCode.POSE_CONTRADICTED
+        if self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0]:
+            return StatusCode.PERCEPTION_LAPSED
         return None
 
     def _coasting(self, context: Context) -> bool:

@@ -45,6 +45,7 @@ from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
+from feasigrasp.systems.remote.remote_stage import end_processes
 from feasigrasp.systems.station.hand import cell_directives
 
 #: The ``error`` of a run that Ctrl-C ended.
@@ -129,6 +130,7 @@ def run(
         if error is None and interrupted.is_set():
             error = INTERRUPTED
         ended = time.perf_counter()
+        end_processes(diagram)
 
     say("measuring what happened")
     context = simulator.get_context()

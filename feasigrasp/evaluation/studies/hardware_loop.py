@@ -119,7 +119,7 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
     try:
         said = run_pair(name, item["text"], rate=rate, fault=item["fault"], at=item["at"])
     except FeasigraspError as error:
-        empty = dict.fromkeys((*LIMITS, *_HEARD, "real_time_factor"))
+        empty = dict.fromkeys((*LIMITS, *_HEARD, "image_to_grasps_ms", "real_time_factor"))
         record |= {"crashed": True, "error": str(error), "held": False, "broken": True} | empty
         return [record]
     metrics, heard = said["metrics"], said["hardware"]
@@ -129,6 +129,7 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
     record |= {"crashed": False, "error": said["error"], "held": bool(metrics["grasp_held"])}
     record |= {"broken": broken} | {key: metrics[key] for key in LIMITS}
     record |= {key: heard[key] for key in _HEARD}
+    record |= {"image_to_grasps_ms": said.get("on_hardware", {}).get("image_to_grasps_ms")}
     return [record | {"real_time_factor": said["timings"]["real_time_factor"]}]
 
 
@@ -151,6 +152,7 @@ def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
     for name, key, worst in (
         ("hardware.command_gap_ms.max", "request_gap_ms_max", np.max),
         ("hardware.command_gap_ms.p99", "request_gap_ms_p99", np.median),
+        ("hardware.image_to_grasps_ms", "image_to_grasps_ms", np.median),
         ("hardware.real_time_factor", "real_time_factor", np.median),
     ):
         if values := [each[key] for each in plain if each[key] is not None]:

@@ -160,7 +160,9 @@ def _outlined(image: ViewImage, outline: Outline, n_points: int) -> ViewImage:
     inside &= z > 0.0
     unclear = np.zeros_like(image.mask)
     unclear[row[inside], column[inside]] = True
-    unclear = binary_dilation(unclear, _AROUND) & ~image.mask
+    if image.pitch > 0.7 * image.pixel:  # lines of sight miss pixels between them
+        unclear = binary_dilation(unclear, _AROUND)
+    unclear &= ~image.mask
     unmeasured = len(outline.unmeasured)
     outside = np.count_nonzero(~inside[:unmeasured]) / (n_points + unmeasured)
     return replace(image, whole=bool(outline.whole and outside <= _MAX_OUTSIDE), unclear=unclear)

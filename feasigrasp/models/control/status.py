@@ -36,6 +36,7 @@ class StatusCode(StrEnum):
     LOOKING_FOR_OBJECT = "looking_for_object"
     POSE_LOST = "pose_lost"
     POSE_CONTRADICTED = "pose_contradicted"
+    PERCEPTION_LAPSED = "perception_lapsed"
     VIEWS_DROPPED = "views_dropped"
     NOTHING_SEEN = "nothing_seen"
     NO_GRASP = "no_grasp"
@@ -68,6 +69,7 @@ class Situation:
         tracking: How much the object's pose is worth.
         sought: Whether the arm looks for the object.
         contradicted: Whether the camera contradicts that pose.
+        lapsed: Whether the process that perceives is gone.
         seen: Whether there is a field of the object.
         views_dropped: Why views of late could not be used, if any were dropped; else empty.
         grasps: How many grasps there are on what was seen.
@@ -87,6 +89,7 @@ class Situation:
     tracking: Tracking | None = None
     sought: bool = False
     contradicted: bool = False
+    lapsed: bool = False
     seen: bool = True
     views_dropped: str = ""
     grasps: int = 1
@@ -135,6 +138,8 @@ def _pose(now: Situation) -> tuple[StatusCode, str] | None:
         return StatusCode.POSE_LOST, f"no measurement of the object's pose {since}"
     if now.contradicted:
         return StatusCode.POSE_CONTRADICTED, "the camera sees the object elsewhere than tracked"
+    if now.lapsed:
+        return StatusCode.PERCEPTION_LAPSED, "its process has ended, or hung; one starts anew"
     return None
 
 

@@ -15,6 +15,7 @@ from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.intake import Intake
 from feasigrasp.systems.hardware.station import HardwareStation
+from feasigrasp.systems.remote.remote_stage import remote_stages
 
 
 class ControlLoop:
@@ -28,23 +29,32 @@ class ControlLoop:
         simulator: Advances it.
         intake: What arrives.
         started: Whether anything is asked of the guard yet.
+        image_to_grasps: From an image to its grasps, each time that there were other ones [s].
     """
 
     def __init__(self, scenario: Scenario, lcm: DrakeLcm) -> None:
-        """Builds the pipeline.
+        """Builds the pipeline, and waits for the processes of perception to be there.
 
         Args:
             scenario: What to run; of its object and motion nothing is used.
             lcm: The bus that the drivers are on.
+
+        Raises:
+            WorkerError: One of them does not start.
         """
         self._period = scenario.control.period
         # The diagram has a bus of its own, to which the intake hands on what may be used.
         inbox = DrakeLcm("memq://")
-        self.intake = Intake(lcm, channels.inbound(scenario), inbox)
         self._station = HardwareStation(scenario, inbox, lcm)
         self.diagram: Diagram = make_dynamic_grasp(scenario, station=self._station)
         self.simulator = Simulator(self.diagram)
+        self._remote = remote_stages(self.diagram)
+        for stage in self._remote:
+            stage.worker.wait_until_ready()
+        # Now: what comes while nobody listens is old when it is heard.
+        self.intake = Intake(lcm, channels.inbound(scenario), inbox)
         self.started = False
+        self.image_to_grasps: list[float] = []
         self._first: int | None = None
 
     def step(self, timeout: float) -> None:
@@ -85,8 +95,15 @@ class ControlLoop:
         # Whole periods: the driver's jitter is none of the control's.
         periods = round(1e-6 * (utime - self.intake.zero) / self._period)
         if periods * self._period > self.simulator.get_context().get_time():
+            self._take(periods * self._period)
             self.simulator.AdvanceTo(periods * self._period)
             self.simulator.AdvancePendingEvents()
+
+    def _take(self, now: float) -> None:
+        """Takes over what perception's processes have found; waits for none of them."""
+        context = self.simulator.get_mutable_context()
+        for stage in self._remote:
+            self.image_to_grasps += stage.take(stage.GetMyMutableContextFromRoot(context), now)
 
     def _wait(self, timeout: float) -> int:
         """Time stamp of the next status [us], as soon as there is one."""

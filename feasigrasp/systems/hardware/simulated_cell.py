@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 from drake import (
     lcmt_iiwa_command,
     lcmt_iiwa_status,
@@ -9,6 +11,7 @@ from drake import (
     lcmt_schunk_wsg_command,
     lcmt_schunk_wsg_status,
 )
+from pydrake.common.schema import Transform
 from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcm
 from pydrake.manipulation import (
@@ -18,6 +21,7 @@ from pydrake.manipulation import (
     SchunkWsgCommandReceiver,
     SchunkWsgStatusSender,
 )
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import (
@@ -29,6 +33,7 @@ from pydrake.systems.primitives import (
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.sampling import make_hand_eye
 from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.hardware import channels
@@ -37,6 +42,7 @@ from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
 from feasigrasp.systems.hardware.simulated_driver import Handover, SimulatedIiwaDriver
 from feasigrasp.systems.stages.cell import Cell
 from feasigrasp.systems.stages.measurement import add_judges
+from feasigrasp.systems.station.camera import believed_in_camera
 from feasigrasp.systems.station.station import Station
 
 
@@ -46,8 +52,10 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     The subsystems are named ``station``, ``driver``, ``handover``, ``metrics``, ``contact`` and
     ``obstacle_distance``, and after the channels; the logs are those of `make_dynamic_grasp`, but
     for ``log(drive)``. What the controller means to grasp is not known here, so that there are no
-    grasps in the samples.
+    grasps in the samples. A camera that has a hand-eye error stands off the place at which the
+    scenario, and so the controller, has it.
     """
+    scenario = _with_true_mounts(scenario)
     builder = DiagramBuilder()
     station = builder.AddNamedSystem("station", make_station(scenario))
     bus = builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
@@ -67,6 +75,18 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("simulated_cell")
     return diagram
+
+
+def _with_true_mounts(scenario: Scenario) -> Scenario:
+    """The scenario with its cameras where they are, and not where they are believed to be."""
+    true = copy.deepcopy(scenario)
+    for name, error in make_hand_eye(scenario).items():
+        X_CB = RigidTransform(believed_in_camera(error, scenario.random_seed))
+        believed = scenario.cameras[name].X_PB
+        X_PB = Transform(RigidTransform(believed.GetDeterministicValue()) @ X_CB.inverse())
+        X_PB.base_frame = believed.base_frame
+        true.cameras[name].X_PB = X_PB
+    return true
 
 
 def _publish(

@@ -86,6 +86,7 @@ class StatusMonitor(LeafSystem):
         - scene
         - touches
         - sought
+        - lapsed
         output_ports:
         - status
         - history
@@ -95,7 +96,8 @@ class StatusMonitor(LeafSystem):
     the reachability filter says of each; ``reachable`` what the controller is given; ``phase`` a
     `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
-    touched; ``sought``, optional, a `Sought` while the arm looks for the object. ``status`` is a
+    touched; ``sought``, optional, a `Sought` while the arm looks for the object; ``lapsed``,
+    optional, V1, not 0 while perception's process is gone. ``status`` is a
     `Status`, ``history`` a tuple of all of them, one for every change of the code.
     """
 
@@ -117,6 +119,7 @@ class StatusMonitor(LeafSystem):
         self._balls = arm_balls(capsule_model(gripper))
         self._touches = self.DeclareVectorInputPort("touches", 1)
         self._sought = declare_input(self, "sought")
+        self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
         self._said = PeriodicState(self, _Said(), period, self._look)
         state = {self._said.ticket()}
         declare_output(self, "status", self._calc_status, state)
@@ -154,6 +157,7 @@ class StatusMonitor(LeafSystem):
                 tracking=tracking,
                 sought=self._sought.HasValue(context) and self._sought.Eval(context) is not None,
                 contradicted=perceived.contradicted,
+                lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,
                 seen=perceived.gpdf is not None,
                 views_dropped=perceived.last_fault,
                 grasps=len(grasps),

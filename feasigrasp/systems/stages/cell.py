@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, Sy
 from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import Execution, Scenario
 from feasigrasp.systems.faults.injection import FaultInjection
 from feasigrasp.systems.station.station import Station
 
@@ -31,6 +31,28 @@ class Cell:
     def faults(self) -> FaultInjection:
         """Where the scenario's faults come from."""
         return FaultInjection(self.builder, self.scenario)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the cell is simulated, and its time with it."""
+        return isinstance(self.station, Station)
+
+    @property
+    def remote(self) -> bool:
+        """Whether perception works in processes of its own."""
+        chosen = self.scenario.perception.execution
+        return chosen == Execution.PROCESSES or (chosen == Execution.AUTO and not self.simulated)
+
+    def late(self, value: AbstractValue | int) -> LeafSystem:
+        """Hands on a value of that kind, or a vector of that size, as late as grasps are.
+
+        Only in simulation, inline: elsewhere what is perceived takes the time that it takes.
+        """
+        config = self.scenario.perception
+        if self.remote or not self.simulated or config.latency == 0.0:
+            return PassThrough(value)
+        # A hold that samples with the camera would see what there was before the view.
+        return ZeroOrderHold(config.period, value, config.latency)
 
     def __getitem__(self, name: str) -> System:
         """The system of that name."""
@@ -63,9 +85,3 @@ class Cell:
 def given(**ports: OutputPort | None) -> dict[str, OutputPort]:
     """Those of the ports that there are."""
     return {name: port for name, port in ports.items() if port is not None}
-
-
-def late(value: AbstractValue | int, period: float, latency: float) -> LeafSystem:
-    """Hands on a value of that kind, or a vector of that size, every period, after a latency."""
-    # A hold that samples with the camera would see what there was before the view.
-    return ZeroOrderHold(period, value, latency) if latency > 0.0 else PassThrough(value)

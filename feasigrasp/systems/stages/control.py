@@ -17,7 +17,8 @@ from feasigrasp.systems.from_scenario import (
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.monitoring.contact_sense import ContactSense
 from feasigrasp.systems.scene_filter import SceneFilter
-from feasigrasp.systems.stages.cell import Cell
+from feasigrasp.systems.stages.cell import Cell, given
+from feasigrasp.systems.stages.remote import lapsed
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
 
@@ -66,6 +67,7 @@ def add_control(
         position=position,
         grasps=reachable.get_output_port(),
         gripper_state=station.GetOutputPort("gripper.state_measured"),
+        **given(lapsed=lapsed(cell)),
     )
     sense = cell.add(
         "contact_sense",

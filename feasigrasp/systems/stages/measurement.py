@@ -9,7 +9,7 @@ from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
-from feasigrasp.systems.stages.cell import Cell, late
+from feasigrasp.systems.stages.cell import Cell, given
 from feasigrasp.systems.station.object_contact import ObjectContact
 from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
 
@@ -22,6 +22,7 @@ def add_status(cell: Cell) -> None:
         StatusMonitor(cell.gripper),
         *(cell[name] for name in ("tracker", "perception", "drive", "sequencer", *scene)),
         cell["contact_sense"],
+        **given(lapsed=cell.source("sequencer", "lapsed") if cell.remote else None),
         position=cell.station.GetOutputPort("iiwa.position_measured"),
         grasps=cell["latency"].get_output_port(),
         verdicts=cell["reachability"].GetOutputPort("verdicts"),
@@ -77,8 +78,7 @@ def add_judges(cell: Cell, sequencer: System, **inputs: OutputPort) -> None:
 
 def _as_late_as_the_grasps(cell: Cell, seen_at: OutputPort) -> OutputPort:
     """The time of a view, held back as the grasps are on their way to the controller."""
-    perception, period = cell.scenario.perception, cell.scenario.reachability.period
-    arrives = late(1, perception.period, perception.latency)
-    cell.add("seen_at(latency)", arrives, u=seen_at)
-    held = cell.add("seen_at(reachable)", ZeroOrderHold(period, 1), u=arrives.get_output_port())
+    arrives = cell.add("seen_at(latency)", cell.late(1), u=seen_at).get_output_port()
+    held = ZeroOrderHold(cell.scenario.reachability.period, 1)
+    cell.add("seen_at(reachable)", held, u=arrives)
     return held.get_output_port()

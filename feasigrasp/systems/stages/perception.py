@@ -8,16 +8,28 @@ from pydrake.systems.framework import LeafSystem, OutputPort
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.schema import Segmentation
-from feasigrasp.systems.from_scenario import make_camera, make_foreground_segmentation
-from feasigrasp.systems.grasp_sampler import GraspSampler
-from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
+from feasigrasp.systems.from_scenario import (
+    make_camera,
+    make_foreground_segmentation,
+    make_grasp_sampler,
+    make_scene,
+)
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
-from feasigrasp.systems.stages.cell import Cell, given, late
+from feasigrasp.systems.stages.cell import Cell, given
+from feasigrasp.systems.stages.remote import remote_scene
 from feasigrasp.systems.station.pose_at import PoseAt
 
 
-def add_perception(cell: Cell, sampler: GraspSamplerFn, perception: LeafSystem) -> OutputPort:
-    """Camera -> object's points -> distance field, which it returns -> grasps, all in O."""
+def add_perception(
+    cell: Cell, field: LeafSystem, sampler: GraspSamplerFn | None = None
+) -> OutputPort:
+    """Camera -> object's points -> distance field, which it returns -> grasps, all in O.
+
+    Args:
+        cell: The cell.
+        field: What fits a field to the points.
+        sampler: From the field to grasps; None where ``field`` tells grasps as well.
+    """
     station, config, scene_config = cell.station, cell.scenario.perception, cell.scenario.scene
     cloud, labels, camera_pose = (
         station.GetOutputPort(f"{config.camera}.{name}")
@@ -34,7 +46,7 @@ def add_perception(cell: Cell, sampler: GraspSamplerFn, perception: LeafSystem) 
     images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, label)}
     segment = SegmentPointCloud(label, camera=make_camera(cell.scenario), hiding=hiding)
     segmentation = cell.add("segmentation", segment, **images)
-    field = cell.builder.AddNamedSystem("perception", perception)
+    cell.builder.AddNamedSystem("perception", field)
     seen_pose = _pose_at_view(cell)
     tracker = cell["tracker"]
     if tracker.HasInputPort("point_cloud"):  # it looks at images
@@ -45,8 +57,9 @@ def add_perception(cell: Cell, sampler: GraspSamplerFn, perception: LeafSystem) 
         }
         cell.connect(tracker, segmentation, field, camera_pose=camera_pose, **given(**image))
     else:
-        poses = {"camera_pose": camera_pose, "object_pose": seen_pose}
-        cell.connect(field, segmentation, tracker, **poses)
+        stamp = cell.port(f"{config.camera}.stamp") if cell.remote else None
+        seen = given(camera_pose=camera_pose, object_pose=seen_pose, stamp=stamp)
+        cell.connect(field, segmentation, tracker, **seen)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
     if config.segmentation == Segmentation.DEPTH:
         cell.connect(
@@ -59,18 +72,15 @@ def add_perception(cell: Cell, sampler: GraspSamplerFn, perception: LeafSystem) 
             gripper_state=station.GetOutputPort("gripper.state_measured"),
             gpdf=gpdf,
         )
-    checks = cell.gripper if config.filter else None
-    sampling = GraspSampler(sampler, checks, mass=cell.scenario.object.mass)
-    grasps = cell.add("sampler", sampling, gpdf=gpdf)
-    latency = late(AbstractValue.Make(GraspSet.empty()), config.period, config.latency)
-    cell.add("latency", latency, u=grasps.get_output_port())
+    if sampler is not None:
+        cell.add("sampler", make_grasp_sampler(cell.scenario, sampler, cell.gripper), gpdf=gpdf)
+    grasps = cell["sampler" if sampler else "perception"].GetOutputPort("grasps")
+    cell.add("latency", cell.late(AbstractValue.Make(GraspSet.empty())), u=grasps)
     if scene_config.enabled:
-        scene = PointCloudToScene(
-            no_scene,
-            gripper=cell.gripper,
-            period=scene_config.period,
-            resolution=scene_config.resolution,
-        )
+        if cell.remote:
+            scene = remote_scene(cell, no_scene)
+        else:
+            scene = make_scene(cell.scenario, cell.gripper, no_scene)
         position = station.GetOutputPort("iiwa.position_measured")
         cell.add("scene_perception", scene, camera_pose=camera_pose, position=position, **images)
     return gpdf

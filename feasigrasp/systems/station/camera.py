@@ -10,6 +10,7 @@ from pydrake.perception import DepthImageToPointCloud
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
 
+from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.systems.station.believed_pose import BelievedPose
@@ -61,8 +62,8 @@ def export_camera(
     builder.Connect(depth, cloud.depth_image_input_port())
     pose = sensor.body_pose_in_world_output_port()
     if hand_eye is not None:
-        X_CB = hand_eye.draw(np.random.default_rng([seed, _HAND_EYE]))
-        believed = builder.AddNamedSystem(f"{name}_believed_pose", BelievedPose(X_CB))
+        error = BelievedPose(believed_in_camera(hand_eye, seed))
+        believed = builder.AddNamedSystem(f"{name}_believed_pose", error)
         builder.Connect(pose, believed.get_input_port())
         pose = believed.get_output_port()
     builder.Connect(pose, cloud.camera_pose_input_port())
@@ -71,6 +72,11 @@ def export_camera(
     builder.ExportOutput(depth, f"{name}.depth_image")
     builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
     builder.ExportOutput(pose, f"{name}.pose")
+
+
+def believed_in_camera(hand_eye: HandEyeError, seed: int) -> Array:
+    """Where a camera is believed to be, in its own true frame, X_CB (4, 4); drawn from a seed."""
+    return hand_eye.draw(np.random.default_rng([seed, _HAND_EYE]))
 
 
 def pixel_centred_intrinsics(config: CameraConfig) -> CameraInfo:

@@ -31,12 +31,13 @@ def test_every_run_is_planned_once_and_faults_in_turn():
 def one(fault="", **changes):
     keys = dict.fromkeys(hardware_loop.LIMITS, 0.0)
     said = {"request_gap_ms_max": 10.0, "request_gap_ms_p99": 6.0, "real_time_factor": 1.0}
+    said["image_to_grasps_ms"] = 120.0
     plain = {"fault": fault, "held": True, "broken": False, "crashed": False, "rest_s": 0.1}
     return keys | said | plain | changes
 
 
 def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
-    runs = [one(), one(held=False, request_gap_ms_max=30.0)]
+    runs = [one(), one(held=False, request_gap_ms_max=30.0, image_to_grasps_ms=None)]
     blows = [one("kill", rest_s=0.2), one("stop", rest_s=None, broken=True)]
     rows = {(row.name, row.preset): row.value for row in outcome_rows([*runs, *blows])}
     assert rows["hardware.held_percent", "processes"] == 50.0
@@ -44,6 +45,7 @@ def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
     assert rows["hardware.limits_broken", "blows"] == 1
     assert rows["hardware.command_gap_ms.max", "processes"] == 30.0
     assert rows["hardware.rest_s.max", "blows"] == 0.2
+    assert rows["hardware.image_to_grasps_ms", "processes"] == 120.0
     assert rows["hardware.at_rest", "blows"] == 1
 
 

@@ -32,6 +32,7 @@ CASES = [
         "5.4 m wide",
     ),
     ({"contradicted": True, "reachable": 0}, StatusCode.POSE_CONTRADICTED, "elsewhere"),
+    ({"lapsed": True, "seen": False}, StatusCode.PERCEPTION_LAPSED, "process"),
     ({"tracking": LOST, "reachable": 0}, StatusCode.POSE_LOST, "2.0 s"),
     ({"tracking": NEVER, "reachable": 0}, StatusCode.POSE_LOST, "ever"),
     ({"tracking": LOST, "sought": True, "reachable": 0}, StatusCode.LOOKING_FOR_OBJECT, "2.0 s"),

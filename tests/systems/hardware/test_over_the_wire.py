@@ -14,6 +14,7 @@ from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.control_loop import ControlLoop
 from feasigrasp.systems.hardware.guard import Guard
 from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
+from feasigrasp.systems.hardware.station import HardwareStation
 
 #: Ports of a simulated cell that say what no sensor would.
 TRUTH = {"object.velocity", "contact_results", "query_object", "object.hold"}
@@ -22,7 +23,8 @@ TRUTH = {"object.velocity", "contact_results", "query_object", "object.hold"}
 @pytest.fixture(scope="module")
 def wire():
     """What was sent on every channel in the first 1.5 s; cell; control; errors of the pose [m]."""
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None)
+    inline = "{perception: {execution: inline}}"  # in lock-step, whatever takes how long
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None, inline)
     lcm, sent = DrakeLcm("memq://"), {}
     simulator = Simulator(make_simulated_cell(scenario, lcm))
     loop, guard = ControlLoop(scenario, lcm), Guard(lcm)
@@ -151,3 +153,29 @@ def test_what_the_camera_saw_is_where_the_object_is(wire):
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     outside = np.maximum(low - cloud.points, cloud.points - high).max(axis=1)
     assert np.percentile(outside, 95) < 0.01
+
+
+def mount(text):
+    """Pose of the camera on the camera's stand, in the simulated cell and as believed."""
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None, text)
+    cell = make_simulated_cell(scenario, DrakeLcm("memq://"))
+    station = cell.GetSubsystemByName("station")
+    sensor = station.GetSubsystemByName("rgbd_sensor_wrist_camera")
+    context = sensor.GetMyContextFromRoot(cell.CreateDefaultContext())
+    X_WC = sensor.body_pose_in_world_output_port().Eval(context)
+    bus = DrakeLcm("memq://")
+    behind = HardwareStation(scenario, bus, bus).GetSubsystemByName("wrist_camera_pose")
+    context = behind.CreateDefaultContext()
+    behind.get_input_port().FixValue(context, np.deg2rad(scenario.q_start))
+    return X_WC, behind.get_output_port().Eval(context)
+
+
+def test_the_camera_stands_off_where_it_is_believed_by_the_error_of_its_calibration():
+    noise = "{camera_noise: {wrist_camera: {%s}}}"
+    right, believed = mount(noise % "")
+    assert right.IsNearlyEqualTo(believed, 1e-6)
+    wrong, believed_wrongly = mount(noise % "hand_eye_position: 0.005, hand_eye_angle_deg: 1.0")
+    assert believed_wrongly.IsExactlyEqualTo(believed)
+    error = wrong.inverse() @ believed
+    assert np.linalg.norm(error.translation()) == pytest.approx(0.005, abs=1e-5)
+    assert error.rotation().ToAngleAxis().angle() == pytest.approx(np.deg2rad(1.0), abs=1e-5)

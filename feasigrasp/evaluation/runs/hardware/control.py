@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.errors import HardwareError
@@ -19,6 +20,7 @@ from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
+from feasigrasp.systems.remote.remote_stage import end_processes
 
 #: How long to wait for the driver's first message, and then for each [s].
 WAIT_FOR_DRIVER, SILENCE = 60.0, 5.0
@@ -76,6 +78,7 @@ def run_hardware(
         finally:
             watch.terminate()  # which ends it when the arm rests
             watch.join()
+            end_processes(loop.diagram)
     if interrupted.is_set():
         error = INTERRUPTED
     context = loop.simulator.get_context()
@@ -87,7 +90,12 @@ def run_hardware(
     history = status_history(loop.diagram, context)
     status = [[s.time, str(s.code), s.detail] for s in history]
     record |= {"error": error, "status": status, "metrics": dict.fromkeys(METRICS)}
-    record |= {"on_hardware": {"messages_dropped": dict(loop.intake.dropped)}}
+    latencies = loop.image_to_grasps
+    record["on_hardware"] = {
+        "messages_dropped": dict(loop.intake.dropped),
+        "image_to_grasps_ms": 1e3 * float(np.median(latencies)) if latencies else None,
+        "image_to_grasps_count": len(latencies),
+    }
     keep(record)
     return record
 

@@ -12,6 +12,7 @@ import tempfile
 import textwrap
 import time
 import zlib
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ from feasigrasp.systems.hardware import channels
 
 #: How long a pair of processes may take from its start to its end [s].
 PATIENCE = 900.0
+#: How long the controller may take from the end of the simulation to its own [s].
+LAST_WORDS = 60.0
 
 
 class Blow(StrEnum):
@@ -42,6 +45,8 @@ def run_pair(
 ) -> dict[str, Any]:
     """Runs ``feasigrasp sim`` and ``feasigrasp run --hardware``; returns what the former recorded.
 
+    What the latter says of itself, ``on_hardware``, comes along if it got so far.
+
     Args:
         name: A name that no other pair has at the same time; its seed is made of it.
         scenario_yaml: What to run.
@@ -57,14 +62,18 @@ def run_pair(
     relay = Relay(cell, control, Network(fault), number) if cell != control else None
     with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
         file, results = Path(folder, "pair.yaml"), Path(folder, "sim.json")
+        own = Path(folder, "run.json")
         file.write_text("Pair:\n" + textwrap.indent(scenario_yaml, "  "))
         both = ["Pair", "--scenario_file", str(file)]
         rated = ["--rate", str(rate), "--results", str(results)]
         with Path(folder, "words").open("w+") as words:
             sim = _start("sim", *both, *rated, "--lcm-url", cell, output=words)
-            controller = _start("run", *both, "--hardware", "--lcm-url", control, output=None)
+            driven = ["--hardware", "--lcm-url", control, "--results", str(own)]
+            controller = _start("run", *both, *driven, output=None)
             try:
                 _watch(sim, controller, cell, relay, fault, at)
+                if fault not in list(Blow):
+                    _wait_for(controller)
             finally:
                 if relay is not None:
                     relay.close()
@@ -76,6 +85,8 @@ def run_pair(
                     f"the simulated cell of {name} ended early: {words.read()[-500:]}"
                 )
         record: dict[str, Any] = json.loads(results.read_text())
+        if own.exists():
+            record["on_hardware"] = json.loads(own.read_text())["on_hardware"]
     return record
 
 
@@ -130,6 +141,12 @@ class _Times:
 
     def command(self, data: bytes) -> None:
         self.first = min(self.first, self.now)
+
+
+def _wait_for(controller: subprocess.Popen[bytes]) -> None:
+    """Lets a controller say what it has to say; it sees itself that nobody answers any more."""
+    with suppress(subprocess.TimeoutExpired):
+        controller.wait(LAST_WORDS)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

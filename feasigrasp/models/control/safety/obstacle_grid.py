@@ -10,14 +10,13 @@ Between the nodes the distance is trilinear, and its gradient is that of this.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.arrays import Array, Frozen, kept_with_value
 from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
 from feasigrasp.models.grasps.hand_clearance import MARGIN_GROWTH
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -181,7 +180,7 @@ def _take(points, m, low, size, i, j, k, taken, squares):
         taken[i, j, k] = m
 
 
-@lru_cache(maxsize=2)  # made once per scene, by who sees it; the controllers look it up
+@kept_with_value  # made once per scene, by who sees it; the controllers look it up
 def obstacle_grid(
     scene: SceneField, *, voxel_size: float = SCENE_VOXEL, max_distance: float = 0.4
 ) -> ObstacleGrid:
@@ -206,7 +205,7 @@ def obstacle_grid(
     return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))
 
 
-@lru_cache(maxsize=8)  # the same field comes along with every tick of the sequencer
+@kept_with_value  # the same field comes along with every tick of the sequencer
 def object_grid(
     gpdf: Gpdf, *, voxel_size: float = 0.008, max_distance: float = 0.05
 ) -> ObstacleGrid:

@@ -1,0 +1,55 @@
+"""What goes from one process to another, as bytes: Drake's clouds and images, too."""
+
+from __future__ import annotations
+
+import copyreg
+import io
+import pickle
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.perception import PointCloud
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I
+
+_IMAGES: dict[str, Any] = {"depth": ImageDepth32F, "label": ImageLabel16I}
+#: With this protocol arrays stay read-only or writeable, which compiled functions tell apart.
+_PROTOCOL = 5
+
+
+def packed(value: Any) -> bytes:
+    """The bytes that a value travels as."""
+    buffer = io.BytesIO()
+    _Pickler(buffer, _PROTOCOL).dump(value)
+    return buffer.getvalue()
+
+
+def unpacked(data: bytes) -> Any:
+    """The value that travelled as these bytes, which must come from a process of ours."""
+    return pickle.loads(data)
+
+
+def _cloud(xyzs: NDArray[np.float32]) -> PointCloud:
+    cloud = PointCloud(xyzs.shape[1])
+    cloud.mutable_xyzs()[:] = xyzs
+    return cloud
+
+
+def _image(kind: str, pixels: NDArray[Any]) -> Any:
+    image = _IMAGES[kind](pixels.shape[1], pixels.shape[0])
+    image.mutable_data[:] = pixels
+    return image
+
+
+def _read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(mapping)
+
+
+class _Pickler(pickle.Pickler):
+    dispatch_table = copyreg.dispatch_table | {
+        PointCloud: lambda cloud: (_cloud, (cloud.xyzs(),)),
+        ImageDepth32F: lambda image: (_image, ("depth", image.data)),
+        ImageLabel16I: lambda image: (_image, ("label", image.data)),
+        MappingProxyType: lambda mapping: (_read_only, (dict(mapping),)),
+    }

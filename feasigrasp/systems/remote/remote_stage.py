@@ -1,0 +1,171 @@
+"""A stage of perception whose work another process does."""
+
+from __future__ import annotations
+
+import weakref
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, Diagram, EventStatus, LeafSystem, State, System
+
+from feasigrasp.models.arrays import Frozen
+from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.remote.served import Served, inputs_of, is_vector, outputs_of
+from feasigrasp.systems.remote.worker import Worker
+
+#: What has been posted for so long without an answer is given up: perception has lapsed [s].
+DEADLINE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Arrived(Frozen):
+    """What has come from the other process: the stage's outputs, and whether it is gone."""
+
+    outputs: dict[str, Any]
+    lapsed: bool = False
+
+
+class RemoteStage(LeafSystem):
+    """Has the ports of a stage, and hands on what a process of its own makes of their values.
+
+    .. pydrake_system::
+
+        name: RemoteStage
+        input_ports:
+        - <port>
+        - stamp
+        output_ports:
+        - <port>
+        - lapsed
+
+    Every ``period`` the values of the inputs are posted. With a ``latency``, the outputs are there
+    at that simulated time after each post: the simulation waits for them, so that a run repeats bit
+    for bit. Without, nobody waits: a view that comes while the process is busy is passed over, and
+    `take`, which whoever advances the diagram calls, takes over what has arrived, the latest of it.
+    ``stamp``, optional, V1, is when the present image was taken [s]: none is posted twice, and none
+    from before time 0, when nobody knew where the object was.
+    ``lapsed``, V1, is 1 while the process has not answered for `DEADLINE`, or has died, until it
+    does or another one is there in its place, which remembers what the first one did; meanwhile the
+    outputs stay what they are.
+
+    What is on its way is no part of the context.
+    """
+
+    def __init__(
+        self, make: Callable[[], System], period: float, *, latency: float | None = None
+    ) -> None:
+        """Starts the process, and builds the stage here as well, for its ports.
+
+        Args:
+            make: Builds the stage; a function that can be imported, with arguments that can be
+                pickled.
+            period: Time between views [s].
+            latency: After which simulated time its results are there [s]; None takes them as they
+                come.
+        """
+        super().__init__()
+        self.worker = Worker(make)
+        weakref.finalize(self, self.worker.close)  # at the latest when Python ends
+        self._waits = latency is not None
+        stage = make()
+        self._given = [self._mirrored(port, stage) for port in inputs_of(stage)]
+        self._stamp = self.DeclareVectorInputPort("stamp", 1)
+        self._posted: deque[tuple[float, float]] = deque()  # when, and when the image was taken
+        self._last_stamp = 0.0
+        arrived = _Arrived(Served(stage).outputs())
+        index = self.DeclareAbstractState(AbstractValue.Make(arrived))
+        self._index, tickets = int(index), {self.abstract_state_ticket(index)}
+        for port in outputs_of(stage):
+            self._declare(port, tickets)
+        self.DeclareVectorOutputPort("lapsed", 1, self._calc_lapsed, tickets)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._post)
+        if latency is not None:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, self._await)
+
+    def take(self, context: Context, time: float) -> list[float]:
+        """Takes over what has arrived by now; waits for nothing.
+
+        Args:
+            context: The system's, which is changed.
+            time: Now [s].
+
+        Returns:
+            From their images to now [s], for all results with other grasps or the like than before.
+        """
+        self.worker.end_if_stuck()
+        before = arrived = self._arrived(context)
+        latencies = []
+        for answer in self.worker.answers():
+            _, taken_at = self._posted.popleft()
+            if answer:
+                arrived = replace(arrived, outputs=arrived.outputs | answer)
+                latencies += [time - taken_at] if "grasps" in answer else []
+        overdue = bool(self._posted) and time - self._posted[0][0] > DEADLINE
+        lapsed = overdue or not self.worker.ready.is_set()
+        if lapsed != arrived.lapsed:
+            arrived = replace(arrived, lapsed=lapsed)
+        if arrived is not before:
+            context.get_mutable_abstract_state(self._index).set_value(arrived)
+        return latencies
+
+    def _arrived(self, context: Context) -> _Arrived:
+        found: _Arrived = context.get_abstract_state(self._index).get_value()
+        return found
+
+    def _mirrored(self, port, stage: System):
+        if is_vector(port):
+            return self.DeclareVectorInputPort(port.get_name(), port.size())
+        return self.DeclareAbstractInputPort(port.get_name(), port.Allocate())
+
+    def _declare(self, port, tickets) -> None:
+        name = port.get_name()
+
+        def value(context: Context) -> Any:
+            return self._arrived(context).outputs[name]
+
+        if is_vector(port):
+            self.DeclareVectorOutputPort(
+                name, port.size(), lambda context, out: out.SetFromVector(value(context)), tickets
+            )
+        else:
+            declare_output(self, name, value, tickets, model=port.Allocate().get_value())
+
+    def _calc_lapsed(self, context: Context, output) -> None:
+        output.SetAtIndex(0, float(self._arrived(context).lapsed))
+
+    def _post(self, context: Context) -> EventStatus:
+        time = stamp = context.get_time()
+        if self._stamp.HasValue(context):
+            stamp = float(self._stamp.Eval(context)[0])
+            if not stamp > self._last_stamp:  # NaN is not, either
+                return EventStatus.DidNothing()
+        if not self._waits and self.worker.busy:
+            return EventStatus.DidNothing()
+        self._last_stamp = stamp
+        self._posted.append((time, stamp))
+        known = [port for port in self._given if port.HasValue(context)]
+        self.worker.post(time, {port.get_name(): port.Eval(context) for port in known})
+        return EventStatus.Succeeded()
+
+    def _await(self, context: Context, state: State) -> EventStatus:
+        answer = self.worker.next_answer()
+        if not answer:
+            return EventStatus.DidNothing()
+        arrived = self._arrived(context)
+        arrived = replace(arrived, outputs=arrived.outputs | answer)
+        state.get_mutable_abstract_state(self._index).set_value(arrived)
+        return EventStatus.Succeeded()
+
+
+def end_processes(diagram: Diagram) -> None:
+    """Ends the processes of a diagram's remote stages; it can only be looked at from then on."""
+    for stage in remote_stages(diagram):
+        stage.worker.close()
+
+
+def remote_stages(diagram: Diagram) -> list[RemoteStage]:
+    """Those of a diagram's systems."""
+    return [system for system in diagram.GetSystems() if isinstance(system, RemoteStage)]

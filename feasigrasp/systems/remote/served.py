@@ -1,0 +1,87 @@
+"""A stage outside its diagram: given inputs at an instant, it does what is due, and tells."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import InitializeParams, Simulator
+from pydrake.systems.framework import InputPort, OutputPort, PortDataType, System
+
+from feasigrasp.systems.remote.packing import packed, unpacked
+
+
+def inputs_of(stage: System) -> list[InputPort]:
+    """The input ports of a system."""
+    return [stage.get_input_port(i) for i in range(stage.num_input_ports())]
+
+
+def outputs_of(stage: System) -> list[OutputPort]:
+    """The output ports of a system."""
+    return [stage.get_output_port(i) for i in range(stage.num_output_ports())]
+
+
+def is_vector(port: InputPort | OutputPort) -> bool:
+    """Whether a port carries a vector, and no abstract value."""
+    return bool(port.get_data_type() == PortDataType.kVectorValued)
+
+
+class Served:
+    """A system, and a context in which it is brought up to date now and then.
+
+    Its outputs must follow from its abstract state, and that from periodic events.
+    """
+
+    def __init__(self, stage: System) -> None:
+        """A system in its default state."""
+        self._stage, self._simulator = stage, Simulator(stage)
+        self._context = self._simulator.get_mutable_context()
+        # The stage's events at an instant are those that are pending after this.
+        self._as_it_is = InitializeParams()
+        self._as_it_is.suppress_initialization_events = True
+        self._told: dict[str, Any] = {}
+
+    def outputs(self) -> dict[str, Any]:
+        """The values of its output ports by name; vectors as arrays."""
+        values = {port.get_name(): port.Eval(self._context) for port in outputs_of(self._stage)}
+        return {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in values.items()}
+
+    def looked(self, time: float, inputs: dict[str, Any]) -> dict[str, Any]:
+        """Does what is due at a time [s] with these inputs; returns the outputs that are new."""
+        for port in inputs_of(self._stage):
+            if port.get_name() in inputs:
+                self._fix(port, inputs[port.get_name()])
+        before = self._states()
+        self._context.SetTime(time)
+        self._simulator.Initialize(self._as_it_is)
+        self._simulator.AdvancePendingEvents()
+        if self._told and all(a is b for a, b in zip(before, self._states(), strict=True)):
+            return {}
+        now = self.outputs()
+        new = {k: v for k, v in now.items() if k not in self._told or not _same(v, self._told[k])}
+        self._told = now
+        return new
+
+    def state(self) -> bytes:
+        """What it remembers."""
+        return packed(self._states())
+
+    def remember(self, state: bytes) -> None:
+        """Lets it remember what another one of its kind did."""
+        for i, value in enumerate(unpacked(state)):
+            self._context.get_mutable_abstract_state(i).set_value(value)
+
+    def _states(self) -> list[Any]:
+        count = self._context.get_abstract_state().size()
+        return [self._context.get_abstract_state(i).get_value() for i in range(count)]
+
+    def _fix(self, port: InputPort, value: Any) -> None:
+        if not is_vector(port):
+            value, given = port.Allocate(), value
+            value.set_value(given)
+        port.FixValue(self._context, value)
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two values of an output are the same object, or equal vectors."""
+    return a is b or (isinstance(a, np.ndarray) and np.array_equal(a, b, equal_nan=True))

@@ -1,0 +1,35 @@
+"""What the process of a `Worker` does."""
+
+from __future__ import annotations
+
+import signal
+from contextlib import suppress
+from multiprocessing.connection import Connection
+
+from threadpoolctl import threadpool_limits
+
+from feasigrasp.systems.remote.packing import packed, unpacked
+from feasigrasp.systems.remote.served import Served
+
+#: What is said when the stage is built and compiled.
+READY = b"ready"
+
+
+def main(descriptor: int) -> None:
+    """Works until the other side closes the connection of that descriptor, or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever has started this
+    connection = Connection(descriptor)
+    with suppress(EOFError, ConnectionError):
+        _serve(connection)
+
+
+def _serve(connection: Connection) -> None:
+    make, state = unpacked(connection.recv_bytes())
+    with threadpool_limits(1):
+        served = Served(make())
+        if state is not None:
+            served.remember(state)
+        connection.send_bytes(READY)
+        while True:
+            new = served.looked(*unpacked(connection.recv_bytes()))
+            connection.send_bytes(packed((new, served.state() if new else None)))
