@@ -30,8 +30,10 @@ from feasigrasp.systems.ports import PeriodicState, declare_input, declare_outpu
 MAX_CONTRADICTION = 0.3
 #: A contradiction is forgotten when the object has been out of sight for so long [s].
 DOUBTED_FOR = 2.0
-#: So many views in turn that contradict the earlier ones, and not each other, are right.
-OUTVOTING = 4
+#: So many views in turn that contradict the earlier ones, and not each other, are right, if they
+#: show this share of the surface that the earlier ones did: a close look at a part is no reason to
+#: forget the rest.
+OUTVOTING, OUTVOTING_SHARE = 4, 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,11 +216,11 @@ class PointCloudToGPDF(LeafSystem):
             fault, detail = ViewFault.ONE_DEPTH, f"{len(points_O)} points"
         if fault is not None:
             return seen.without(fault, detail)
-        contradicted = seen.cloud.contradicted(kept, p_OC) > MAX_CONTRADICTION
-        looked = replace(seen, looked=time, contradicted=contradicted, last_fault="", rival=None)
         outline = self._outline.Eval(context) if self._outline.HasValue(context) else None
         if outline is not None:
             outline = outline.turned((X_OW @ X_WC).rotation().matrix())
+        contradicted = seen.cloud.contradicted(kept, p_OC, outline) > MAX_CONTRADICTION
+        looked = replace(seen, looked=time, contradicted=contradicted, last_fault="", rival=None)
         if contradicted:
             looked = self._doubted(looked, seen.rival, kept, p_OC, outline)
         if looked.contradicted or not (tells_more or looked.gpdf is None):
@@ -239,9 +241,10 @@ class PointCloudToGPDF(LeafSystem):
         Usually the pose is wrong now, and later views agree again. But it may have been wrong when
         the first views were merged: if all that come after agree, those are forgotten.
         """
-        if rival is None or rival.contradicted(points_O, p_OC) > MAX_CONTRADICTION:
+        if rival is None or rival.contradicted(points_O, p_OC, outline) > MAX_CONTRADICTION:
             rival = self._nothing
-        if rival.views + 1 < OUTVOTING:
+        enough = len(rival.points) > OUTVOTING_SHARE * len(seen.cloud.points)
+        if rival.views + 1 < OUTVOTING or not enough:
             rival = rival.merged(points_O, p_OC, outline=outline)
             return replace(seen, rival=rival)
         outvoted = seen.faults + Counter({ViewFault.OUTVOTED: seen.cloud.views})

@@ -65,12 +65,15 @@ class FusedCloud(Frozen):
         """Nothing seen yet."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), voxel_size, smooth=smooth)
 
-    def contradicted(self, points: ArrayLike, p_OC: ArrayLike) -> float:
+    def contradicted(
+        self, points: ArrayLike, p_OC: ArrayLike, outline: Outline | None = None
+    ) -> float:
         """How much a view contradicts the earlier ones, if the object's pose is right.
 
         Args:
             points: Its surface points in O, shape (m, 3) [m].
             p_OC: Position of the camera in O, shape (3,) [m].
+            outline: Where the object may go on beside the points, in O; nowhere if not given.
 
         Returns:
             The share of its points that lies where earlier views looked through, or the share of
@@ -81,7 +84,7 @@ class FusedCloud(Frozen):
             return 0.0
         view = np.asarray(points, dtype=float)
         out_of_place = float(np.mean(free_distance(self.images, view) > _OUT_OF_PLACE))
-        image = view_image(view, np.asarray(p_OC, dtype=float))
+        image = view_image(view, np.asarray(p_OC, dtype=float), outline)
         return max(out_of_place, _seen_through(image, self.points))
 
     def merged(
@@ -199,10 +202,11 @@ def _kept(images: Sequence[ViewImage]) -> tuple[ViewImage, ...]:
 def _seen_through(image: ViewImage, points: Array) -> float:
     """The share of the points in a view's silhouette that it sees through, in [0, 1].
 
-    Points beside the silhouette say nothing: a hand may hide the object there.
+    Points beside the silhouette say nothing: a hand may hide the object there. Nor do those where
+    something was not measured: it may be them, too near to the camera.
     """
     row, column, z, inside = image.project(points)
-    inside &= image.mask[row, column]
+    inside &= image.mask[row, column] & ~image.unclear[row, column]
     if np.count_nonzero(inside) < _MIN_SURFACE:
         return 0.0
     through = image.front[row, column] - z > _OUT_OF_PLACE

@@ -15,8 +15,6 @@ from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.camera import Camera
 
 _AROUND = np.ones((3, 3), dtype=bool)
-#: Depths are lost along every edge, so wide [pixels]; silhouettes allow for that.
-_EDGE = 3
 #: A silhouette of whose rim the picture's border is a larger share is not whole.
 _MAX_CUT = 0.05
 
@@ -62,7 +60,8 @@ def outline(
     Returns:
         In the camera's axes, z forward.
     """
-    unmeasured = of_body & ~binary_dilation(kept, _AROUND, iterations=_EDGE)
+    # The neighbours of a point are pixels at an edge, which silhouettes allow for.
+    unmeasured = of_body & ~binary_dilation(kept, _AROUND)
     return Outline(
         _rays(unmeasured, corner, camera),
         _rays(hiding, corner, camera),

@@ -44,7 +44,7 @@ class ViewImage:
             steep or has steps, shape (SIDE, SIDE) [m]; 0 outside the mask.
         whole: Whether the object ends where the silhouette does. If the picture ends there, or
             something hides the rest, only what is before the seen surface is known to be free.
-        unclear: Pixels beside the silhouette that may show the object nevertheless, shape (SIDE,
+        unclear: Pixels that may show a part of the object that was not measured, shape (SIDE,
             SIDE).
     """
 
@@ -162,7 +162,6 @@ def _outlined(image: ViewImage, outline: Outline, n_points: int) -> ViewImage:
     unclear[row[inside], column[inside]] = True
     if image.pitch > 0.7 * image.pixel:  # lines of sight miss pixels between them
         unclear = binary_dilation(unclear, _AROUND)
-    unclear &= ~image.mask
     unmeasured = len(outline.unmeasured)
     outside = np.count_nonzero(~inside[:unmeasured]) / (n_points + unmeasured)
     return replace(image, whole=bool(outline.whole and outside <= _MAX_OUTSIDE), unclear=unclear)

@@ -294,3 +294,14 @@ def test_a_part_that_had_no_depth_contradicts_nothing_when_it_is_seen():
         cloud = nothing.merged(at[~stem], camera, outline=outline)
         assert least <= cloud.contradicted(at, camera) <= most
         assert cloud.contradicted(at + [0.0, 0.08, 0.0], camera) > 0.5  # aside
+
+
+def test_what_is_too_near_for_the_camera_is_not_seen_through():
+    """A near plate before a far one: from close by only the far one is measured."""
+    rng = np.random.default_rng(6)
+    near = np.c_[rng.uniform(-0.03, 0.0, 2000), rng.uniform(-0.02, 0.02, 2000), np.full(2000, 0.05)]
+    far = np.c_[rng.uniform(-0.03, 0.03, (4000, 1)), rng.uniform(-0.02, 0.02, 4000), np.zeros(4000)]
+    camera, close = np.array([0.0, 0.0, 0.5]), np.array([-0.05, 0.0, 0.18])
+    cloud = FusedCloud.empty(0.003, smooth=True).merged(np.concatenate([near, far]), camera)
+    assert cloud.contradicted(far, close) > 0.2
+    assert cloud.contradicted(far, close, Outline(near - close, [])) < 0.05
