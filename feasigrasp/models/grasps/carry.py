@@ -77,10 +77,7 @@ def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
         return grasps
     carries = grasps.load.probability(down)
     ranked = replace(grasps, score=grasps.score * carries)
-    best = float(carries.max())
-    least = LEAST_CARRY if best >= LEAST_CARRY else NEARLY_BEST * best
-    if down is None:
-        least = -np.inf
+    least = -np.inf if down is None else min(LEAST_CARRY, NEARLY_BEST * carries.max())
     kept = np.flatnonzero(carries >= least)
     best_first = kept[np.argsort(-ranked.score[kept], kind="stable")]
     return ranked.select(best_first, Rejection.TOO_HEAVY)
