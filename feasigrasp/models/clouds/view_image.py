@@ -25,9 +25,13 @@ MARGIN = 4
 #: Scatter of depths that says nothing about the surface [m].
 DEPTH_NOISE = 2e-3
 #: The picture contains the points. Where more than this share of what the camera saw of the object
-#: is outside, since it has no depth, the silhouette is not whole.
+#: is outside, since it has no depth, the object does not end in it.
 _MAX_OUTSIDE = 0.05
 _AROUND = np.ones((3, 3), dtype=bool)
+
+
+def _none() -> Mask:
+    return np.zeros((SIDE, SIDE), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,8 @@ class ViewImage:
             something hides the rest, only what is before the seen surface is known to be free.
         unclear: Pixels that may show a part of the object that was not measured, shape (SIDE,
             SIDE).
+        ends: Whether the object ends in the picture, by what the camera saw without measuring it.
+        counted: Pixels that count as the silhouette's when asked what is beside it.
     """
 
     X_OC: Array
@@ -55,12 +61,19 @@ class ViewImage:
     depth: Array
     front: Array
     whole: bool = True
-    unclear: Mask = field(default_factory=lambda: np.zeros((SIDE, SIDE), dtype=bool))
+    unclear: Mask = field(default_factory=_none)
+    ends: bool = True
+    counted: Mask = field(default_factory=_none)
+
+    @cached_property
+    def sure(self) -> ViewImage:
+        """The same, but nothing is said to be free where the object may have been."""
+        return replace(self, whole=self.whole and self.ends, counted=self.unclear)
 
     @cached_property
     def beside(self) -> Array:
-        """Distance to the nearest pixel that may show the object, shape (SIDE, SIDE) [pixels]."""
-        return np.asarray(distance_transform_edt(~(self.mask | self.unclear)))
+        """Distance from every pixel to the silhouette, 0 in it, shape (SIDE, SIDE) [pixels]."""
+        return np.asarray(distance_transform_edt(~(self.mask | self.counted)))
 
     @cached_property
     def nearest(self) -> Indices:
@@ -164,7 +177,7 @@ def _outlined(image: ViewImage, outline: Outline, n_points: int) -> ViewImage:
         unclear = binary_dilation(unclear, _AROUND)
     unmeasured = len(outline.unmeasured)
     outside = np.count_nonzero(~inside[:unmeasured]) / (n_points + unmeasured)
-    return replace(image, whole=bool(outline.whole and outside <= _MAX_OUTSIDE), unclear=unclear)
+    return replace(image, unclear=unclear, ends=bool(outline.whole and outside <= _MAX_OUTSIDE))
 
 
 def _looking_along(direction: Array) -> Array:

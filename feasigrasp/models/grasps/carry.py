@@ -19,8 +19,7 @@ from feasigrasp.models.shape.mass import estimate_mass
 #: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a
 #: completed surface, not quite opposite each other, and what they press beside takes friction.
 FRICTION, MOMENT_SHARE = 0.6, 0.35
-#: Grasps less likely than this to carry are offered only while there is no other, and then those
-#: that are nearly as likely as the best.
+#: Offered are grasps that are likely to carry, and those that are nearly as likely as the best.
 LEAST_CARRY, NEARLY_BEST = 0.7, 0.75
 
 
@@ -70,8 +69,8 @@ def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
 
     Returns:
         Best first, their scores multiplied by the probability that the pads bear the load. Those
-        less likely than `LEAST_CARRY` count as "too heavy there" and are dropped; where no other is
-        there, those less likely than `NEARLY_BEST` of the best.
+        less likely than `LEAST_CARRY`, and than `NEARLY_BEST` of the best, count as "too heavy
+        there" and are dropped.
     """
     if grasps.load is None or len(grasps) == 0:
         return grasps

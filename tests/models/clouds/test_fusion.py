@@ -304,4 +304,4 @@ def test_what_is_too_near_for_the_camera_is_not_seen_through():
     camera, close = np.array([0.0, 0.0, 0.5]), np.array([-0.05, 0.0, 0.18])
     cloud = FusedCloud.empty(0.003, smooth=True).merged(np.concatenate([near, far]), camera)
     assert cloud.contradicted(far, close) > 0.2
-    assert cloud.contradicted(far, close, Outline(near - close, [])) < 0.05
+    assert cloud.contradicted(far, close, Outline(near - close, [])) < 0.1
