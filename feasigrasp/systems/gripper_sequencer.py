@@ -57,8 +57,8 @@ class GripperSequencer(LeafSystem):
     connected. While the object is lost (``tracking``, a `Tracking`), a view contradicts its pose
     (``perceived``, a `Perceived`), or perception's process is gone (``lapsed``, V1, not 0), grasps
     lapse: none is passed on, and a controller brakes and waits; ``rejected`` of the empty set has
-    the `StatusCode`. Of a lost object neither pose nor twist is passed on (NaN); otherwise both
-    are, since the hand that waits had better keep off where the object may be. Nor are the fingers
+    the `StatusCode`. Neither are pose and twist (NaN), unless it is a view that contradicts them:
+    then the hand that waits had better keep off where the object may be. Nor are the fingers
     closed on a pose that is merely extrapolated. These ports are optional. ``sought`` is a `Sought`
     while an object that is to be approached has been out of sight for a moment, its tracker says
     where it is expected, and the arm can look there; else None.
@@ -158,7 +158,7 @@ class GripperSequencer(LeafSystem):
 
     def _target(self, context: Context) -> tuple[Array, Array]:
         state = self.state(context)
-        if state.grasp is None and self._doubt(context) is StatusCode.POSE_LOST:
+        if state.grasp is None and self._doubt(context) not in (None, StatusCode.POSE_CONTRADICTED):
             return np.full((4, 4), np.nan), np.full(6, np.nan)
         return state.target(
             context.get_time(),

@@ -323,7 +323,7 @@ def perceived(contradicted):
         ({"tracking": tracked("lost", 1.0)}, {"tracking": tracked("tracking")}, False),
         ({"tracking": tracked("searching", np.inf)}, {"tracking": tracked("tracking")}, False),
         ({"perceived": perceived(True)}, {"perceived": perceived(False)}, True),
-        ({"lapsed": [1.0]}, {"lapsed": [0.0]}, True),
+        ({"lapsed": [1.0]}, {"lapsed": [0.0]}, False),
     ],
 )
 def test_grasps_lapse_while_the_pose_is_not_to_be_relied_on(doubt, trust, kept_off):
