@@ -14,13 +14,13 @@ from pydrake.systems.framework import Context, DependencyTicket, LeafSystem
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
+from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.usable import ViewFault, of_one_depth, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.tracking import Tracking
-from feasigrasp.models.segmentation.outline import Outline
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import PerceptionConfig

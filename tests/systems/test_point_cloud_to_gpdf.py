@@ -8,9 +8,9 @@ from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.usable import ViewFault
-from feasigrasp.models.segmentation.outline import Outline
 from feasigrasp.systems import point_cloud_to_gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 

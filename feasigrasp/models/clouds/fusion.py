@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
+from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.clouds.smoothing import smooth_view
 from feasigrasp.models.clouds.view_image import ViewImage, view_image
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.segmentation.outline import Outline
 
 #: Pictures of earlier views that are kept, for the free space in them.
 MAX_IMAGES = 6

@@ -15,8 +15,8 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.geometry.se3 import perpendiculars
-from feasigrasp.models.segmentation.outline import Outline
 
 #: Pixels along each side.
 SIDE = 40

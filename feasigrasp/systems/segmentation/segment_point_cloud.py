@@ -13,8 +13,14 @@ from pydrake.systems.sensors import ImageLabel16I
 
 from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.clouds.edges import EDGE_JUMP, GROWTH, edge_pixels, grown_mask
-from feasigrasp.models.segmentation.outline import Outline, outline
+from feasigrasp.models.clouds.edges import (
+    EDGE_JUMP,
+    GROWTH,
+    Outline,
+    edge_pixels,
+    grown_mask,
+    outline,
+)
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
 #: Labels of pixels that show nothing that is known: that of the world, and none.

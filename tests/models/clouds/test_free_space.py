@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.free_space import free_distance, rim_points
 from feasigrasp.models.clouds.view_image import SIDE, view_image
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.segmentation.outline import Outline
 
 RADIUS = 0.04
 CAMERA = np.array([0.0, 0.0, 0.5])

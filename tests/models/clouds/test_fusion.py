@@ -5,12 +5,12 @@ import copy
 import numpy as np
 import pytest
 
+from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.free_space import free_distance
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.registration import register_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.segmentation.outline import Outline
 
 VOXEL = 0.01
 

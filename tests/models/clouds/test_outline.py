@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.segmentation.outline import outline
+from feasigrasp.models.clouds.edges import outline
 
 CAMERA = Camera((50.0, 60.0, 30.0, 20.0), 64, 48, 0.1, 0.0)
 #: Where the part of the image is that the masks are of.
