@@ -223,6 +223,9 @@ def measured(
     q, v = np.split(log("arm")[1].T, 2, axis=1)
     if sent is None:
         sent = log("drive")[1].T[:, : IIWA_7.joints]
+    # A simulation that breaks off does so between the logs of an instant.
+    whole = min(len(sent), len(q))
+    sent, q, v = sent[:whole], q[:whole], v[:whole]
     motion = make_motion(scenario)
     contact = diagram.GetSubsystemByName("contact")
     metrics = summarize(

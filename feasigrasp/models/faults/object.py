@@ -91,8 +91,7 @@ class ObjectPulled(Fault):
 
     Attributes:
         force: In the world, at the object's origin [N].
-        ramp: Time in which it rises [s]: whoever pulls first takes up the slack. A force that is
-            there at once throws a light object through the fingers in one step of the simulation.
+        ramp: Time in which it rises [s]: whoever pulls first takes up the slack.
         speed: Who pulls lets go of an object that is faster [m/s].
     """
 
