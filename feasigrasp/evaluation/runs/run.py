@@ -50,6 +50,8 @@ from feasigrasp.systems.station.hand import cell_directives
 
 #: The ``error`` of a run that Ctrl-C ended.
 INTERRUPTED = "interrupted"
+#: An object this low has fallen past the table [m].
+FALLEN = -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +257,9 @@ def measured(
 
 
 class _Monitor:
-    """Ends the run when the grasp is over, or after Ctrl-C, and says how far it is.
+    """Ends the run when the grasp is over, the object has fallen, or after Ctrl-C.
+
+    It says how far the run is.
 
     It looks twice per sample.
     """
@@ -272,6 +276,8 @@ class _Monitor:
         self._simulator, self._live = simulator, live
         self._sequencer = diagram.GetSubsystemByName("sequencer")
         self._status = diagram.GetSubsystemByName("status")
+        self._station = diagram.GetSubsystemByName("station")
+        self._object_pose = self._station.GetOutputPort("object.pose")
         self._next = 0.0
         self._began = time.perf_counter()
 
@@ -290,6 +296,10 @@ class _Monitor:
         # One sample later than the end, so that the log shows it.
         if state.phase == Phase.DONE and time >= state.since + SAMPLE_PERIOD:
             return EventStatus.ReachedTermination(self._sequencer, "the grasp is over")
+        # Beside the table there is nothing: it would fall and spin until numbers overflow.
+        X_WO = self._object_pose.Eval(self._station.GetMyContextFromRoot(context))
+        if X_WO.translation()[2] < FALLEN:
+            return EventStatus.ReachedTermination(self._station, "the object has fallen")
         return EventStatus.DidNothing()
 
     def _say(self, line: StatusLine, context: Context) -> None:

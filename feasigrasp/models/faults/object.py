@@ -91,19 +91,16 @@ class ObjectPulled(Fault):
 
     Attributes:
         force: In the world, at the object's origin [N].
-        ramp: Time in which it rises [s]: whoever pulls first takes up the slack.
         speed: Who pulls lets go of an object that is faster [m/s].
     """
 
     duration: float = number(0.5, 0.0)
     force: list[float] = vector([0.0, 0.0, -150.0], -1000.0, 1000.0)
-    ramp: float = number(0.2, 0.01, 100.0)
     speed: float = number(2.0, 0.01, 20.0)
 
-    def pull(self, t: float, speed: float) -> Array:
-        """The force at time t [s] on an object with that speed [m/s], shape (3,) [N]."""
-        pulls = self.active(t) and speed <= self.speed
-        return pulls * min(max(self.since(t), 0.0) / self.ramp, 1.0) * np.asarray(self.force)
+    def pulls(self, t: float, speed: float) -> bool:
+        """Whether it pulls at time t [s] at an object with that speed [m/s]."""
+        return self.active(t) and speed <= self.speed
 
 
 @dataclass(frozen=True)

@@ -79,9 +79,11 @@ class ObjectServo(LeafSystem):
         time = context.get_time()
         if self._hold.Eval(context)[0] < 0.5:
             speed = float(np.linalg.norm(self._state.Eval(context)[-3:]))
-            force = sum((pull.pull(time, speed) for pull in self._pulls), np.zeros(3))
-            wrench = np.concatenate([np.zeros(3), force])
-            return force_on(self._body_index, wrench) if force.any() else []
+            pulling = [pull.force for pull in self._pulls if pull.pulls(time, speed)]
+            wrenches = [np.concatenate([np.zeros(3), force]) for force in pulling]
+            return [
+                applied for wrench in wrenches for applied in force_on(self._body_index, wrench)
+            ]
         # State and reference of the same instant: one a step later would make the body lead.
         state, wrench = self._state.Eval(context), np.empty(6)
         if isinstance(self._motion, HarmonicMotion):

@@ -16,6 +16,7 @@ from feasigrasp.evaluation.metrics.run_metrics import METRICS, summarize
 from feasigrasp.evaluation.runs.run import crash_record, run
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.control.status import StatusCode
+from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
@@ -170,6 +171,17 @@ def test_a_failing_simulation_is_reported(monkeypatch, validator):
     assert record["metrics"]["grasp_held"] is False
     assert record["metrics"]["cause"] == "broke_off"
     assert 0.0 < record["timings"]["simulated_s"] < 0.5
+
+
+def test_a_run_is_over_when_its_object_has_fallen(validator):
+    """An object that falls for ever, and spins, would end the simulation with an error."""
+    scenario = short("ReachLinear", duration=5.0)
+    scenario.faults = [ObjectMoved(to=[6.0, 0.0, -2.0], ramp=3.0)]  # past the table
+    result = run(scenario, "ReachLinear")
+    validator.validate(result.record)
+    assert result.record["error"] is None
+    assert result.record["metrics"]["grasp_held"] is False
+    assert 1.0 < result.record["timings"]["simulated_s"] < 3.0
 
 
 @pytest.mark.parametrize(("name", "held"), [("ReachLinear", False), ("PaperLinear", None)])
