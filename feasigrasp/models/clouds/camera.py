@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
 
@@ -31,6 +32,12 @@ class Camera(Frozen):
     def pixels(self, points_C: Array) -> tuple[Array, Array]:
         """Columns and rows of points (n, 3) in the camera's frame, shape (n,) each [px]."""
         return project(points_C, self.intrinsics)
+
+    def rays(self, u: ArrayLike, v: ArrayLike) -> Array:
+        """Lines of sight of pixels in columns u (n,) and rows v (n,), shape (n, 3), with z = 1."""
+        fx, fy, cx, cy = self.intrinsics
+        x, y = (np.asarray(u) - cx) / fx, (np.asarray(v) - cy) / fy
+        return np.stack([x, y, np.ones_like(x)], axis=1)
 
     def in_image(self, points_C: Array) -> Mask:
         """Which points (n, 3) are in the image and far enough to be measured, shape (n,)."""

@@ -121,19 +121,11 @@ def outline(
         In the camera's axes, z forward.
     """
     # The neighbours of a point are pixels at an edge, which silhouettes allow for.
-    unmeasured = of_body & ~binary_dilation(kept, _AROUND)
-    return Outline(
-        _rays(unmeasured, corner, camera),
-        _rays(hiding, corner, camera),
-        whole=bool(_cut(of_body) <= _MAX_CUT),
+    unmeasured, hidden = (
+        camera.rays(columns + corner[1], rows + corner[0])
+        for rows, columns in map(np.nonzero, (of_body & ~binary_dilation(kept, _AROUND), hiding))
     )
-
-
-def _rays(mask: Mask, corner: tuple[int, int], camera: Camera) -> Array:
-    row, column = np.nonzero(mask)
-    fx, fy, cx, cy = camera.intrinsics
-    x, y = (column + corner[1] - cx) / fx, (row + corner[0] - cy) / fy
-    return np.stack([x, y, np.ones_like(x)], axis=1)
+    return Outline(unmeasured, hidden, whole=bool(_cut(of_body) <= _MAX_CUT))
 
 
 def _cut(of_body: Mask) -> float:

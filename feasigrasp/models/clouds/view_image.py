@@ -30,10 +30,6 @@ _MAX_OUTSIDE = 0.05
 _AROUND = np.ones((3, 3), dtype=bool)
 
 
-def _none() -> Mask:
-    return np.zeros((SIDE, SIDE), dtype=bool)
-
-
 @dataclass(frozen=True, eq=False)
 class ViewImage:
     """Silhouette and depth.
@@ -51,7 +47,7 @@ class ViewImage:
         unclear: Pixels that may show a part of the object that was not measured, shape (SIDE,
             SIDE).
         ends: Whether the object ends in the picture, by what the camera saw without measuring it.
-        counted: Pixels that count as the silhouette's when asked what is beside it.
+        careful: Whether what is unclear counts as the silhouette's when asked what is beside it.
     """
 
     X_OC: Array
@@ -61,19 +57,20 @@ class ViewImage:
     depth: Array
     front: Array
     whole: bool = True
-    unclear: Mask = field(default_factory=_none)
+    unclear: Mask = field(default_factory=lambda: np.zeros((SIDE, SIDE), dtype=bool))
     ends: bool = True
-    counted: Mask = field(default_factory=_none)
+    careful: bool = False
 
     @cached_property
     def sure(self) -> ViewImage:
         """The same, but nothing is said to be free where the object may have been."""
-        return replace(self, whole=self.whole and self.ends, counted=self.unclear)
+        return replace(self, whole=self.whole and self.ends, careful=True)
 
     @cached_property
     def beside(self) -> Array:
         """Distance from every pixel to the silhouette, 0 in it, shape (SIDE, SIDE) [pixels]."""
-        return np.asarray(distance_transform_edt(~(self.mask | self.counted)))
+        of_object = self.mask | self.unclear if self.careful else self.mask
+        return np.asarray(distance_transform_edt(~of_object))
 
     @cached_property
     def nearest(self) -> Indices:
