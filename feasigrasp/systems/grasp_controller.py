@@ -203,8 +203,9 @@ class GraspController(LeafSystem):
         It is ``qd`` itself in a mode that enforces nothing, without a camera on the hand, or while
         it is not known where the object is.
         """
-        X_WC, gpdf = inputs.X_WC, inputs.gpdf
-        if self.safety is None or X_WC is None or gpdf is None:
+        X_WC = None if self.safety is None else inputs.X_WC
+        gpdf = None if X_WC is None else inputs.gpdf
+        if X_WC is None or gpdf is None:
             return qd
         X_WO, V_WO = inputs.X_WO, inputs.V_WO
         if not np.isfinite(X_WO.sum() + V_WO.sum()):
