@@ -163,7 +163,7 @@ class PerceptionConfig:
     filter: bool = True
     sampler: str = _of_the_mode()
     n_candidates: int = 800
-    n_grasps: int = 64
+    n_grasps: int = 192
 
 
 @dc.dataclass

@@ -14,6 +14,7 @@ from feasigrasp.models.control.planning.lookout import Sought
 from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -95,6 +96,18 @@ class ControllerInputs:
         """The object that is looked for; None while it is in sight."""
         sought: Sought | None = optional(self._controller._sought, self._context)
         return sought
+
+    @property
+    def look_from(self) -> Array | None:
+        """The configuration to see the object's other side from, shape (7,) [rad]; None if none."""
+        look_from: Array | None = optional(self._controller._look_from, self._context)
+        return look_from
+
+    @property
+    def seen_by_arm(self) -> bool:
+        """Whether the object is tracked with the camera on the hand."""
+        tracking: Tracking | None = optional(self._controller._tracking, self._context)
+        return self.X_WC is not None and tracking is not None and tracking.expected is not None
 
     @property
     def obstacles(self) -> ObstacleGrid | None:

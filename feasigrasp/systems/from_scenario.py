@@ -25,6 +25,7 @@ from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.models.reach.lookahead import WAY_IN
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -113,8 +114,13 @@ def make_field_tracker(scenario: Scenario) -> FieldTracker:
 
 def led_by_its_camera(scenario: Scenario) -> bool:
     """Whether the object is tracked with a camera that the arm carries."""
+    return scenario.tracker.kind == TrackerKind.CAMERA and carries_its_camera(scenario)
+
+
+def carries_its_camera(scenario: Scenario) -> bool:
+    """Whether the arm carries perception's camera."""
     frame = scenario.cameras[scenario.perception.camera].X_PB.base_frame
-    return scenario.tracker.kind == TrackerKind.CAMERA and frame not in (None, "", "world")
+    return frame not in (None, "", "world")
 
 
 def make_view_filter(scenario: Scenario, gripper: ParallelGripper) -> ViewFilter:
@@ -170,7 +176,7 @@ def make_scene(
 
 
 def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> ReachabilityFilter:
-    """The reachability filter of a scenario."""
+    """The reachability filter of a scenario; the modes of the paper look at no way in."""
     config = resolve(scenario).reachability
     return ReachabilityFilter(
         reachability,
@@ -178,6 +184,7 @@ def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> 
         reachable_space=ReachableSpace.load_named(config.space),
         horizon=config.horizon,
         twins=config.twins,
+        way_in=WAY_IN if scenario.control.safe else 0.0,
     )
 
 

@@ -18,18 +18,22 @@ from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.in_view import velocity_in_view
 from feasigrasp.models.control.planning.lookout import Sought, lookout, lookout_velocity
+from feasigrasp.models.control.planning.second_look import STEPS_BACK
 from feasigrasp.models.control.safety.obstacle_grid import (
     MovingObject,
     ObstacleGrid,
     object_grid,
     obstacle_grid,
 )
+from feasigrasp.models.control.safety.reserve import step_back
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.safety.touch import yielding_velocity
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
@@ -62,6 +66,8 @@ class GraspController(LeafSystem):
         - touch
         - camera_pose
         - sought
+        - look_from
+        - tracking
         output_ports:
         - commanded_velocity
 
@@ -72,8 +78,10 @@ class GraspController(LeafSystem):
     the object's twist is taken for constant; ``gpdf``, the object's `Gpdf` or None, whose surface
     the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one, to which
     the arm gives way in ``safe`` mode, whatever `velocity` says. With ``camera_pose``, X_WC of a
-    camera on the hand, the arm keeps the object in its image in that mode, as long as there is a
-    ``gpdf``; and while there is a ``sought``, a `Sought` or None, it looks for that instead.
+    camera on the hand, which the object is tracked with (``tracking``, a `Tracking`), the arm keeps
+    the object in its image in that mode, as long as there is a ``gpdf``; while there is a
+    ``sought``, a `Sought` or None, it looks for that instead, and while there is a ``look_from``,
+    a configuration (7,) or None, it goes there to see the object from another side.
 
     A controller of your own is two functions: `update`, called every ``period`` seconds, returns
     what to remember of the grasps, and `velocity` the command, at whatever rate it is asked for.
@@ -139,6 +147,8 @@ class GraspController(LeafSystem):
         self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._sought = declare_input(self, "sought")
+        self._look_from = declare_input(self, "look_from")
+        self._tracking = declare_input(self, "tracking")
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
         self._surface = self._declare_grid("surface of the object", self._gpdf, object_grid)
         self._memory = PeriodicState(self, memory, period, self._updated)
@@ -200,10 +210,10 @@ class GraspController(LeafSystem):
     def in_view(self, qd: Array, inputs: ControllerInputs) -> Array:
         """The velocity nearest to ``qd`` (7,) that also keeps the object in the camera's image.
 
-        It is ``qd`` itself in a mode that enforces nothing, without a camera on the hand, or while
-        it is not known where the object is.
+        It is ``qd`` itself in a mode that enforces nothing, unless the object is tracked with a
+        camera on the hand, or while it is not known where the object is.
         """
-        X_WC = None if self.safety is None else inputs.X_WC
+        X_WC = inputs.X_WC if self.safety is not None and inputs.seen_by_arm else None
         gpdf = None if X_WC is None else inputs.gpdf
         if X_WC is None or gpdf is None:
             return qd
@@ -236,6 +246,9 @@ class GraspController(LeafSystem):
             "gpdf": Value[object](fit_gpdf(ball)),
             "camera_pose": RigidTransform([0.3, 0.0, 0.5]),
             "sought": Value[object](Sought(X_WO.GetAsMatrix4(), 0.0)),
+            "tracking": Value[object](
+                Tracking(TrackingState.TRACKING, 0.0, expected=X_WO.GetAsMatrix4())
+            ),
         }.items():
             self.GetInputPort(name).FixValue(context, value)
         memory, some = self.memory(context), grasps
@@ -272,11 +285,23 @@ class GraspController(LeafSystem):
             return None
         return lookout(sought, inputs.q, X_WC, self.reachability)
 
+    def _look_again(self, q_view: Array, inputs: ControllerInputs) -> Array:
+        """The velocity that takes the arm to another view: at first back from the object."""
+        X_WH, J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)
+        if inputs.surface is not None:
+            p_OH = se3.inverse(inputs.X_WO) @ X_WH[:, 3]
+            if inputs.surface.distance_and_gradient(p_OH[:3])[0][0] < STEPS_BACK:
+                V_WH = step_back(X_WH, inputs.X_WO, inputs.V_WO)
+                return self.enforced(np.zeros(IIWA_7.joints), inputs, J_WH, V_WH)
+        return self.enforced(lookout_velocity(inputs.q, q_view), inputs)
+
     def _calc(self, context: Context, output) -> None:
         inputs = ControllerInputs(self, context)
         q_lookout = self._lookout.Eval(context) if inputs.sought else None
         if q_lookout is not None:
             qd = self.enforced(lookout_velocity(inputs.q, q_lookout), inputs)
+        elif self.safety is not None and inputs.look_from is not None:
+            qd = self.in_view(self._look_again(inputs.look_from, inputs), inputs)
         else:
             qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if self.safety is not None and inputs.touch.any():

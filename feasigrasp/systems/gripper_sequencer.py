@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -11,17 +12,31 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.planning.lookout import SOUGHT_AFTER, Sought
+from feasigrasp.models.control.planning.second_look import (
+    Attempt,
+    another_side,
+    view_configuration,
+)
 from feasigrasp.models.control.status import StatusCode
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+
+
+class _Approach(NamedTuple):
+    """How the hand gets on, and the configuration that the arm looks from meanwhile, if it does."""
+
+    attempt: Attempt = Attempt()
+    q_view: Array | None = None
 
 
 class GripperSequencer(LeafSystem):
@@ -41,6 +56,7 @@ class GripperSequencer(LeafSystem):
         - tracking
         - perceived
         - lapsed
+        - camera_pose
         output_ports:
         - grasps
         - gpdf
@@ -51,6 +67,7 @@ class GripperSequencer(LeafSystem):
         - object_hold
         - phase
         - sought
+        - look_from
 
     It stands between the reachability filter and a controller, and passes grasps, object pose and
     twist through while the hand approaches, and the object's field, a `Gpdf` or None, if it is
@@ -62,6 +79,11 @@ class GripperSequencer(LeafSystem):
     closed on a pose that is merely extrapolated. These ports are optional. ``sought`` is a `Sought`
     while an object that is to be approached has been out of sight for a moment, its tracker says
     where it is expected, and the arm can look there; else None.
+
+    A hand that does not get on gives the nearest grasp up for a while, and looks at the object from
+    another side: ``look_from`` is the configuration (7,) [rad] that the arm is to look from, or
+    None. It is found with ``camera_pose``, X_WC of a camera on the hand; without one the hand only
+    goes for other grasps.
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     predicted then (by ``object_motion``, a `MotionEstimate` or None, else by the twist), and the
@@ -84,10 +106,20 @@ class GripperSequencer(LeafSystem):
         *,
         period: float = ReachabilityConfig.period,
         looks: bool = False,
+        reachability: Reachability | None = None,
     ) -> None:
-        """A sequencer for one gripper; ``looks``: with a camera on the arm, to look for objects."""
+        """A sequencer for one gripper.
+
+        Args:
+            config: When the gripper closes, and what happens then.
+            gripper: The gripper.
+            period: Time between states [s].
+            looks: With a camera on the arm, to look for objects that are out of sight.
+            reachability: Which configurations the arm can look from; without it a hand that does
+                not get on stays where it is.
+        """
         super().__init__()
-        self._looks = looks
+        self._looks, self._reachability = looks, reachability
         self._config = config
         self._gripper = gripper
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
@@ -100,12 +132,15 @@ class GripperSequencer(LeafSystem):
         self._tracking = declare_input(self, "tracking")
         self._perceived = declare_input(self, "perceived")
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._state = PeriodicState(self, GraspState(), period, self._advance)
+        self._approach = PeriodicState(self, _Approach(), period, self._get_on)
 
         state, time = self._state.ticket(), self.time_ticket()
         doubts = {port.ticket() for port in (self._tracking, self._perceived, self._lapsed)}
         target = {state, time, self._pose.ticket(), self._velocity.ticket(), *doubts}
-        declare_output(self, "grasps", self._calc_grasps, {state, self._grasps.ticket(), *doubts})
+        usable = {state, self._approach.ticket(), self._grasps.ticket()}
+        declare_output(self, "grasps", self._calc_grasps, {*usable, *doubts})
         declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
         declare_output(self, "object_pose", self._calc_pose, target, model=RigidTransform())
         declare_output(
@@ -116,6 +151,7 @@ class GripperSequencer(LeafSystem):
         self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
         self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
         declare_output(self, "sought", self._calc_sought, {state, self._tracking.ticket()})
+        declare_output(self, "look_from", self._calc_look_from, {self._approach.ticket()})
 
     def state(self, context: Context) -> GraspState:
         """Where the sequence is."""
@@ -156,6 +192,30 @@ class GripperSequencer(LeafSystem):
             None if motion is None else partial(future_poses, motion, X_WO, V_WO),
         )
 
+    def _get_on(self, context: Context) -> _Approach:
+        reachability, gpdf = self._reachability, self._calc_gpdf(context)
+        now = context.get_time()
+        X_WO = self._pose.Eval(context).GetAsMatrix4()
+        doubted = self._doubt(context) is not None or self._coasting(context)
+        if not self._config.close or reachability is None or gpdf is None or doubted:
+            return _Approach()
+        if not np.isfinite(X_WO).all():
+            return _Approach()
+        q = self._position.Eval(context)
+        X_OH = se3.inverse(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
+        attempt: Attempt = self._approach.Eval(context).attempt
+        attempt = attempt.advanced(now, X_OH, self._grasps.Eval(context), self._config.patience)
+        if not self._camera_pose.HasValue(context):
+            return _Approach(attempt.looking(now, None, np.inf) if attempt.blocked else attempt)
+        X_WC = self._camera_pose.Eval(context).GetAsMatrix4()
+        if attempt.blocked:
+            found = another_side(gpdf, attempt.sides, X_WO, q, X_WC, reachability)
+            attempt = attempt.looking(now, *found)
+        if attempt.side is None:
+            return _Approach(attempt)
+        at = view_configuration(attempt.side, gpdf, X_WO, q, X_WC, reachability)
+        return _Approach(attempt, at)
+
     def _target(self, context: Context) -> tuple[Array, Array]:
         state = self.state(context)
         if state.grasp is None and self._doubt(context) not in (None, StatusCode.POSE_CONTRADICTED):
@@ -172,7 +232,10 @@ class GripperSequencer(LeafSystem):
         if committed is not None:
             return committed
         doubt = self._doubt(context)
-        return GraspSet.empty({doubt: 1}) if doubt else self._grasps.Eval(context)
+        if doubt:
+            return GraspSet.empty({doubt: 1})
+        attempt: Attempt = self._approach.Eval(context).attempt
+        return attempt.usable(self._grasps.Eval(context))
 
     def _calc_gpdf(self, context: Context) -> Gpdf | None:
         passed = self.state(context).grasp is None and self._gpdf.HasValue(context)
@@ -196,6 +259,10 @@ class GripperSequencer(LeafSystem):
         if tracking.expected is None or tracking.age < SOUGHT_AFTER:
             return None
         return Sought(tracking.expected, tracking.age)
+
+    def _calc_look_from(self, context: Context) -> Array | None:
+        q_view: Array | None = self._approach.Eval(context).q_view
+        return q_view if self.state(context).phase == Phase.APPROACH else None
 
     def _calc_gripper(self, context: Context, output) -> None:
         state = self.state(context)

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
-from feasigrasp.models.reach.lookahead import JudgedGrasps, judge_grasps
+from feasigrasp.models.reach.lookahead import WAY_IN, JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
@@ -43,8 +43,10 @@ class ReachabilityFilter(LeafSystem):
 
     A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
     the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated
-    with its velocity. What is dropped is counted by reason in ``rejected``; ``verdicts`` is a tuple
-    of strings, see `JudgedGrasps`: what became of every grasp that came in, then of every flip.
+    with its velocity. Of these the hand must be able to stand back by ``way_in``, along the
+    approach direction, unless that leaves none. What is dropped is counted by reason in
+    ``rejected``; ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what became of every grasp
+    that came in, then of every flip.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class ReachabilityFilter(LeafSystem):
         reachable_space: ReachableSpace | None = None,
         horizon: float = 1.0,
         twins: bool = True,
+        way_in: float = WAY_IN,
     ) -> None:
         """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
 
@@ -66,7 +69,7 @@ class ReachabilityFilter(LeafSystem):
         super().__init__()
         self._judge = PoseJudge(reachability, method, reachable_space)
         self._judge.verdicts(np.eye(4))  # compiles its kernels, before the first tick
-        self._horizon, self._twins = horizon, twins
+        self._horizon, self._twins, self._way_in = horizon, twins, way_in
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
@@ -87,5 +90,6 @@ class ReachabilityFilter(LeafSystem):
             self._judge,
             self._horizon,
             twins=self._twins,
+            way_in=self._way_in,
             motion=self._motion.Eval(context) if self._motion.HasValue(context) else None,
         )

@@ -43,6 +43,8 @@ def test_either_controller_can_replace_the_other(ports):
         "touch": 7,
         "camera_pose": None,
         "sought": None,
+        "look_from": None,
+        "tracking": None,
     }
     assert outputs == {"commanded_velocity": 7}
 

@@ -17,6 +17,8 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
 
 
@@ -200,3 +202,46 @@ def test_the_open_hand_goes_round_the_ball_to_its_grasp(make, ball, direction):
         np.testing.assert_allclose(p_OH, grasps.X_OG[0, :3, 3], atol=1e-3)
     assert nearest[0] < -0.02  # the direct way is through the ball
     assert nearest[1] > 0.0
+
+
+@every
+def test_to_see_another_side_the_hand_first_steps_back_and_then_goes_there(make, ball):
+    X_WG = forward_kinematics(BESIDE, REACH.gripper.X_FG)
+    q_view = BESIDE + np.array([0.4, -0.5, 0.0, 0.3, 0.0, 0.2, 0.5])
+    bench = Bench(make, grasps=GraspSet.empty(), q=BESIDE, pose=RigidTransform(X_WG[:3, 3]))
+    bench.fix(gpdf=Value[object](ball), look_from=Value[object](q_view))
+    step = 1e-5
+    after = forward_kinematics(BESIDE + step * bench.command(), REACH.gripper.X_FG)
+    speed = (after - X_WG)[:3, 3] / step
+    assert np.linalg.norm(speed) > 0.02  # the fingers are 2 mm beside the ball
+    np.testing.assert_allclose(speed, -np.linalg.norm(speed) * X_WG[:3, 2], atol=0.005)
+    # Away from the object it goes straight there.
+    bench.fix(object_pose=RigidTransform([0.0, 0.7, 0.3]))
+    qd, way = bench.command(), q_view - BESIDE
+    assert qd @ way / np.linalg.norm(qd) / np.linalg.norm(way) > 0.99
+
+
+@pytest.mark.parametrize("make", [RMMTaskController, GPJointController])
+def test_a_hand_that_has_a_ball_between_its_fingers_the_wrong_way_round_steps_back(make):
+    ball = fit_gpdf(sphere_points(400, 0.025), length_scale=0.1)
+    X_WG = forward_kinematics(BESIDE, REACH.gripper.X_FG)
+    flipped = X_WG.copy()
+    flipped[:3, :3] = X_WG[:3, :3] @ np.diag([-1.0, -1.0, 1.0])
+    flipped[:3, 3] = 0.0
+    motion = HarmonicMotion(
+        center=X_WG[:3, 3],
+        amplitude=np.zeros(3),
+        harmonic=np.ones(3),
+        offset_deg=np.zeros(3),
+        rate=0.6,
+        start_phase=0.0,
+        spin_axis=np.array([0.0, 0.0, 1.0]),
+        spin=0.0,
+        R_WO=np.eye(3),
+    )
+    grasps = GraspSet(flipped[None], np.full(1, 0.05), np.ones(1))
+    _, q = closed_loop(make, motion, 8.0, grasps, q=BESIDE, gpdf=ball)
+    hand = [forward_kinematics(each, REACH.gripper.X_FG) for each in q]
+    away = [np.linalg.norm(X[:3, 3] - X_WG[:3, 3]) for X in hand]
+    assert max(away) > 0.05
+    assert hand[-1][:3, 0] @ flipped[:3, 0] > 0.99 and away[-1] < 0.005

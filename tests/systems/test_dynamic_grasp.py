@@ -48,7 +48,6 @@ def test_building_leaves_the_scenario_as_it_is():
 #: Inputs that are for scenes that are looked at, for measurements with a time stamp, for a tracker
 #: that looks through the camera on the arm, and for perception in a process of its own.
 OPEN = {
-    ("controller", "camera_pose"),
     ("controller", "scene"),
     ("sequencer", "lapsed"),
     ("status", "lapsed"),

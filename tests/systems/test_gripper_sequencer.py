@@ -17,6 +17,7 @@ from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
@@ -26,6 +27,7 @@ from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 GRIPPER = ParallelGripper()
 CONFIG = GraspSequenceConfig(
     dwell=0.1,
+    patience=3.0,
     squeeze_time=0.4,
     lift=[-0.05, 0.0, 0.1],
     lift_time=0.3,
@@ -53,8 +55,10 @@ def grasps_at(*errors):
 class Mock:
     """A sequencer whose inputs are set by hand."""
 
-    def __init__(self, config=CONFIG, looks=False, **inputs):
-        self.dut = GripperSequencer(config, GRIPPER, period=0.05, looks=looks)
+    def __init__(self, config=CONFIG, looks=False, reachability=None, **inputs):
+        self.dut = GripperSequencer(
+            config, GRIPPER, period=0.05, looks=looks, reachability=reachability
+        )
         self.simulator = Simulator(self.dut)
         self.context = self.simulator.get_mutable_context()
         self.fix(
@@ -374,6 +378,62 @@ def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
 def test_nothing_is_looked_for_without_a_place_or_a_camera_on_the_arm():
     assert Mock(tracking=tracked("lost", 7.0), looks=True).output("sought") is None
     assert Mock(tracking=out_of_sight("lost", 7.0)).output("sought") is None
+
+
+def second_look(**inputs):
+    """A sequencer that can look from elsewhere at a ball that was seen."""
+    field, camera = Value[object](fit_gpdf(sphere_points(64, 0.03))), RigidTransform(X_WH)
+    return Mock(reachability=Reachability(), gpdf=field, camera_pose=camera, **inputs)
+
+
+def test_without_a_grasp_in_reach_the_arm_looks_from_another_side():
+    mock = second_look(grasps=GraspSet.empty())
+    mock.advance(0.9)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    mock.advance(1.2)
+    q = mock.dut.GetOutputPort("look_from").Eval(mock.context)
+    assert Reachability().admissible(q[None])[0] and np.abs(q - Q).max() > 0.1
+    # What comes into reach is gone for at once.
+    mock.fix(grasps=grasps_at(0.05))
+    mock.advance(1.3)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    assert len(mock.output("grasps")) == 1
+
+
+def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
+    mock = second_look(grasps=grasps_at(0.05, 0.2))
+    mock.advance(2.9)
+    assert len(mock.output("grasps")) == 2
+    mock.advance(3.2)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is not None
+    assert len(mock.output("grasps")) == 1
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        {"tracking": tracked("lost")},
+        {"gpdf": Value[object](None)},
+        {"object_pose": UNKNOWN},
+        {"config": GraspSequenceConfig(close=False)},
+        {"config": GraspSequenceConfig(patience=np.inf), "grasps": grasps_at(0.05)},
+    ],
+)
+def test_no_other_look_is_taken_at_what_is_not_known_or_not_to_be_grasped(inputs):
+    mock = second_look(grasps=GraspSet.empty())
+    mock.fix(**{k: v for k, v in inputs.items() if k != "config"})
+    if "config" in inputs:
+        mock = second_look(**{"grasps": GraspSet.empty(), **inputs})
+    mock.advance(5.0)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+
+
+def test_without_a_camera_the_hand_only_goes_for_other_grasps():
+    field = Value[object](fit_gpdf(sphere_points(64, 0.03)))
+    mock = Mock(reachability=Reachability(), gpdf=field, grasps=grasps_at(0.05, 0.2))
+    mock.advance(3.2)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    assert len(mock.output("grasps")) == 1
 
 
 def test_what_is_in_the_fingers_is_not_let_go_because_the_object_is_lost():

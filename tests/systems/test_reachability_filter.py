@@ -122,7 +122,7 @@ def test_an_object_far_away_leaves_nothing(evaluate):
 
 def test_an_object_that_runs_away_leaves_nothing_soon(filtered):
     away = SpatialVelocity([0, 0, 0], [2.0, 0.0, 0.0])
-    now = filtered(ring(), velocity=away, horizon=0.0)
+    now = filtered(ring(), velocity=away, horizon=0.0, way_in=0.0)
     soon = filtered(ring(), velocity=away)
     assert len(now) > 0
     assert len(soon) == 0
@@ -164,7 +164,7 @@ def test_the_mixture_alone_decides_with_rmm(evaluate):
 def test_both_is_exact_on_what_the_mixture_lets_through(evaluate):
     given = ring()
     grasps = GraspSet(given.X_OG, given.width, np.ones(len(given)))  # none is left out as worse
-    settings = {"pose": RigidTransform([0.45, -0.03, 0.4]), "horizon": 0.0}
+    settings = {"pose": RigidTransform([0.45, -0.03, 0.4]), "horizon": 0.0, "way_in": 0.0}
     methods = ("ik", "rmm", "both")
     ik, rmm, both = (
         evaluate(grasps, method=method, reachable_space=left_side(), **settings)[1]

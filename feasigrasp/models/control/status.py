@@ -39,6 +39,7 @@ class StatusCode(StrEnum):
     PERCEPTION_LAPSED = "perception_lapsed"
     VIEWS_DROPPED = "views_dropped"
     NOTHING_SEEN = "nothing_seen"
+    LOOKING_AGAIN = "looking_again"
     NO_GRASP = "no_grasp"
     NONE_REACHABLE = "none_reachable"
     BRAKING_FOR_OBSTACLE = "braking_for_obstacle"
@@ -68,6 +69,7 @@ class Situation:
         phase: What the gripper is doing.
         tracking: How much the object's pose is worth.
         sought: Whether the arm looks for the object.
+        looking: Whether it looks at the object from another side.
         contradicted: Whether the camera contradicts that pose.
         lapsed: Whether the process that perceives is gone.
         seen: Whether there is a field of the object.
@@ -88,6 +90,7 @@ class Situation:
     phase: Phase = Phase.APPROACH
     tracking: Tracking | None = None
     sought: bool = False
+    looking: bool = False
     contradicted: bool = False
     lapsed: bool = False
     seen: bool = True
@@ -148,6 +151,8 @@ def _grasps(now: Situation) -> tuple[StatusCode, str] | None:
         if now.views_dropped:
             return StatusCode.VIEWS_DROPPED, now.views_dropped
         return StatusCode.NOTHING_SEEN, "no view of the object yet"
+    if now.looking:
+        return StatusCode.LOOKING_AGAIN, "from another side, since it did not get on from this one"
     if now.views_dropped and now.grasps == 0:
         return StatusCode.VIEWS_DROPPED, now.views_dropped
     if now.grasps == 0:

@@ -42,6 +42,8 @@ class GraspSequenceConfig:
         position_tolerance: Distance to a grasp below which the hand is there [m].
         angle_tolerance: The same for the angle [rad].
         dwell: How long the hand must be there before the fingers close [s].
+        patience: A hand that has come no nearer to any grasp for so long gives the nearest one up,
+            and looks at the object from another side [s].
         closing_speed: Rate at which the distance between the pads shrinks [m/s].
         squeeze_time: Time from the start of closing to letting go of the object [s].
         min_width: Fingers that come closer than this have missed the object [m].
@@ -57,6 +59,7 @@ class GraspSequenceConfig:
     position_tolerance: float = 0.006
     angle_tolerance: float = 0.08
     dwell: float = 0.1
+    patience: float = 5.0
     closing_speed: float = 0.15
     squeeze_time: float = 1.0
     min_width: float = 0.002

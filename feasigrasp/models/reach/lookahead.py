@@ -15,6 +15,8 @@ from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 
 _CHUNK = 32  # hand poses judged at first, best scores first; twice as many each time after
+#: A hand that can stand back from a grasp so far can also come to it [m].
+WAY_IN = 0.05
 _INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
 
 
@@ -43,6 +45,7 @@ def judge_grasps(
     motion: MotionEstimate | None = None,
     *,
     twins: bool = True,
+    way_in: float = 0.0,
 ) -> JudgedGrasps:
     """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
 
@@ -56,6 +59,8 @@ def judge_grasps(
         score_share: Grasps that score less than this share of the best one in reach are left out.
         motion: Predicts the object's poses; without it, the object moves on with its twist.
         twins: Whether the flip of a grasp counts as another; without, only the grasps given do.
+        way_in: Grasps that the hand cannot stand back from so far, along their approach direction,
+            neither now nor within the horizon, are left out if there are others [m].
 
     Returns:
         The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
@@ -80,6 +85,15 @@ def judge_grasps(
         )  # until it is known which are kept
         kept.extend(reached[stays].tolist())
     kept = kept[:n_best]
+    if kept and way_in > 0.0:
+        back = both.X_OG[kept].copy()
+        back[:, :3, 3] -= way_in * back[:, :3, 2]
+        X_WG = np.concatenate([X_WO[None], X_later])[:, None] @ back
+        reached = judge.verdicts(X_WG.reshape(-1, 4, 4)) == REACHABLE
+        comes = reached.reshape(len(X_WG), -1).any(axis=0)
+        if comes.any():
+            verdicts[np.array(kept)[~comes]] = Verdict.NO_WAY_IN
+            kept = [i for i, open_ in zip(kept, comes, strict=True) if open_]
     if kept:
         enough = score_share * both.score[kept[0]]
         kept = [i for i in kept if both.score[i] >= enough]

@@ -39,6 +39,7 @@ class Verdict(StrEnum):
     KEPT = "kept"
     SOON = "out of reach soon"
     BETTER = "better grasps in reach"
+    NO_WAY_IN = "no way in"
 
 
 #: What the codes of verdicts on poses stand for.

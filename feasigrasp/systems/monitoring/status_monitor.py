@@ -87,6 +87,7 @@ class StatusMonitor(LeafSystem):
         - touches
         - sought
         - lapsed
+        - look_from
         output_ports:
         - status
         - history
@@ -97,8 +98,9 @@ class StatusMonitor(LeafSystem):
     `Phase`; ``command_faults`` the number of faulty commands until now; ``scene``, optional, a
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
     touched; ``sought``, optional, a `Sought` while the arm looks for the object; ``lapsed``,
-    optional, V1, not 0 while perception's process is gone. ``status`` is a
-    `Status`, ``history`` a tuple of all of them, one for every change of the code.
+    optional, V1, not 0 while perception's process is gone; ``look_from``, optional, is not None
+    while the arm looks at the object from another side. ``status`` is a `Status`, ``history`` a
+    tuple of all of them, one for every change of the code.
     """
 
     def __init__(self, gripper: ParallelGripper, *, period: float = PERIOD) -> None:
@@ -120,6 +122,7 @@ class StatusMonitor(LeafSystem):
         self._touches = self.DeclareVectorInputPort("touches", 1)
         self._sought = declare_input(self, "sought")
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
+        self._look_from = declare_input(self, "look_from")
         self._said = PeriodicState(self, _Said(), period, self._look)
         state = {self._said.ticket()}
         declare_output(self, "status", self._calc_status, state)
@@ -156,6 +159,8 @@ class StatusMonitor(LeafSystem):
                 phase=phase,
                 tracking=tracking,
                 sought=self._sought.HasValue(context) and self._sought.Eval(context) is not None,
+                looking=self._look_from.HasValue(context)
+                and self._look_from.Eval(context) is not None,
                 contradicted=perceived.contradicted,
                 lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,
                 seen=perceived.gpdf is not None,

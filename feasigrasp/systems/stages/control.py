@@ -10,6 +10,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.systems.carry_filter import CarryFilter
 from feasigrasp.systems.from_scenario import (
+    carries_its_camera,
     led_by_its_camera,
     make_reachability_filter,
     make_view_filter,
@@ -38,10 +39,11 @@ def add_control(
     """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper."""
     station, tracker, scenario = cell.station, cell["tracker"], cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
-    looks = led_by_its_camera(scenario) and controller.HasInputPort("camera_pose")
+    sees = carries_its_camera(scenario) and controller.HasInputPort("camera_pose")
+    looks = sees and led_by_its_camera(scenario)
     position = station.GetOutputPort("iiwa.position_measured")
     own_camera = {"position": position}
-    if looks:
+    if sees:
         own_camera["camera_pose"] = station.GetOutputPort(f"{scenario.perception.camera}.pose")
     grasps = cell["latency"].get_output_port()
     if safe:
@@ -60,11 +62,17 @@ def add_control(
 
     sequencer = cell.add(
         "sequencer",
-        GripperSequencer(scenario.grasp, cell.gripper, period=config.period, looks=looks),
+        GripperSequencer(
+            scenario.grasp,
+            cell.gripper,
+            period=config.period,
+            looks=looks,
+            reachability=reachability if safe else None,
+        ),
         tracker,
+        **own_camera,
         gpdf=gpdf,
         perceived=cell["perception"].GetOutputPort("perceived"),
-        position=position,
         grasps=reachable.get_output_port(),
         gripper_state=station.GetOutputPort("gripper.state_measured"),
         **given(lapsed=lapsed(cell)),

@@ -119,3 +119,27 @@ def test_every_grasp_and_flip_has_a_verdict(grasps):
         if verdict not in ("kept", "better grasps in reach"):
             assert verdict == truth
     assert judged.verdicts.count("kept") == len(judged.grasps) == 10
+
+
+def test_grasps_without_a_way_in_are_left_out_where_others_have_one(grasps):
+    def judged(some, way_in):
+        return judge_grasps(
+            *(some, X_WO, STILL, REACHABILITY),
+            horizon=0.0,
+            n_best=1000,
+            score_share=0.0,
+            way_in=way_in,
+        )
+
+    every = judged(grasps, 0.0).grasps
+    back = every.X_OG.copy()
+    back[:, :3, 3] -= 0.1 * back[:, :3, 2]
+    comes = REACHABILITY.reachable(X_WO @ back)
+    assert 5 < comes.sum() < len(comes) - 5
+    kept = judged(grasps, 0.1)
+    assert rows(kept.grasps.X_OG) == rows(every.X_OG[comes])
+    assert kept.grasps.rejected["no way in"] == (~comes).sum()
+    assert kept.verdicts.count("no way in") == (~comes).sum()
+    # Better one that cannot be come by than none: the hand may find another way.
+    blocked = judged(every.select(np.flatnonzero(~comes)[:1]), 0.1).grasps
+    assert len(blocked) >= 1

@@ -1,7 +1,8 @@
 """How a hand on its way keeps off the object: the farther from lined up, the farther off.
 
 With its least clearance alone it would slide round the object, a millimetre off, and touch what is
-not quite where it is believed to be.
+not quite where it is believed to be. And a hand that has the object between its fingers, but not
+for any grasp that it goes for, cannot turn round it: it has to step back first.
 """
 
 from __future__ import annotations
@@ -11,13 +12,22 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.control.safety.obstacle_grid import (
+    MovingObject,
+    ObstacleGrid,
+    grid_kernel,
+)
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
-from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
+from feasigrasp.models.grasps.funnel import Funnel, grasp_errors_kernel, standoff_kernel
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 #: The reserve is this share of the hand's standoff, and at most so far [m].
 _SHARE, _MOST = 0.2, 0.01
+#: Nearer than this to the middle between its pads, the object is between the fingers [m]; a hand
+#: that is turned by more from each of its grasps is not there for any of them [rad].
+_BETWEEN, _ASTRAY = 0.015, 1.6
+#: So fast it steps back then [m/s].
+_BACK_SPEED = 0.15
 
 
 def kept_off(
@@ -53,6 +63,45 @@ def kept_off(
         funnel.parameters,
     )
     return MovingObject(surface, X_WO, V_WO, reserve)
+
+
+def astray(
+    surface: ObstacleGrid | None,
+    q: Array,
+    X_WO: Array,
+    X_FG: Array,
+    X_OG: ArrayLike,
+) -> bool:
+    """Whether the object is between the fingers for none of the grasps; arguments as `kept_off`."""
+    if surface is None or not np.isfinite(X_WO).all():
+        return False
+    return _astray_kernel(
+        np.ascontiguousarray(q, dtype=float),
+        X_FG,
+        np.ascontiguousarray(X_WO, dtype=float),
+        np.array(X_OG, dtype=float).reshape(-1, 4, 4),
+        surface.values,
+        surface.frame,
+    )
+
+
+def step_back(X_WH: Array, X_WO: Array, V_WO: Array) -> Array:
+    """Twist (6,) of a hand at X_WH (4, 4) that leaves an object with twist V_WO (6,) backwards."""
+    lever = X_WH[:3, 3] - X_WO[:3, 3]
+    linear = V_WO[3:] + np.cross(V_WO[:3], lever) - _BACK_SPEED * X_WH[:3, 2]
+    return np.concatenate([V_WO[:3], linear])
+
+
+@njit(cache=True)
+def _astray_kernel(q, X_FG, X_WO, X_OG, values, frame):
+    X_WH = np.empty((4, 4))
+    pose_jacobian_kernel(q, X_FG, X_WH, None)
+    X_OH = inverse_kernel(X_WO) @ X_WH
+    if grid_kernel((X_OH[0, 3], X_OH[1, 3], X_OH[2, 3]), values, frame)[0] > _BETWEEN:
+        return False
+    errors = np.empty((len(X_OG), 2))
+    grasp_errors_kernel(X_OG, X_OH, errors)
+    return len(X_OG) > 0 and errors[:, 1].min() > _ASTRAY
 
 
 @njit(cache=True)

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
-from feasigrasp.models.control.safety.reserve import kept_off
+from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid, object_grid
+from feasigrasp.models.control.safety.reserve import astray, kept_off, step_back
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 FUNNEL, X_FG = Funnel(), ParallelGripper().X_FG
 Q = np.array([0.1, 0.6, -0.2, -1.4, 0.3, 1.1, 0.4])
@@ -41,3 +43,51 @@ def test_the_object_is_as_it_was_and_none_is_none():
     found = moving(FAR)
     assert found.grid is GRID and found.X_WO is X_WO and found.V_WO is V_WO
     assert moving(FAR, surface=None) is None
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """The grid of a ball of 3 cm."""
+    return object_grid(fit_gpdf(sphere_points(400, 0.03)))
+
+
+FLIPPED, AHEAD = ([0.0, 0.0, 0.0], [0.0, 0.0, np.pi]), ([0.0, 0.0, -0.03], [0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("middle", "errors", "expected"),
+    [
+        ([0.0, 0.0, 0.0], [FLIPPED], True),
+        ([0.0, 0.0, 0.0], [FLIPPED, FAR], True),
+        ([0.0, 0.0, 0.0], [FLIPPED, AHEAD], False),
+        ([0.0, 0.0, 0.0], [], False),
+        ([0.0, 0.0, 0.08], [FLIPPED], False),
+    ],
+    ids=["other way round", "and far away", "lined up with one", "no grasp", "in front"],
+)
+def test_a_hand_is_astray_with_the_ball_between_its_fingers_but_for_no_grasp(
+    ball, middle, errors, expected
+):
+    """The ball's middle is given in the hand's frame, and so are the errors of the grasps."""
+    X_WH = forward_kinematics(Q, X_FG)
+    X_WB = se3.make_pose(np.eye(3), X_WH[:3, :3] @ middle + X_WH[:3, 3])
+    grasps = [
+        se3.inverse(X_WB) @ X_WH @ se3.inverse(se3.make_pose(se3.so3_exp(turn), position))
+        for position, turn in errors
+    ]
+    arguments = Q, X_WB, X_FG, np.reshape(grasps, (-1, 4, 4))
+    assert astray(ball, *arguments) is expected
+    assert astray(None, *arguments) is False
+    assert astray(ball, Q, np.full((4, 4), np.nan), *arguments[2:]) is False
+
+
+def test_the_hand_steps_back_along_its_own_axis_seen_from_the_object():
+    X_WH = forward_kinematics(Q, X_FG)
+    V_WH, h = step_back(X_WH, X_WO, V_WO), 1e-6
+    R = se3.so3_exp(h * V_WO[:3])
+    X_WO_later = se3.make_pose(R @ X_WO[:3, :3], X_WO[:3, 3] + h * V_WO[3:])
+    R = se3.so3_exp(h * V_WH[:3])
+    X_WH_later = se3.make_pose(R @ X_WH[:3, :3], X_WH[:3, 3] + h * V_WH[3:])
+    X_OH, later = se3.inverse(X_WO) @ X_WH, se3.inverse(X_WO_later) @ X_WH_later
+    np.testing.assert_allclose(later[:3, :3], X_OH[:3, :3], atol=1e-9)
+    np.testing.assert_allclose((later - X_OH)[:3, 3] / h, -0.15 * X_OH[:3, 2], atol=1e-5)

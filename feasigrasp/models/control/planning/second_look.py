@@ -1,0 +1,208 @@
+"""When a hand that does not get on steps back, and from which side it looks at the object then.
+
+An object that turns shows all its sides by and by. One at rest does not: where nothing that was
+found on the side that was seen can be reached, or come by, a hand that only waits waits for ever.
+So it looks from another side. Of all directions it takes that from which it would see most of what
+has not been seen yet, per second that it takes to get there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf import Gpdf
+
+#: Without any grasp in reach the hand waits so long before it looks elsewhere, and so long after
+#: that before it looks from the next side [s].
+WAITS, WAITS_AGAIN = 1.0, 0.4
+#: A hand within this of a grasp has come to it [m], [rad].
+_ARRIVED = np.array([0.006, 0.08])
+#: It gets on if the way becomes so much shorter [m], or by this share of it.
+_PROGRESS, _PROGRESS_SHARE = 0.02, 0.3
+#: What a turn of the hand counts as, beside its way [m/rad].
+_LEVER = 0.1
+#: Grasps this near to one that was not come by [m], [rad] are given up with it, for so long [s].
+_LIKE_IT, _FORGOTTEN = np.array([0.03, 0.5]), 15.0
+#: A look takes no longer than this, and this long beside the way there [s].
+_LONGEST, _DWELL = 5.0, 0.8
+#: Share of the joints' speed limits with which the arm goes there (`lookout_velocity`).
+_SPEED_SHARE = 0.5
+#: A hand that is nearer than this to the object's surface steps back first [m].
+STEPS_BACK = 0.05
+#: Directions and turns about them that are considered, and the camera's distance from there [m].
+_DIRECTIONS, _ROLLS, _DISTANCE = 40, 6, 0.36
+#: A surface point farther than this from all that was seen is unseen [m]; it would be seen by a
+#: camera that is no farther than this from the direction of its normal [cos].
+_UNSEEN, _FACING = 0.012, 0.3
+#: Directions this near to one that was looked from are no other side [cos].
+_SAME_SIDE = 0.85
+#: What a side is worth in which nothing is known to be unseen, as a share of the surface.
+_CURIOSITY = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt(Frozen):
+    """How the hand gets on with its grasps.
+
+    Attributes:
+        left: Least way to a grasp until now [m]; infinite at first, and without grasps.
+        since: When it was as little for the first time [s].
+        blocked: Whether it does not get on, and had better look elsewhere.
+        given_up: Grasps that the hand did not come by, in O, shape (k, 4, 4) [m].
+        given_up_at: When they were given up, shape (k,) [s].
+        side: The direction in O from which the object is looked at now, shape (3,); None if the
+            hand goes for a grasp.
+        until: When that ends [s].
+        sides: Directions from which it was looked at so, shape (m, 3).
+    """
+
+    left: float = np.inf
+    since: float = np.nan
+    blocked: bool = False
+    given_up: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    given_up_at: Array = field(default_factory=lambda: np.zeros(0))
+    side: Array | None = None
+    until: float = -np.inf
+    sides: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def usable(self, grasps: GraspSet) -> GraspSet:
+        """The grasps that are not given up."""
+        if len(grasps) == 0 or len(self.given_up) == 0:
+            return grasps
+        errors = [np.max(grasp_errors(grasps.X_OG, X) / _LIKE_IT, axis=1) for X in self.given_up]
+        kept = np.min(errors, axis=0) > 1.0
+        return grasps if kept.all() else grasps.select(np.flatnonzero(kept))
+
+    def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Attempt:
+        """The attempt at a time.
+
+        Args:
+            time: Now [s].
+            X_OH: Pose of the hand in O, shape (4, 4) [m].
+            grasps: Those that it is given.
+            patience: Without progress for so long, the nearest grasp is given up [s].
+        """
+        lasting = time - self.given_up_at < _FORGOTTEN
+        now = replace(self, given_up=self.given_up[lasting], given_up_at=self.given_up_at[lasting])
+        usable = now.usable(grasps)
+        if now.side is not None:
+            # What was out of reach may be in reach by now.
+            over = time >= now.until or (now.left == np.inf and len(usable) > 0)
+            return replace(now, side=None, left=np.inf, since=time) if over else now
+        if len(usable) == 0:
+            waited = now.left == np.inf and not np.isnan(now.since)
+            since = now.since if waited else time
+            patient = WAITS_AGAIN if since - now.until < WAITS else WAITS
+            return replace(now, left=np.inf, since=since, blocked=time - since > patient)
+        errors = grasp_errors(usable.X_OG, X_OH)
+        ways = errors @ [1.0, _LEVER]
+        arrived = np.max(errors / _ARRIVED, axis=1).min() <= 1.0
+        progress = min(_PROGRESS, _PROGRESS_SHARE * now.left)
+        if arrived or now.left == np.inf or ways.min() < now.left - progress:
+            return replace(now, left=float(ways.min()), since=time)
+        if time - now.since < patience:
+            return now
+        nearest = usable.X_OG[int(ways.argmin())]
+        return replace(
+            now,
+            blocked=True,
+            given_up=np.concatenate([now.given_up, nearest[None]]),
+            given_up_at=np.append(now.given_up_at, time),
+        )
+
+    def looking(self, time: float, side: Array | None, travel: float) -> Attempt:
+        """The same, looking from a side that the arm is at after ``travel`` seconds at its limits.
+
+        Without a side the hand goes on as it is.
+        """
+        now = replace(self, blocked=False, since=time)
+        if side is None:
+            return replace(now, left=np.inf)
+        until = time + min(travel / _SPEED_SHARE + _DWELL, _LONGEST)
+        return replace(now, side=side, until=until, sides=np.vstack([self.sides, side]))
+
+
+def another_side(
+    gpdf: Gpdf, sides: Array, X_WO: Array, q: Array, X_WC: Array, reachability: Reachability
+) -> tuple[Array | None, float]:
+    """The direction in O from which most is to be seen per second, and the way there [s].
+
+    Args:
+        gpdf: The object's field, in O.
+        sides: Directions in O from which it was looked at already, shape (m, 3).
+        X_WO: Pose of the object, shape (4, 4) [m].
+        q: Joint positions [rad], shape (7,).
+        X_WC: Pose of the camera, which is on the hand, z forward, shape (4, 4) [m].
+        reachability: Tells which configurations are admissible.
+
+    Returns:
+        Direction from the object's middle to the camera, shape (3,), None if there is none in
+        reach; and the time at the joints' speed limits [s].
+    """
+    directions = sphere_points(_DIRECTIONS, 1.0)
+    middle = gpdf.bounds.mean(axis=0)
+    present = se3.inverse(X_WO) @ X_WC[:, 3]
+    known = np.vstack([sides, _unit(present[:3] - middle)])
+    others = directions[(directions @ known.T).max(axis=1) < _SAME_SIDE]
+    if len(others) == 0:
+        return None, np.inf
+    poses = np.concatenate([views_from(d, gpdf, X_WO, X_WC) for d in others])
+    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
+    times = reachability.nearest(poses @ X_CH, q)[1].reshape(len(others), _ROLLS).min(axis=1)
+    worth = (_unseen_share(gpdf, others) + _CURIOSITY) / (times / _SPEED_SHARE + _DWELL)
+    best = int(np.argmax(worth))
+    return (others[best], float(times[best])) if np.isfinite(times[best]) else (None, np.inf)
+
+
+def view_configuration(
+    side: Array, gpdf: Gpdf, X_WO: Array, q: Array, X_WC: Array, reachability: Reachability
+) -> Array | None:
+    """The configuration (7,) [rad] in which the camera sees the object from a side; None if none.
+
+    Arguments as for `another_side`.
+    """
+    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
+    found, times = reachability.nearest(views_from(side, gpdf, X_WO, X_WC) @ X_CH, q)
+    best = int(np.argmin(times))
+    return found[best] if np.isfinite(times[best]) else None
+
+
+def views_from(side: Array, gpdf: Gpdf, X_WO: Array, X_WC: Array) -> Array:
+    """Poses of a camera that looks at the object from a side, turned about its axis, (n, 4, 4)."""
+    half = 0.5 * float(np.linalg.norm(gpdf.bounds[1] - gpdf.bounds[0]))
+    away = X_WO[:3, :3] @ side
+    p_WC = X_WO[:3, :3] @ gpdf.bounds.mean(axis=0) + X_WO[:3, 3] + (_DISTANCE + 0.5 * half) * away
+    x = _unit(X_WC[:3, 0] - (X_WC[:3, 0] @ away) * away, se3.perpendiculars(away)[0])
+    y = np.cross(-away, x)
+    views = []
+    for roll in np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False):
+        turned = np.cos(roll) * x + np.sin(roll) * y
+        R_WC = np.column_stack([turned, np.cross(-away, turned), -away])
+        views.append(se3.make_pose(R_WC, p_WC))
+    return np.stack(views)
+
+
+def _unseen_share(gpdf: Gpdf, directions: Array) -> Array:
+    """Which share of the surface is unseen and would be seen from each direction, shape (n,)."""
+    surface = gpdf.surface()
+    if len(surface.points) == 0:
+        return np.zeros(len(directions))
+    unseen = cKDTree(gpdf.seen()[0]).query(surface.points)[0] > _UNSEEN
+    facing = surface.normals @ directions.T > _FACING
+    return np.asarray((unseen[:, None] & facing).mean(axis=0))
+
+
+def _unit(v: Array, otherwise: Array | None = None) -> Array:
+    """Unit vector along v (3,); another if v has no length."""
+    length = float(np.linalg.norm(v))
+    return v / length if length > 1e-6 or otherwise is None else otherwise
