@@ -23,7 +23,7 @@ from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.parts import check_parts
 from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.sampling import camera_errors
-from feasigrasp.scenario.schema import ControlConfig, Scenario
+from feasigrasp.scenario.schema import ControlConfig, Scenario, Segmentation
 
 #: Renderers that Drake knows by their name; the empty word is its default.
 _RENDERERS = ("", "RenderEngineVtk", "RenderEngineGl", "RenderEngineGltfClient")
@@ -54,6 +54,7 @@ def check_scenario(scenario: Scenario) -> None:
     _check_steps(scenario)
     _check_vectors(scenario)
     _check_cameras(scenario)
+    _check_company(scenario)
     _check_law(scenario)
     phase = getattr(scenario.motion, "start_phase", 0.0)
     if not isinstance(phase, float | int) and phase.min > phase.max:
@@ -129,6 +130,20 @@ def _check_choices(scenario: Scenario) -> None:
             raise ScenarioError(
                 f"{key} is {choice!r}; choose one of {', '.join(allowed)}{nearest(choice, allowed)}"
             )
+
+
+def _check_company(scenario: Scenario) -> None:
+    """Who is told by colour is looked for; another object is apart from the one to grasp."""
+    config, distractor = scenario.perception, scenario.distractor
+    if config.carrier_hue is not None and config.segmentation != Segmentation.DEPTH:
+        raise ScenarioError(
+            f"perception.carrier_hue is {config.carrier_hue:g}, but the label image tells what "
+            "carries the object; give perception.segmentation: depth, or leave it out"
+        )
+    if distractor.model and distractor.moving and not np.any(distractor.offset):
+        raise ScenarioError(
+            "distractor.offset is zero, so that it would be in the object; give how far it is off"
+        )
 
 
 def _check_cameras(scenario: Scenario) -> None:
@@ -227,6 +242,7 @@ def _check_vectors(scenario: Scenario) -> None:
         if isinstance(value, list)
     }
     vectors |= {
+        "distractor.offset": (scenario.distractor.offset, 3),
         "grasp.lift": (scenario.grasp.lift, 3),
         "grasp.shake": (scenario.grasp.shake, 3),
         "q_start": (scenario.q_start, IIWA_7.joints),

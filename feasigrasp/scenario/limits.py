@@ -14,6 +14,7 @@ from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.objects.carriers import CarrierKind
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.models.reach.reachable_space import SpaceName
@@ -51,6 +52,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "motion.start_phase": (-1e3, 1e3, "rad"),
     "motion.spin_axis": (-1e3, 1e3, ""),
     "motion.spin": (-20.0, 20.0, "rad/s"),
+    "distractor.offset": (-2.0, 2.0, "m"),
     "tracker.image_period": (0.005, 1.0, "s"),
     "tracker.period": (1e-4, 1.0, "s"),
     "tracker.latency": (0.0, 2.0, "s"),
@@ -61,6 +63,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "tracker.jerk": (1e-4, 1e4, ""),
     "tracker.angular_jerk": (1e-4, 1e4, ""),
     "tracker.seed": _SEED,
+    "perception.carrier_hue": (0.0, 360.0, "deg"),
     "perception.period": (0.01, 60.0, "s"),
     "perception.latency": (0.0, 10.0, "s"),
     "perception.max_points": (8, 4096, ""),
@@ -144,6 +147,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
 
 #: Words that a key may be.
 CHOICES: dict[str, Sequence[str]] = {
+    "carrier.kind": tuple(CarrierKind),
     "tracker.kind": tuple(TrackerKind),
     "control.controller": tuple(ControlSpace),
     "control.mode": tuple(ControlMode),

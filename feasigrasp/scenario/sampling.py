@@ -13,6 +13,8 @@ from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import altered
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.bezier_motion import BezierMotion, bezier_legs
+from feasigrasp.models.objects.carriers import CarrierKind
+from feasigrasp.models.objects.company import Carrier, Companion, Distractor
 from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
 from feasigrasp.scenario.schema import BezierPath, Scenario
@@ -88,6 +90,24 @@ def make_motion(scenario: Scenario) -> ObjectMotion:
         values |= {"center": center, "start_phase": phase, "R_WO": R_WO}
         motion = HarmonicMotion(**values)
     return altered(motion, scenario.faults)
+
+
+def make_company(scenario: Scenario, obj: RigidObject, motion: ObjectMotion) -> list[Companion]:
+    """What is seen beside the object: its carrier, and another object.
+
+    Raises:
+        MeshError: There is no such other object.
+    """
+    company: list[Companion] = []
+    kind, distractor = CarrierKind(scenario.carrier.kind), scenario.distractor
+    if kind is not CarrierKind.NONE:
+        company.append(Carrier.of(kind, obj, motion))
+    if distractor.model:
+        other = load_object(distractor.model)
+        middle = np.zeros(3) if distractor.moving else np.array(scenario.motion.center)
+        about = (motion, middle + distractor.offset, distractor.moving)
+        company.append(Distractor("distractor", other.mesh, other.color, *about))
+    return company
 
 
 def largest_speed(scenario: Scenario) -> float:

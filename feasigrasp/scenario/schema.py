@@ -24,6 +24,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.grippers import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.company import CarrierConfig, DistractorConfig
 from feasigrasp.scenario.faults import AnyFault
 from feasigrasp.scenario.parts import PartConfig
 
@@ -127,6 +128,8 @@ class PerceptionConfig:
         camera: Name of the camera that is used.
         segmentation: By what its pixels of the object are told: ``labels``, the label image of the
             simulation, or ``depth``, its depth image alone, see `ForegroundSegmentation`.
+        carrier_hue: Hue of a glove or a belt that carries the object [deg], by which ``depth``
+            tells it from the object: 0 is red, 120 green, 240 blue; none unless given.
         execution: Where it works: ``inline``, between two ticks of the controller, or
             ``processes``, in a process of its own, for which no tick waits; so does what is made of
             the surroundings; ``auto``, the latter where an arm is commanded by its driver's
@@ -151,6 +154,7 @@ class PerceptionConfig:
 
     camera: str = "wrist_camera"
     segmentation: str = Segmentation.LABELS.value
+    carrier_hue: float | None = None
     execution: str = Execution.AUTO.value
     period: float = 0.5
     latency: float = _of_the_mode()
@@ -317,6 +321,8 @@ class Scenario:
         q_start: Joint positions at the start [deg].
         object: The object.
         motion: How it moves; ``!BezierPath {speed: 0.15}`` for one that stops and turns.
+        carrier: What is seen to carry it.
+        distractor: Another object beside it.
         tracker: How its pose is measured.
         perception: Views, distance field, grasps.
         scene: Surroundings that grasps keep clear of.
@@ -343,6 +349,8 @@ class Scenario:
     motion: typing.Union[MotionConfig, BezierPath] = dc.field(  # noqa: UP007 - see above
         default_factory=MotionConfig
     )
+    carrier: CarrierConfig = dc.field(default_factory=CarrierConfig)
+    distractor: DistractorConfig = dc.field(default_factory=DistractorConfig)
     tracker: TrackerConfig = dc.field(default_factory=TrackerConfig)
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     scene: SceneConfig = dc.field(default_factory=SceneConfig)

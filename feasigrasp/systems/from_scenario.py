@@ -37,6 +37,7 @@ from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
     make_camera_noise,
+    make_company,
     make_hand_error,
     make_hand_eye,
     make_motion,
@@ -71,8 +72,10 @@ def make_station(scenario: Scenario) -> Station:
     """
     # Only the simulated hand errs: what is planned with is the one that is believed.
     config = replace(station_config(scenario), hand_error=make_hand_error(scenario))
+    obj, motion = load_scenario_object(scenario), make_motion(scenario)
+    config.company = make_company(scenario, obj, motion)
     try:
-        return Station(config, load_scenario_object(scenario), make_motion(scenario))
+        return Station(config, obj, motion)
     except RuntimeError as error:
         raise ScenarioError(f"Drake cannot build the cell: {error}") from error
 
@@ -102,9 +105,8 @@ def make_foreground_segmentation(
     """The segmentation of the images of the scenario's camera by their depth."""
     # A perfect camera's pixels are told apart no more finely than those of a real one.
     camera = make_camera(scenario, without_noise=DepthNoise())
-    return ForegroundSegmentation(
-        camera, KnownBodies(gripper, cell_boxes(station_config(scenario)))
-    )
+    bodies = KnownBodies(gripper, cell_boxes(station_config(scenario)))
+    return ForegroundSegmentation(camera, bodies, scenario.perception.carrier_hue)
 
 
 def make_field_tracker(scenario: Scenario) -> FieldTracker:

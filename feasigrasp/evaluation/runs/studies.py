@@ -49,10 +49,12 @@ class Study:
 
 _REACH = ("ReachCircular", "ReachLinear", "ReachSinusoidal")
 _PAPER = ("PaperCircular", "PaperLinear", "PaperSinusoidal")
+_CLUTTER = ("ReachLinearCarried", "ReachLinearBelt", "ReachLinearBeside", "ReachLinearAlong")
 
 #: ``reach`` grasps and lifts moving objects of all kinds, as the scenarios have them; ``ideal`` is
 #: the same with perfect sensors, ``tracking`` with the errors of motion capture; ``obstacle``
-#: grasps beside a wall; ``paper`` is the paper's dynamic test, slowly and four times as fast;
+#: grasps beside a wall; ``clutter`` sees with the wrist camera alone what carries the object, or
+#: another one beside it; ``paper`` is the paper's dynamic test, slowly and four times as fast;
 #: ``speed`` and ``spin`` are the curves of success over how fast the object moves and turns;
 #: ``degradations`` is what errors of sensors and other objects cost, each alone and all together;
 #: ``ablation`` what each part of the system is worth.
@@ -61,6 +63,7 @@ STUDIES = {
     "ideal": Study(_REACH, variants={"-ideal": perfect_sensors}),
     "tracking": Study(_REACH, variants={"-tracking": motion_capture}),
     "obstacle": Study(("ReachObstacle",), f"{PAPER_OBJECT},soup_can,small_box", 3),
+    "clutter": Study(_CLUTTER),
     "paper": Study(
         _PAPER + tuple(f"{name}Fast" for name in _PAPER),
         PAPER_OBJECT,

@@ -1,14 +1,16 @@
 """Which pixels of a depth image show the object, by depth and what is known of the cell.
 
 1. What is known, the robot at its measured joints or the cell that stands still, is not the object
-   (`feasigrasp.models.segmentation.known_bodies`).
+   (`feasigrasp.models.segmentation.known_bodies`), nor is what carries it, if that has a known
+   colour (`feasigrasp.models.segmentation.hue`).
 2. What is left is cut into components, `components`; pixels that belong to none (those that fly
    between two surfaces, above all) show nothing clear.
 3. With a field of the object, the components are kept that agree with it at the predicted pose.
 4. Without one, or when the object was lost, the components are grouped to bodies. A box that
-   somebody drew decides which is the object; else there may be one only; else the one that moves,
-   seen from an earlier view; else that nearest to where the object was or, before it was seen, to
-   the hand or whatever else it is looked for from.
+   somebody drew decides which is the object; else there may be one only; else those that move,
+   seen from an earlier view, which are waited for for a while; of those, or if none does of all,
+   that nearest to where the object was or, before it was seen, to the hand or whatever else it is
+   looked for from.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from feasigrasp.models.segmentation.evidence import (
     nearest_to,
 )
 from feasigrasp.models.segmentation.known_bodies import (
+    CARRIER,
     CELL,
     FREE,
     ROBOT,
@@ -42,18 +45,26 @@ from feasigrasp.models.segmentation.known_bodies import (
 
 #: Farther from the hand than this is nothing to be grasped now [m].
 WITHIN = 1.0
+#: Which of several bodies moves is waited for so long [s].
+PATIENCE = 1.0
+#: A body moves as well that has moved this share of what the one did that has moved most.
+_AS_MUCH = 0.5
 #: A body that shows less than this share of the largest one's pixels is a piece of one.
 _LEAST_SIZE = 0.2
 _AROUND = np.ones((3, 3), dtype=bool)
 
 
 class Label(IntEnum):
-    """What a pixel shows. ``UNCLEAR`` is of no surface, or of one that may be the object."""
+    """What a pixel shows. ``UNCLEAR`` is of no surface, or of one that may be the object.
+
+    ``CARRIER`` is what holds the object.
+    """
 
     SURROUNDINGS = 0
     OBJECT = 1
     ROBOT = 2
     UNCLEAR = 3
+    CARRIER = 4
 
 
 class Known(NamedTuple):
@@ -64,6 +75,7 @@ class Known(NamedTuple):
         X_WO: Its predicted pose, shape (4, 4); NaN if it is not known.
         lost: Whether that pose is good for nothing but to say where it was.
         before: An earlier view, by which is told what moves.
+        waited: How long ago that was [s].
         box: What somebody drew about the object: first column and row, last ones, shape (4,) [px].
     """
 
@@ -71,6 +83,7 @@ class Known(NamedTuple):
     X_WO: Array | None = None
     lost: bool = False
     before: CameraView | None = None
+    waited: float = np.inf
     box: Array | None = None
 
 
@@ -82,7 +95,8 @@ def segment(
     Args:
         view: The image.
         known: What is known besides.
-        kinds: What each pixel shows that is known, see `KnownBodies.kinds`, shape (n,).
+        kinds: What each pixel shows that is known, see `KnownBodies.kinds`, or `CARRIER`, shape
+            (n,).
         p_WH: The object is looked for about this point, that of the hand, shape (3,) [m].
         camera: The camera.
 
@@ -99,6 +113,7 @@ def segment(
     labels = np.full(len(kinds), Label.UNCLEAR, dtype=np.int16)
     labels[(kinds == CELL) | (kinds == UNSEEN)] = Label.SURROUNDINGS
     labels[kinds == ROBOT] = Label.ROBOT
+    labels[kinds == CARRIER] = Label.CARRIER
     followed = _followed(components, view, known)
     if followed is None:
         group = _chosen(components, known, p_WH, camera)
@@ -145,8 +160,12 @@ def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -
             )
             for group in groups
         ]
-        if max(shares) > LEAST_MOVED:
-            return groups[int(np.argmax(shares))]
+        moving = max(shares) > LEAST_MOVED
+        if not moving and not known.lost and known.waited < PATIENCE:
+            return np.zeros(0, dtype=np.int64)
+        if moving:
+            least = max(LEAST_MOVED, _AS_MUCH * max(shares))
+            groups = [group for group, share in zip(groups, shares, strict=True) if share >= least]
     was_at = known.X_WO[:3, 3] if known.lost and known.X_WO is not None else p_WH
     return groups[nearest_to(was_at if np.isfinite(was_at).all() else p_WH, groups, components)]
 

@@ -20,8 +20,8 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
-#: Kinds of pixels.
-UNSEEN, FREE, ROBOT, CELL = 0, 1, 2, 3
+#: Kinds of pixels; `KnownBodies` tells all but the last one.
+UNSEEN, FREE, ROBOT, CELL, CARRIER = 0, 1, 2, 3, 4
 #: How far bodies may be off where they are believed to be [m].
 MARGIN = 0.005
 #: So many standard deviations of a depth are noise.

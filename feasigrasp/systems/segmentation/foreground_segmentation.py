@@ -5,20 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
-from pydrake.systems.sensors import ImageLabel16I
+from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 
-from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, segment
-from feasigrasp.models.segmentation.known_bodies import KnownBodies
+from feasigrasp.models.segmentation.hue import of_hue
+from feasigrasp.models.segmentation.known_bodies import CARRIER, FREE, KnownBodies
 from feasigrasp.systems.ports import declare_input, declare_output
 
 
@@ -36,22 +35,32 @@ class ForegroundSegmentation(LeafSystem):
         - object_pose
         - tracking
         - gpdf
+        - color_image
         output_ports:
         - label_image
 
     ``point_cloud`` is pixel-ordered and in the world frame W, ``camera_pose`` X_WC,
     ``position`` V7 the measured joints [rad], ``gripper_state`` V2 the measured distance between
     the pads [m] and its rate. ``object_pose`` X_WO and ``tracking`` come from the tracker, ``gpdf``
-    is the object's field in O, or None before there is one. ``label_image`` holds a `Label` for
-    each pixel: it fits the port of the same name of `SegmentPointCloud` and `PointCloudToScene` as
-    a label image of the simulation does. What is told apart how is said in
+    is the object's field in O, or None before there is one. ``color_image`` is of the same pixels,
+    and needed only where what carries the object is told by its hue. ``label_image`` holds a
+    `Label` for each pixel: it fits the port of the same name of `SegmentPointCloud` and
+    `PointCloudToScene` as a label image of the simulation does. What is told apart how is said in
     `models.segmentation.foreground`.
     """
 
-    def __init__(self, camera: Camera, bodies: KnownBodies) -> None:
-        """A segmentation of the images of ``camera``, by what is known of robot and cell."""
+    def __init__(
+        self, camera: Camera, bodies: KnownBodies, carrier_hue: float | None = None
+    ) -> None:
+        """A segmentation of the images of a camera.
+
+        Args:
+            camera: The camera.
+            bodies: What is known of robot and cell.
+            carrier_hue: Hue of what carries the object [deg]; None if it is not to be told.
+        """
         super().__init__()
-        self._camera, self._bodies = camera, bodies
+        self._camera, self._bodies, self._carrier_hue = camera, bodies, carrier_hue
         self._cloud = declare_input(self, "point_cloud", PointCloud())
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
@@ -61,7 +70,8 @@ class ForegroundSegmentation(LeafSystem):
             self, "tracking", Tracking(TrackingState.SEARCHING, float("inf"))
         )
         self._gpdf = declare_input(self, "gpdf")
-        # The view at the start, which tells what has moved since; None before.
+        self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
+        # Time and view at the start, which tells what has moved since; None before.
         self._first = self.DeclareAbstractState(AbstractValue.Make(None))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
@@ -80,28 +90,29 @@ class ForegroundSegmentation(LeafSystem):
     def _remember(self, context: Context, state: State) -> EventStatus:
         view = self._view(context)
         first = replace(view, points=view.points.copy())
-        state.get_mutable_abstract_state(int(self._first)).set_value(first)
+        at_start = context.get_time(), first
+        state.get_mutable_abstract_state(int(self._first)).set_value(at_start)
         return EventStatus.Succeeded()
 
     def _calc(self, context: Context) -> ImageLabel16I:
+        time, first = context.get_abstract_state(int(self._first)).get_value() or (-np.inf, None)
         known = Known(
             field=self._gpdf.Eval(context),
             X_WO=self._object_pose.Eval(context).GetAsMatrix4(),
             lost=self._tracking.Eval(context).lost,
-            before=context.get_abstract_state(int(self._first)).get_value(),
+            before=first,
+            waited=context.get_time() - time,
         )
         q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
-        labels = _segment(self._view(context), known, q, opening, self._bodies, self._camera)
+        view, camera = self._view(context), self._camera
+        kinds = self._bodies.kinds(view.points, view.X_WC, q, opening, camera.depth_noise)
+        if self._carrier_hue is not None:
+            carries = of_hue(self._color.Eval(context).data, self._carrier_hue)
+            kinds[(kinds == FREE) & carries] = CARRIER
+        labels = segment(view, known, kinds, self._bodies.hand(q), camera)
         image = ImageLabel16I(self._camera.width, self._camera.height)
         image.mutable_data[:, :, 0] = labels
         return image
-
-
-def _segment(
-    view: CameraView, known: Known, q: Array, opening: float, bodies: KnownBodies, camera: Camera
-) -> NDArray[np.int16]:
-    kinds = bodies.kinds(view.points, view.X_WC, q, opening, camera.depth_noise)
-    return segment(view, known, kinds, bodies.hand(q), camera)
 
 
 def _compile(camera: Camera, bodies: KnownBodies) -> None:
@@ -110,5 +121,6 @@ def _compile(camera: Camera, bodies: KnownBodies) -> None:
     points[:, 0] = np.arange(len(points)) % camera.width * 1e-3
     points[:, 1] = np.arange(len(points)) // camera.width * 1e-3
     points[:, 2] = 0.5
-    q = np.zeros(IIWA_7.joints)
-    _segment(CameraView(points, np.eye(4)), Known(), q, 0.0, bodies, camera)
+    view, q = CameraView(points, np.eye(4)), np.zeros(IIWA_7.joints)
+    kinds = bodies.kinds(view.points, view.X_WC, q, 0.0, camera.depth_noise)
+    segment(view, Known(), kinds, bodies.hand(q), camera)

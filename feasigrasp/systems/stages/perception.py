@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, OutputPort
 
+from feasigrasp.errors import ScenarioError
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.schema import Segmentation
@@ -39,8 +40,8 @@ def add_perception(
     hiding = set(no_scene)
     cloud = cell.faults.cloud(cloud, labels, camera_pose, label)
     if config.segmentation == Segmentation.DEPTH:
-        label, no_scene = Label.OBJECT, [Label.OBJECT, Label.ROBOT, Label.UNCLEAR]
-        hiding = {Label.ROBOT}
+        label, no_scene = Label.OBJECT, [Label.OBJECT, Label.ROBOT, Label.UNCLEAR, Label.CARRIER]
+        hiding = {Label.ROBOT, Label.CARRIER}
         foreground = make_foreground_segmentation(cell.scenario, cell.gripper)
         labels = cell.builder.AddNamedSystem("foreground", foreground).get_output_port()
     images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, label)}
@@ -71,6 +72,7 @@ def add_perception(
             position=cell.port(f"{config.camera}.position") or cell.port("iiwa.position_measured"),
             gripper_state=station.GetOutputPort("gripper.state_measured"),
             gpdf=gpdf,
+            **given(color_image=_color_image(cell)),
         )
     if sampler is not None:
         cell.add("sampler", make_grasp_sampler(cell.scenario, sampler, cell.gripper), gpdf=gpdf)
@@ -84,6 +86,24 @@ def add_perception(
         position = station.GetOutputPort("iiwa.position_measured")
         cell.add("scene_perception", scene, camera_pose=camera_pose, position=position, **images)
     return gpdf
+
+
+def _color_image(cell: Cell) -> OutputPort | None:
+    """The camera's colour image, where what carries the object is told by its hue.
+
+    Raises:
+        ScenarioError: The cell has none.
+    """
+    config = cell.scenario.perception
+    if config.carrier_hue is None:
+        return None
+    port = cell.port(f"{config.camera}.color_image")
+    if port is None:
+        raise ScenarioError(
+            f"perception.carrier_hue is {config.carrier_hue:g}, but {config.camera} of this cell "
+            "sends no colour image; leave it out"
+        )
+    return port
 
 
 def _pose_at_view(cell: Cell) -> OutputPort:

@@ -24,6 +24,7 @@ from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.company import Companion
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
@@ -62,6 +63,7 @@ class StationConfig:
         hand_error: Where the hand truly is, in the frame of the one that is planned with, shape
             (4, 4) [m].
         pulls: What pulls at the object once it is let go.
+        company: What is seen beside the object.
     """
 
     plant: MultibodyPlantConfig
@@ -77,6 +79,7 @@ class StationConfig:
     noise_seed: int = 0
     hand_error: np.ndarray = field(default_factory=lambda: np.eye(4))
     pulls: list[ObjectPulled] = field(default_factory=list)
+    company: list[Companion] = field(default_factory=list)
 
 
 def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:

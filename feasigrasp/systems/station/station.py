@@ -24,6 +24,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
+from feasigrasp.systems.station.company import add_company
 from feasigrasp.systems.station.friction import contact_friction, set_friction
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.object_servo import ObjectServo
@@ -98,6 +99,7 @@ class Station(Diagram):
         self._export_arm(builder)
         self._export_gripper(builder)
         self._export_object(builder, motion, config.pulls)
+        self._show_company(builder, config, self.scene_graph, "company")
         if config.cameras:
             self._export_cameras(builder, config, obj)
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
@@ -190,6 +192,22 @@ class Station(Diagram):
         )
         builder.ExportInput(servo.GetInputPort("hold"), "object.hold")
 
+    def _show_company(
+        self, builder: DiagramBuilder, config: StationConfig, scene_graph: SceneGraph, name: str
+    ) -> None:
+        """Shows what is only seen, which lets go of the object when it is told to."""
+        if not config.company:
+            return
+        company = add_company(
+            builder,
+            scene_graph,
+            config.company,
+            name=name,
+            directory=self._files.name,
+            first_label=self.plant.num_bodies(),  # bodies of the plant have their index
+        )
+        builder.ConnectInput("object.hold", company.GetInputPort("hold"))
+
     def _export_cameras(
         self, builder: DiagramBuilder, config: StationConfig, obj: RigidObject
     ) -> None:
@@ -210,6 +228,7 @@ class Station(Diagram):
         builder.Connect(
             poses.get_output_port(), scene_graph.get_source_pose_port(twin.get_source_id())
         )
+        self._show_company(builder, config, scene_graph, "camera_company")
         for index, (name, camera) in enumerate(config.cameras.items()):
             camera = copy.deepcopy(camera)  # the caller's stays as it is
             camera.name = name

@@ -1,0 +1,91 @@
+"""What is seen beside the object: what carries it, and another one. Nothing touches either."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.objects.carriers import WITHDRAWS, CarrierKind, carrier_mesh
+from feasigrasp.models.objects.motion import ObjectMotion
+from feasigrasp.models.objects.rigid_object import RigidObject
+
+#: How fast a carrier draws back when it has let go [m/s], and how far [m].
+WITHDRAWAL_SPEED, WITHDRAWAL = 0.3, 0.5
+#: Colour of carriers, a glove or a belt that is told by it, and its hue [deg]: none of the built-in
+#: objects is near it.
+GLOVE, GLOVE_HUE = (0.85, 0.10, 0.66, 1.0), 315.0
+
+
+@dataclass(frozen=True, eq=False)
+class Companion:
+    """A body that is seen; derive from it.
+
+    Attributes:
+        name: What it is called.
+        mesh: Its surface in its own frame C [m].
+        color: Red, green, blue, alpha in [0, 1].
+        motion: That of the object.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    color: tuple[float, float, float, float]
+    motion: ObjectMotion
+
+    def pose(self, t: float, since: float) -> Array:
+        """``X_WC`` at time t [s], shape (4, 4).
+
+        Args:
+            t: Time [s].
+            since: How long the object has been let go [s], 0 while it is carried.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier(Companion):
+    """What carries the object along its path, lets go of it and draws back, still on that path.
+
+    Attributes:
+        X_OC: Its pose in the object's frame while it carries it, shape (4, 4).
+        withdraws: Along which direction of C it draws back, shape (3,).
+    """
+
+    X_OC: Array
+    withdraws: Array
+
+    @classmethod
+    def of(cls, kind: CarrierKind, obj: RigidObject, motion: ObjectMotion) -> Carrier:
+        """The carrier of an object that starts where its motion does."""
+        R_OC = motion.pose(0.0)[:3, :3].T
+        surface_C = trimesh.Trimesh(obj.vertices @ R_OC, obj.faces, process=False)
+        X_OC = se3.make_pose(R_OC, np.zeros(3))
+        mesh = carrier_mesh(kind, surface_C)
+        return cls("carrier", mesh, GLOVE, motion, X_OC, WITHDRAWS[kind])
+
+    def pose(self, t: float, since: float) -> Array:
+        """``X_WC`` at time t [s], shape (4, 4); see `Companion`."""
+        back = min(WITHDRAWAL_SPEED * since, WITHDRAWAL) * self.withdraws
+        return np.asarray(self.motion.pose(t) @ self.X_OC @ se3.make_pose(np.eye(3), back))
+
+
+@dataclass(frozen=True, eq=False)
+class Distractor(Companion):
+    """Another object, upright, which moves beside the object or rests.
+
+    Attributes:
+        offset: Where it is from the object [m], or if it rests in the world, shape (3,).
+        moving: Whether it moves with the object; it does not turn.
+    """
+
+    offset: Array
+    moving: bool
+
+    def pose(self, t: float, since: float) -> Array:
+        """``X_WC`` at time t [s], shape (4, 4); see `Companion`."""
+        beside = self.motion.pose(t)[:3, 3] if self.moving else np.zeros(3)
+        return np.asarray(se3.make_pose(np.eye(3), beside + self.offset))

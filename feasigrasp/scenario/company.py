@@ -1,0 +1,37 @@
+"""What is seen beside the object: sections of a scenario."""
+
+import dataclasses as dc
+
+from feasigrasp.models.objects.carriers import CarrierKind
+
+
+@dc.dataclass
+class CarrierConfig:
+    """What is seen to carry the object. It lets go when the fingers have closed, and draws back.
+
+    The cameras see it; nothing touches it.
+
+    Attributes:
+        kind: ``none``; ``hand``, fingers that hold the object from the side turned away from the
+            arm, and a forearm behind them; ``belt``, a level plate under it.
+    """
+
+    kind: str = CarrierKind.NONE.value
+
+
+@dc.dataclass
+class DistractorConfig:
+    """Another object in the air, which is not to be grasped.
+
+    The cameras see it; nothing touches it.
+
+    Attributes:
+        model: Name of a built-in object, or a path to a mesh; there is none if it is empty.
+        offset: Where it is, along the axes of the world [m]: from the object if it moves, else from
+            the middle of the object's path.
+        moving: Whether it moves with the object.
+    """
+
+    model: str = ""
+    offset: list[float] = dc.field(default_factory=lambda: [0.0, 0.15, 0.0])
+    moving: bool = False
