@@ -134,11 +134,11 @@ def _check_choices(scenario: Scenario) -> None:
 
 def _check_company(scenario: Scenario) -> None:
     """Who is told by colour is looked for; another object is apart from the one to grasp."""
-    config, distractor = scenario.perception, scenario.distractor
-    if config.carrier_hue is not None and config.segmentation != Segmentation.DEPTH:
+    hue, distractor = scenario.carrier.hue, scenario.distractor
+    if hue is not None and scenario.perception.segmentation != Segmentation.DEPTH:
         raise ScenarioError(
-            f"perception.carrier_hue is {config.carrier_hue:g}, but the label image tells what "
-            "carries the object; give perception.segmentation: depth, or leave it out"
+            f"carrier.hue is {hue:g}, but the label image tells what carries the object; give "
+            "perception: {segmentation: depth}, or leave it out"
         )
     if distractor.model and distractor.moving and not np.any(distractor.offset):
         raise ScenarioError(

@@ -14,9 +14,13 @@ class CarrierConfig:
     Attributes:
         kind: ``none``; ``hand``, fingers that hold the object from the side turned away from the
             arm, and a forearm behind them; ``belt``, a level plate under it.
+        hue: Hue of it, as of a glove, by which ``segmentation: depth`` tells it from the object
+            [deg]: 0 is red, 120 green, 240 blue. Unless it is given nothing does; where the cell is
+            simulated it has the colour of skin then.
     """
 
     kind: str = CarrierKind.NONE.value
+    hue: float | None = None
 
 
 @dc.dataclass

@@ -101,7 +101,7 @@ def make_company(scenario: Scenario, obj: RigidObject, motion: ObjectMotion) -> 
     company: list[Companion] = []
     kind, distractor = CarrierKind(scenario.carrier.kind), scenario.distractor
     if kind is not CarrierKind.NONE:
-        company.append(Carrier.of(kind, obj, motion))
+        company.append(Carrier.of(kind, obj, motion, scenario.carrier.hue))
     if distractor.model:
         other = load_object(distractor.model)
         middle = np.zeros(3) if distractor.moving else np.array(scenario.motion.center)

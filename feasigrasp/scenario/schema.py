@@ -128,8 +128,6 @@ class PerceptionConfig:
         camera: Name of the camera that is used.
         segmentation: By what its pixels of the object are told: ``labels``, the label image of the
             simulation, or ``depth``, its depth image alone, see `ForegroundSegmentation`.
-        carrier_hue: Hue of a glove or a belt that carries the object [deg], by which ``depth``
-            tells it from the object: 0 is red, 120 green, 240 blue; none unless given.
         execution: Where it works: ``inline``, between two ticks of the controller, or
             ``processes``, in a process of its own, for which no tick waits; so does what is made of
             the surroundings; ``auto``, the latter where an arm is commanded by its driver's
@@ -154,7 +152,6 @@ class PerceptionConfig:
 
     camera: str = "wrist_camera"
     segmentation: str = Segmentation.LABELS.value
-    carrier_hue: float | None = None
     execution: str = Execution.AUTO.value
     period: float = 0.5
     latency: float = _of_the_mode()

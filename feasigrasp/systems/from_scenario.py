@@ -106,7 +106,7 @@ def make_foreground_segmentation(
     # A perfect camera's pixels are told apart no more finely than those of a real one.
     camera = make_camera(scenario, without_noise=DepthNoise())
     bodies = KnownBodies(gripper, cell_boxes(station_config(scenario)))
-    return ForegroundSegmentation(camera, bodies, scenario.perception.carrier_hue)
+    return ForegroundSegmentation(camera, bodies, scenario.carrier.hue)
 
 
 def make_field_tracker(scenario: Scenario) -> FieldTracker:

@@ -53,7 +53,10 @@ def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trime
     """
     points = np.asarray(trimesh.sample.sample_surface(surface_C, _POINTS, seed=0)[0])
     boxes = _hand(points) if kind is CarrierKind.HAND else _belt(points)
-    return trimesh.util.concatenate([_box(*box) for box in boxes])
+    mesh = trimesh.Trimesh()
+    for box in boxes:
+        mesh += trimesh.creation.box(bounds=np.array(box))
+    return mesh
 
 
 def _hand(points: Array) -> list[tuple[Array, Array]]:
@@ -97,7 +100,3 @@ def _about(middle: float, size: float) -> tuple[float, float]:
 def _between(*sides: tuple[float, float]) -> tuple[Array, Array]:
     low, high = np.array(sides).T
     return low, high
-
-
-def _box(low: Array, high: Array) -> trimesh.Trimesh:
-    return trimesh.creation.box(bounds=np.array([low, high]))

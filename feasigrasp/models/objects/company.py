@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from colorsys import hsv_to_rgb
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +16,8 @@ from feasigrasp.models.objects.rigid_object import RigidObject
 
 #: How fast a carrier draws back when it has let go [m/s], and how far [m].
 WITHDRAWAL_SPEED, WITHDRAWAL = 0.3, 0.5
-#: Colour of carriers, a glove or a belt that is told by it, and its hue [deg]: none of the built-in
-#: objects is near it.
-GLOVE, GLOVE_HUE = (0.85, 0.10, 0.66, 1.0), 315.0
+#: Colour of a carrier without a hue of its own, and saturation and value of one with it.
+_SKIN, _VIVID = (0.80, 0.58, 0.45), (0.9, 0.85)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +59,23 @@ class Carrier(Companion):
     withdraws: Array
 
     @classmethod
-    def of(cls, kind: CarrierKind, obj: RigidObject, motion: ObjectMotion) -> Carrier:
-        """The carrier of an object that starts where its motion does."""
+    def of(
+        cls, kind: CarrierKind, obj: RigidObject, motion: ObjectMotion, hue: float | None
+    ) -> Carrier:
+        """The carrier of an object that starts where its motion does.
+
+        Args:
+            kind: Which one; not ``none``.
+            obj: What it carries.
+            motion: Where it carries it.
+            hue: Of its colour [deg]; None for that of skin.
+        """
+        color = _SKIN if hue is None else hsv_to_rgb(hue / 360.0, *_VIVID)
         R_OC = motion.pose(0.0)[:3, :3].T
         surface_C = trimesh.Trimesh(obj.vertices @ R_OC, obj.faces, process=False)
         X_OC = se3.make_pose(R_OC, np.zeros(3))
         mesh = carrier_mesh(kind, surface_C)
-        return cls("carrier", mesh, GLOVE, motion, X_OC, WITHDRAWS[kind])
+        return cls("carrier", mesh, (*color, 1.0), motion, X_OC, WITHDRAWS[kind])
 
     def pose(self, t: float, since: float) -> Array:
         """``X_WC`` at time t [s], shape (4, 4); see `Companion`."""

@@ -94,14 +94,13 @@ def _color_image(cell: Cell) -> OutputPort | None:
     Raises:
         ScenarioError: The cell has none.
     """
-    config = cell.scenario.perception
-    if config.carrier_hue is None:
+    hue, camera = cell.scenario.carrier.hue, cell.scenario.perception.camera
+    if hue is None:
         return None
-    port = cell.port(f"{config.camera}.color_image")
+    port = cell.port(f"{camera}.color_image")
     if port is None:
         raise ScenarioError(
-            f"perception.carrier_hue is {config.carrier_hue:g}, but {config.camera} of this cell "
-            "sends no colour image; leave it out"
+            f"carrier.hue is {hue:g}, but {camera} of this cell sends no colour image; leave it out"
         )
     return port
 
