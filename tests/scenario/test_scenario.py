@@ -27,6 +27,10 @@ NAMES = (
     "ReachCircularCamera",
     "ReachLinearCamera",
     "ReachSinusoidalCamera",
+    "ReachLinearCarried",
+    "ReachLinearBelt",
+    "ReachLinearBeside",
+    "ReachLinearAlong",
     "PaperCircular",
     "PaperLinear",
     "PaperSinusoidal",
@@ -165,7 +169,7 @@ def test_the_conditions_are_those_of_a_real_cell(name):
     """A camera's errors, friction 0.6 and a tenth of a second from a view to its grasps."""
     scenario = load_scenario(FILE, name)
     noise = make_camera_noise(scenario)["wrist_camera"]
-    if name.endswith("Camera"):
+    if scenario.tracker.kind == "camera":
         assert noise.baseline == 0.018
     else:
         assert noise == DepthNoise()

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.sensors import ImageRgba8U
 
 from feasigrasp.evaluation.measures.first_mask import first_mask_iou, intersection_over_union
 from feasigrasp.models.clouds.camera import Camera
@@ -47,6 +49,7 @@ def inputs(cloud):
         "object_pose": RigidTransform(np.full((3, 4), np.nan)),
         "tracking": Tracking(TrackingState.SEARCHING, np.inf),
         "gpdf": None,
+        "color_image": ImageRgba8U(64, 48),
     }
 
 
@@ -111,3 +114,57 @@ def test_in_the_diagram_it_takes_the_place_of_the_label_image():
     middle = station.GetOutputPort("object.pose").Eval(of_station).translation()
     assert seen.size() > 500
     assert np.linalg.norm(seen.xyzs().mean(axis=1) - middle) < 0.06
+
+
+def masks(diagram, context, *others):
+    """Of the object, as it was found, and how many pixels of it show each of some labels."""
+    foreground, station = map(diagram.GetSubsystemByName, ("foreground", "station"))
+    found = foreground.get_output_port().Eval(foreground.GetMyContextFromRoot(context))
+    of_station = station.GetMyContextFromRoot(context)
+    truth = station.GetOutputPort("wrist_camera.label_image").Eval(of_station).data
+    mask = found.data == Label.OBJECT
+    return mask, [np.count_nonzero(mask & (truth == label)) for label in others]
+
+
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [
+        ("ReachLinearCarried", "soup_can"),
+        ("ReachLinearCarried", "banana"),
+        ("ReachLinearCarried", "l_block"),  # its hue is nearest to that of the hand
+        ("ReachLinearBelt", "mug"),
+        ("ReachLinearBelt", "small_box"),
+    ],
+)
+def test_the_first_mask_of_a_carried_object_has_next_to_nothing_of_the_carrier(name, model):
+    diagram = make_dynamic_grasp(load_scenario(FILE, name, f"{{object: {{model: {model}}}}}"))
+    station = diagram.GetSubsystemByName("station")
+    of_object, of_carrier = station.object_label, station.plant.num_bodies()
+    context = diagram.CreateDefaultContext()
+    mask, (right, wrong) = masks(diagram, context, of_object, of_carrier)
+    assert right > 300
+    assert wrong < 0.03 * np.count_nonzero(mask)
+
+
+def test_a_hand_whose_hue_is_not_known_is_taken_for_a_part_of_what_it_holds():
+    """What it cannot do, see docs/segmentation.md."""
+    text = "{object: {model: soup_can}, carrier: {hue: null}}"
+    diagram = make_dynamic_grasp(load_scenario(FILE, "ReachLinearCarried", text))
+    carrier = diagram.GetSubsystemByName("station").plant.num_bodies()
+    mask, (wrong,) = masks(diagram, diagram.CreateDefaultContext(), carrier)
+    assert wrong > 0.3 * np.count_nonzero(mask)
+
+
+@pytest.mark.parametrize("name", ["ReachLinearBeside", "ReachLinearAlong"])
+def test_of_two_objects_that_is_chosen_which_moves_nearest_to_the_hand(name):
+    diagram = make_dynamic_grasp(load_scenario(FILE, name, "{object: {model: soup_can}}"))
+    station = diagram.GetSubsystemByName("station")
+    of_object, other = station.object_label, station.plant.num_bodies()
+    simulator = Simulator(diagram)
+    simulator.Initialize()
+    mask, _ = masks(diagram, simulator.get_context())
+    assert not mask.any()  # both rest as yet
+    simulator.AdvanceTo(0.8)
+    mask, (right, wrong) = masks(diagram, simulator.get_context(), of_object, other)
+    assert right > 300
+    assert wrong <= 0.01 * np.count_nonzero(mask)

@@ -38,10 +38,18 @@ def test_judges_tell_nobody_but_logs_and_each_other():
     assert "tracker" in found["object.pose"]
 
 
-@pytest.mark.parametrize("controller", ["task", "joint"])
-def test_with_the_camera_alone_only_judges_read_truth(controller):
+@pytest.mark.parametrize(
+    ("name", "controller"),
+    [
+        ("ReachLinearCamera", "task"),
+        ("ReachLinearCamera", "joint"),
+        ("ReachLinearCarried", "task"),
+        ("ReachLinearAlong", "task"),
+    ],
+)
+def test_with_the_camera_alone_only_judges_read_truth(name, controller):
     text = f"{{control: {{controller: {controller}}}}}"
-    found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinearCamera", text)))
+    found = readers(make_dynamic_grasp(load_scenario(FILE, name, text)))
     assert "wrist_camera.label_image" not in found
     assert set.union(*(found[port] for port in found if port != "judges")) <= JUDGES
     assert found["object.pose"] == {"metrics", "true_frame"}

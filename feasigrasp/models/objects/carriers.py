@@ -51,7 +51,8 @@ def carrier_mesh(kind: CarrierKind, surface_C: trimesh.Trimesh) -> trimesh.Trime
         kind: Which one; not ``none``.
         surface_C: The object's surface in C.
     """
-    points = np.asarray(trimesh.sample.sample_surface(surface_C, _POINTS, seed=0)[0])
+    amid, _ = trimesh.sample.sample_surface(surface_C, _POINTS, seed=0)
+    points = np.concatenate([surface_C.vertices, amid])  # vertices are its ends
     boxes = _hand(points) if kind is CarrierKind.HAND else _belt(points)
     mesh = trimesh.Trimesh()
     for box in boxes:

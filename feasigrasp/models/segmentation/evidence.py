@@ -24,6 +24,8 @@ _GROWTH = 0.03
 _EVERY = 3
 #: A point that lies this much before what an earlier view saw there has come there since [m].
 _MOVED = 0.008
+#: It has, if the view looked through beside it as well [pixels].
+_BESIDE = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1)]
 #: A body moves of which more than this share has come where nothing was.
 LEAST_MOVED = 0.04
 
@@ -97,10 +99,14 @@ def moved_share(points: Array, before: CameraView, camera: Camera, sigmas: float
     inside = (z > 0.0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     if not inside.any():
         return 0.0
-    pixel, z = v[inside] * camera.width + u[inside], z[inside]
-    with np.errstate(invalid="ignore"):  # infinite where nothing was seen
-        z_before = _to(X_CW, before.points[pixel].astype(float))[:, 2]
-    z_before = np.where(np.isfinite(z_before), z_before, np.inf)
+    u, v, z = u[inside], v[inside], z[inside]
+    z_before = np.full(len(z), np.inf)
+    for down, right in _BESIDE:  # the rim of a body at rest is a pixel farther out now and then
+        row = np.clip(v + down, 0, camera.height - 1)
+        pixel = row * camera.width + np.clip(u + right, 0, camera.width - 1)
+        with np.errstate(invalid="ignore"):  # infinite where nothing was seen
+            depth = _to(X_CW, before.points[pixel].astype(float))[:, 2]
+        z_before = np.fmin(z_before, np.where(np.isfinite(depth), depth, np.inf))
     off = _MOVED + sigmas * camera.depth_noise * z**2
     shown = z_before > z - off  # what was hidden may have been there
     came = np.count_nonzero(z_before > z + off)

@@ -48,7 +48,7 @@ WITHIN = 1.0
 #: Which of several bodies moves is waited for so long [s].
 PATIENCE = 1.0
 #: A body moves as well that has moved this share of what the one did that has moved most.
-_AS_MUCH = 0.5
+_AS_MUCH = 0.25
 #: A body that shows less than this share of the largest one's pixels is a piece of one.
 _LEAST_SIZE = 0.2
 _AROUND = np.ones((3, 3), dtype=bool)
@@ -75,7 +75,7 @@ class Known(NamedTuple):
         X_WO: Its predicted pose, shape (4, 4); NaN if it is not known.
         lost: Whether that pose is good for nothing but to say where it was.
         before: An earlier view, by which is told what moves.
-        waited: How long ago that was [s].
+        waited: How long has been waited for something to move [s].
         box: What somebody drew about the object: first column and row, last ones, shape (4,) [px].
     """
 
@@ -150,24 +150,31 @@ def _chosen(components: Components, known: Known, p_WH: Array, camera: Camera) -
     if known.box is not None:
         at = in_box([components.mask(group) for group in groups], camera, known.box)
         return groups[at] if at is not None else np.zeros(0, dtype=np.int64)
-    if len(groups) > 1 and known.before is not None:
-        shares = [
-            moved_share(
-                np.concatenate([components.samples[k] for k in group]),
-                known.before,
-                camera,
-                SIGMAS,
-            )
-            for group in groups
-        ]
-        moving = max(shares) > LEAST_MOVED
-        if not moving and not known.lost and known.waited < PATIENCE:
+    pose = known.X_WO
+    was_seen = pose is not None and bool(np.isfinite(pose).all())
+    if len(groups) > 1:
+        moving = _moving(groups, components, known.before, camera)
+        if not moving and not was_seen and known.waited < PATIENCE:
             return np.zeros(0, dtype=np.int64)
-        if moving:
-            least = max(LEAST_MOVED, _AS_MUCH * max(shares))
-            groups = [group for group, share in zip(groups, shares, strict=True) if share >= least]
-    was_at = known.X_WO[:3, 3] if known.lost and known.X_WO is not None else p_WH
-    return groups[nearest_to(was_at if np.isfinite(was_at).all() else p_WH, groups, components)]
+        groups = moving or groups
+    near = pose[:3, 3] if pose is not None and was_seen else p_WH
+    return groups[nearest_to(near, groups, components)]
+
+
+def _moving(
+    groups: list[Indices], components: Components, before: CameraView | None, camera: Camera
+) -> list[Indices]:
+    """Those of some bodies that have moved since an earlier view; none without one."""
+    if before is None:
+        return []
+    shares = [
+        moved_share(np.concatenate([components.samples[k] for k in group]), before, camera, SIGMAS)
+        for group in groups
+    ]
+    if max(shares) <= LEAST_MOVED:
+        return []
+    least = _AS_MUCH * max(shares)
+    return [group for group, share in zip(groups, shares, strict=True) if share >= least]
 
 
 def _closed(mask: Mask, unseen: Mask) -> Mask:

@@ -95,13 +95,15 @@ class ForegroundSegmentation(LeafSystem):
         return EventStatus.Succeeded()
 
     def _calc(self, context: Context) -> ImageLabel16I:
-        time, first = context.get_abstract_state(int(self._first)).get_value() or (-np.inf, None)
+        # While it is remembered, others look at the first image already.
+        now = context.get_time()
+        time, first = context.get_abstract_state(int(self._first)).get_value() or (now, None)
         known = Known(
             field=self._gpdf.Eval(context),
             X_WO=self._object_pose.Eval(context).GetAsMatrix4(),
             lost=self._tracking.Eval(context).lost,
             before=first,
-            waited=context.get_time() - time,
+            waited=now - time,
         )
         q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
         view, camera = self._view(context), self._camera

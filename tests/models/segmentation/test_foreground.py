@@ -12,7 +12,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.components import MIN_PIXELS, find_components
 from feasigrasp.models.segmentation.foreground import Known, Label, segment
-from feasigrasp.models.segmentation.known_bodies import Boxes, KnownBodies
+from feasigrasp.models.segmentation.known_bodies import CARRIER, Boxes, KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 WIDTH, HEIGHT, F = 160, 120, 130.0
@@ -111,6 +111,38 @@ def test_of_several_balls_that_which_moves_is_taken():
     np.testing.assert_array_equal(found == Label.OBJECT, shows == 2)
     still, shows = labels([near, far], known=Known(before=before))
     np.testing.assert_array_equal(still == Label.OBJECT, shows == 1)
+
+
+def test_of_several_balls_that_move_that_nearest_to_the_hand_is_taken():
+    balls = [[-0.10, 0.0, 0.50], [0.10, -0.05, 0.62], [0.0, 0.1, 0.48]]
+    before, _ = view(balls)
+    # The second has moved farther than the first; the third, nearest of all, rests.
+    moved = [[-0.085, 0.0, 0.50], [0.08, -0.05, 0.62], balls[2]]
+    found, shows = labels(moved, known=Known(before=before))
+    np.testing.assert_array_equal(found == Label.OBJECT, shows == 1)
+
+
+def test_which_of_several_balls_moves_is_waited_for_a_while():
+    balls = [[-0.10, 0.0, 0.50], [0.10, -0.05, 0.62]]
+    before, _ = view(balls)
+    found, shows = labels(balls, known=Known(before=before, waited=0.5))
+    assert (found[shows > 0] == Label.UNCLEAR).all()
+    found, shows = labels(balls, known=Known(before=before, waited=1.5))
+    np.testing.assert_array_equal(found == Label.OBJECT, shows == 1)
+    # Of one there is nothing to wait for.
+    found, shows = labels(balls[1:], known=Known(before=before, waited=0.0))
+    np.testing.assert_array_equal(found == Label.OBJECT, shows == 1)
+
+
+def test_what_is_known_to_carry_a_ball_is_not_of_it():
+    image, shows = view([[0.0, 0.0, 0.45], [0.0, 0.05, 0.46]])  # they touch
+    kinds = BODIES.kinds(image.points, image.X_WC, Q, 0.085, 0.0)
+    both = segment(image, Known(), kinds, BODIES.hand(Q), CAMERA)
+    np.testing.assert_array_equal(both == Label.OBJECT, shows > 0)
+    kinds[(shows == 2).ravel()] = CARRIER
+    found = segment(image, Known(), kinds, BODIES.hand(Q), CAMERA)
+    np.testing.assert_array_equal(found == Label.OBJECT, shows == 1)
+    np.testing.assert_array_equal(found == Label.CARRIER, shows == 2)
 
 
 def test_a_click_or_a_box_decides():
