@@ -19,7 +19,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jaco
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
-from feasigrasp.scenario.sampling import make_motion
+from feasigrasp.scenario.sampling import make_company, make_motion
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -83,9 +83,13 @@ def test_the_code_of_a_page_runs(page, given, capsys):
 
 def test_scenario_of_the_page_is_valid(tmp_path):
     file = tmp_path / "own.scenarios.yaml"
-    (text,) = blocks(REPOSITORY / "docs" / "scenarios.md", "yaml")
+    text, beside = blocks(REPOSITORY / "docs" / "scenarios.md", "yaml")
     file.write_text(text)
     (name,) = yaml.load(text, Loader=yaml.BaseLoader)
     scenario = load_scenario(file, name)
-    assert make_motion(scenario).pose(0.0)[:3, 3] == pytest.approx([0.5, 0.0, 0.55])
+    motion = make_motion(scenario)
+    assert motion.pose(0.0)[:3, 3] == pytest.approx([0.5, 0.0, 0.55])
     assert scenario.object.model == "mug"
+    depth = "perception: {segmentation: depth}"
+    seen = make_company(load_scenario(file, name, f"{beside}\n{depth}"), load_object("mug"), motion)
+    assert [body.name for body in seen] == ["carrier", "distractor"]

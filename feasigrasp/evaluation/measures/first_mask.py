@@ -22,7 +22,8 @@ def intersection_over_union(mask: Mask, truth: Mask) -> float:
 def first_mask_iou(scenario: Scenario) -> float:
     """Intersection over union of the object's first mask with its true one, in [0, 1].
 
-    Nothing of the object is known: no field, no pose, no earlier view. Pixels without a depth count
+    Nothing of the object is known: no field, no pose, no earlier view. Where several bodies are
+    seen none is taken for it yet, since nothing has moved: 0. Pixels without a depth count
     in neither mask, since nothing is measured there.
 
     Args:
@@ -40,6 +41,7 @@ def first_mask_iou(scenario: Scenario) -> float:
         ("object_pose", RigidTransform(np.full((3, 4), np.nan))),
         ("tracking", Tracking(TrackingState.SEARCHING, np.inf)),
         ("gpdf", None),
+        ("color_image", station.GetOutputPort(f"{camera}.color_image").Eval(at_start)),
     ):
         foreground.GetInputPort(name).FixValue(context, value)
     labels = foreground.get_output_port().Eval(context).data[:, :, 0]
