@@ -17,7 +17,7 @@ demo: setup-demo
 test: export OMP_NUM_THREADS = 1
 test: lint
 	$(PYTHON) -m feasigrasp.cli warm-up
-	$(PYTHON) -m pytest
+	$(PYTHON) -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 lint: setup
 	$(PYTHON) -m ruff check
