@@ -55,8 +55,9 @@ class Attempt(Frozen):
     """How the hand gets on with its grasps.
 
     Attributes:
-        left: Least way to a grasp until now [m]; infinite at first, and without grasps.
+        left: Least way to a grasp until now [m]; infinite at first.
         since: When it was as little for the first time [s].
+        none_since: Since when there is no grasp to go for [s]; NaN if there is one.
         blocked: Whether it does not get on, and had better look elsewhere.
         given_up: Grasps that the hand did not come by, in O, shape (k, 4, 4) [m].
         given_up_at: When they were given up, shape (k,) [s].
@@ -68,6 +69,7 @@ class Attempt(Frozen):
 
     left: float = np.inf
     since: float = np.nan
+    none_since: float = np.nan
     blocked: bool = False
     given_up: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     given_up_at: Array = field(default_factory=lambda: np.zeros(0))
@@ -98,12 +100,17 @@ class Attempt(Frozen):
         if now.side is not None:
             # What was out of reach may be in reach by now.
             over = time >= now.until or (now.left == np.inf and len(usable) > 0)
-            return replace(now, side=None, left=np.inf, since=time) if over else now
+            if not over:
+                return now
+            return replace(now, side=None, left=np.inf, since=time, none_since=np.nan)
         if len(usable) == 0:
-            waited = now.left == np.inf and not np.isnan(now.since)
-            since = now.since if waited else time
-            patient = WAITS_AGAIN if since - now.until < WAITS else WAITS
-            return replace(now, left=np.inf, since=since, blocked=time - since > patient)
+            none_since = time if np.isnan(now.none_since) else now.none_since
+            patient = WAITS_AGAIN if none_since - now.until < WAITS else WAITS
+            if time - none_since <= patient:
+                return replace(now, none_since=none_since)
+            return replace(now, left=np.inf, since=time, none_since=none_since, blocked=True)
+        # Grasps that come and go do not make the hand get on.
+        now = replace(now, none_since=np.nan)
         errors = grasp_errors(usable.X_OG, X_OH)
         ways = errors @ [1.0, _LEVER]
         arrived = np.max(errors / _ARRIVED, axis=1).min() <= 1.0

@@ -138,3 +138,14 @@ def test_without_another_side_the_hand_tries_what_is_left():
     attempt = after(PATIENCE, Attempt(), grasps(0.0, 0.1)).looking(3.1, None, np.inf)
     assert attempt.side is None and not attempt.blocked
     assert len(attempt.usable(grasps(0.0, 0.1))) == 1
+
+
+def test_grasps_that_come_and_go_do_not_make_the_hand_get_on():
+    attempt = Attempt()
+    for k in range(29):
+        attempt = attempt.advanced(
+            0.1 * k, hand(0.2), NONE if k % 5 == 4 else grasps(0.0), PATIENCE
+        )
+    assert not attempt.blocked
+    attempt = attempt.advanced(3.0, hand(0.2), grasps(0.0), PATIENCE)
+    assert attempt.blocked and len(attempt.given_up) == 1
