@@ -1,4 +1,4 @@
-"""Grasps from which the object would turn in the hand are dropped, the others rated by that."""
+"""Grasps are rated by how likely the object stays in the hand as it is."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.grasps.carry import carried
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.carry import LEAST_CARRY, rated
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.systems.ports import declare_input, declare_output
 
 #: Direction of gravity in W.
@@ -15,7 +15,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 class CarryFilter(LeafSystem):
-    """The grasps whose pads bear the object's weight as the object is turned now.
+    """How likely the pads of grasps bear the object's weight as the object is turned now.
 
     .. pydrake_system::
 
@@ -28,9 +28,10 @@ class CarryFilter(LeafSystem):
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; while it is not finite, the worst direction of gravity counts, and nothing
-    is dropped. Scores are multiplied by the probability that a grasp carries, see `carried`; what
-    is dropped is counted as "too heavy there". Grasps whose `GraspSet.load` nobody has told pass as
-    they are.
+    is dropped. Scores are multiplied by the probability that a grasp carries (`rated`), which is
+    in `GraspSet.carries`: how likely is enough depends on what is in reach, which
+    `GripperSequencer` knows. What hardly carries is dropped and counted as "too heavy there".
+    Grasps whose `GraspSet.load` nobody has told pass as they are.
     """
 
     def __init__(self) -> None:
@@ -43,4 +44,7 @@ class CarryFilter(LeafSystem):
     def _calc(self, context: Context) -> GraspSet:
         R_WO = self._pose.Eval(context).rotation().matrix()
         down = _DOWN @ R_WO if np.isfinite(R_WO).all() else None
-        return carried(self._grasps.Eval(context), down)
+        grasps = rated(self._grasps.Eval(context), down)
+        if grasps.carries is None or down is None:
+            return grasps
+        return grasps.select(np.flatnonzero(grasps.carries >= LEAST_CARRY), Rejection.TOO_HEAVY)

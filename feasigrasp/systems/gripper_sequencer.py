@@ -186,7 +186,7 @@ class GripperSequencer(LeafSystem):
             forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
             X_WO,
             V_WO,
-            self._grasps.Eval(context),
+            self._usable(context),
             self._gripper_state.Eval(context)[0],
             self._config,
             None if motion is None else partial(future_poses, motion, X_WO, V_WO),
@@ -197,13 +197,13 @@ class GripperSequencer(LeafSystem):
         now = context.get_time()
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         doubted = self._doubt(context) is not None or self._coasting(context)
-        if not self._config.close or reachability is None or gpdf is None or doubted:
+        attempt: Attempt = self._approach.Eval(context).attempt
+        if not self._config.close or reachability is None:
             return _Approach()
-        if not np.isfinite(X_WO).all():
-            return _Approach()
+        if gpdf is None or doubted or not np.isfinite(X_WO).all():
+            return _Approach(attempt.interrupted(now))
         q = self._position.Eval(context)
         X_OH = se3.inverse(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
-        attempt: Attempt = self._approach.Eval(context).attempt
         attempt = attempt.advanced(now, X_OH, self._grasps.Eval(context), self._config.patience)
         if not self._camera_pose.HasValue(context):
             return _Approach(attempt.looking(now, None, np.inf) if attempt.blocked else attempt)
@@ -234,8 +234,15 @@ class GripperSequencer(LeafSystem):
         doubt = self._doubt(context)
         if doubt:
             return GraspSet.empty({doubt: 1})
+        return self._usable(context)
+
+    def _usable(self, context: Context) -> GraspSet:
+        """The grasps that the hand may go for."""
+        grasps: GraspSet = self._grasps.Eval(context)
+        if self._reachability is None or not self._config.close:
+            return grasps
         attempt: Attempt = self._approach.Eval(context).attempt
-        return attempt.usable(self._grasps.Eval(context))
+        return attempt.usable(grasps)
 
     def _calc_gpdf(self, context: Context) -> Gpdf | None:
         passed = self.state(context).grasp is None and self._gpdf.HasValue(context)

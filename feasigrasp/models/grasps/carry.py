@@ -19,8 +19,10 @@ from feasigrasp.models.shape.mass import estimate_mass
 #: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a
 #: completed surface, not quite opposite each other, and what they press beside takes friction.
 FRICTION, MOMENT_SHARE = 0.6, 0.35
-#: Offered are grasps that are likely to carry, and those that are nearly as likely as the best.
-LEAST_CARRY, NEARLY_BEST = 0.7, 0.75
+#: Grasps that are less likely to carry are not sure ones; those less likely than that are none.
+SURE, LEAST_CARRY = 0.7, 0.1
+#: Where none is sure, those are offered that are nearly as likely as the best.
+NEARLY_BEST = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,24 +61,32 @@ class Carrier:
         return replace(grasps, load=load)
 
 
-def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
-    """The grasps that carry, as far as one can tell.
+def rated(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
+    """The grasps with how likely they carry.
 
     Args:
-        grasps: Grasps in O with their loads; without them all are taken to carry.
-        down: Direction of gravity in O, shape (3,). Without it the worst one for each grasp counts,
-            and none is dropped: it may yet be lifted another way.
+        grasps: Grasps in O with their loads; without them they are returned as they are.
+        down: Direction of gravity in O, shape (3,). Without it the worst one for each grasp counts.
 
     Returns:
-        Best first, their scores multiplied by the probability that the pads bear the load. Those
-        less likely than `LEAST_CARRY`, and than `NEARLY_BEST` of the best, count as "too heavy
-        there" and are dropped.
+        Best first, with the probability that the pads bear the load (`GraspSet.carries`), which
+        their scores are multiplied by.
     """
     if grasps.load is None or len(grasps) == 0:
         return grasps
     carries = grasps.load.probability(down)
-    ranked = replace(grasps, score=grasps.score * carries)
-    least = -np.inf if down is None else min(LEAST_CARRY, NEARLY_BEST * carries.max())
-    kept = np.flatnonzero(carries >= least)
-    best_first = kept[np.argsort(-ranked.score[kept], kind="stable")]
-    return ranked.select(best_first, Rejection.TOO_HEAVY)
+    ranked = replace(grasps, score=grasps.score * carries, carries=carries)
+    return ranked.select(np.argsort(-ranked.score, kind="stable"))
+
+
+def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
+    """The grasps that carry, as far as one can tell, for who does not know what is in reach.
+
+    Arguments as for `rated`. Of what that returns those stay that are `SURE`, or `NEARLY_BEST`; all
+    without a direction of gravity: they may yet be lifted another way.
+    """
+    some = rated(grasps, down)
+    if some.carries is None or len(some) == 0 or down is None:
+        return some
+    least = min(SURE, NEARLY_BEST * some.carries.max())
+    return some.select(np.flatnonzero(some.carries >= least), Rejection.TOO_HEAVY)

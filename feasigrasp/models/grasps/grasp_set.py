@@ -62,6 +62,8 @@ class GraspSet(Frozen):
             set was compared with; a grasp and its flip have the same number.
         load: What the pads would have to bear (see `feasigrasp.models.grasps.carry`); None if
             nobody has told.
+        carries: How likely the pads bear it as the object is turned now, shape (n,); None if nobody
+            has told.
     """
 
     X_OG: Array
@@ -70,6 +72,7 @@ class GraspSet(Frozen):
     rejected: Mapping[str, int] = field(default_factory=dict)
     id: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     load: Load | None = None
+    carries: Array | None = None
 
     def __post_init__(self) -> None:
         """Freezes the arrays and checks that they agree."""
@@ -93,6 +96,8 @@ class GraspSet(Frozen):
                 f"GraspSet: {len(width)} grasps and {len(id_)} ids; give one per grasp."
             )
         self._freeze(X_OG=X_OG, width=width, score=score, id=id_)
+        if self.carries is not None:
+            self._freeze(carries=np.array(self.carries, dtype=float).reshape(-1))
         words = {str(reason): count for reason, count in self.rejected.items()}
         object.__setattr__(self, "rejected", MappingProxyType(words))
 
@@ -110,7 +115,8 @@ class GraspSet(Frozen):
         names = ("X_OG", "width", "score", "id")
         parts = {name: getattr(self, name)[keep] for name in names}
         load = None if self.load is None else self.load.select(keep)
-        chosen = replace(self, **parts, load=load)
+        carries = None if self.carries is None else self.carries[keep]
+        chosen = replace(self, **parts, load=load, carries=carries)
         dropped = len(self) - len(chosen)
         return chosen if reason is None else chosen.counted({reason: max(dropped, 0)})
 
@@ -131,7 +137,10 @@ class GraspSet(Frozen):
         pairs = ((getattr(self, n), getattr(other, n)) for n in ("X_OG", "width", "score", "id"))
         X_OG, width, score, id_ = (np.concatenate(pair) for pair in pairs)
         load = self.load.joined(other.load) if self.load and other.load else None
-        return GraspSet(X_OG, width, score, self.rejected, id_, load)
+        carries = None
+        if self.carries is not None and other.carries is not None:
+            carries = np.concatenate([self.carries, other.carries])
+        return GraspSet(X_OG, width, score, self.rejected, id_, load, carries)
 
 
 def grasp_frames(middle: Array, b: Array, z: Array) -> Array:

@@ -146,7 +146,7 @@ class StatusMonitor(LeafSystem):
         reachable: GraspSet = self._reachable.Eval(context)
         verdicts = Counter(map(str, self._verdicts.Eval(context)))
         # Those that are dropped before and after they are judged are only counted.
-        for reason in (Rejection.HITS_SCENE, Rejection.UNSEEN):
+        for reason in (Rejection.HITS_SCENE, Rejection.UNSEEN, Rejection.TOO_HEAVY):
             verdicts[str(reason)] += reachable.rejected.get(reason, 0)
         phase, tracking = Phase(int(self._phase.Eval(context)[0])), _AS_TOLD
         if self._tracking.HasValue(context):

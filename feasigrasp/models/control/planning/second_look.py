@@ -3,7 +3,8 @@
 An object that turns shows all its sides by and by. One at rest does not: where nothing that was
 found on the side that was seen can be reached, or come by, a hand that only waits waits for ever.
 So it looks from another side. Of all directions it takes that from which it would see most of what
-has not been seen yet, per second that it takes to get there.
+has not been seen yet, per second that it takes to get there. And the longer no grasp that is sure
+to carry the object has been in reach, the less sure another one has to be.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.carry import SURE
 from feasigrasp.models.grasps.funnel import grasp_errors
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -31,6 +33,8 @@ _ARRIVED = np.array([0.006, 0.08])
 _PROGRESS, _PROGRESS_SHARE = 0.02, 0.3
 #: What a turn of the hand counts as, beside its way [m/rad].
 _LEVER = 0.1
+#: Over this time without a sure grasp the likelihood that one has to carry with falls by e [s].
+_RELAXES = 6.0
 #: Grasps this near to one that was not come by [m], [rad] are given up with it, for so long [s].
 _LIKE_IT, _FORGOTTEN = np.array([0.03, 0.5]), 15.0
 #: A look takes no longer than this, and this long beside the way there [s].
@@ -58,6 +62,9 @@ class Attempt(Frozen):
         left: Least way to a grasp until now [m]; infinite at first.
         since: When it was as little for the first time [s].
         none_since: Since when there is no grasp to go for [s]; NaN if there is one.
+        time: When this was so [s].
+        wanting: How long there has been none that is sure to carry, less how long there has [s].
+        least: Grasps that are less likely to carry are not gone for.
         blocked: Whether it does not get on, and had better look elsewhere.
         given_up: Grasps that the hand did not come by, in O, shape (k, 4, 4) [m].
         given_up_at: When they were given up, shape (k,) [s].
@@ -70,6 +77,9 @@ class Attempt(Frozen):
     left: float = np.inf
     since: float = np.nan
     none_since: float = np.nan
+    time: float = np.nan
+    wanting: float = 0.0
+    least: float = SURE
     blocked: bool = False
     given_up: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     given_up_at: Array = field(default_factory=lambda: np.zeros(0))
@@ -78,12 +88,29 @@ class Attempt(Frozen):
     sides: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def usable(self, grasps: GraspSet) -> GraspSet:
-        """The grasps that are not given up."""
-        if len(grasps) == 0 or len(self.given_up) == 0:
+        """The grasps that are not given up, and likely enough to carry."""
+        if len(grasps) == 0:
             return grasps
-        errors = [np.max(grasp_errors(grasps.X_OG, X) / _LIKE_IT, axis=1) for X in self.given_up]
-        kept = np.min(errors, axis=0) > 1.0
+        if grasps.carries is not None:
+            grasps = grasps.select(
+                np.flatnonzero(grasps.carries >= self.least), Rejection.TOO_HEAVY
+            )
+        kept = np.ones(len(grasps), dtype=bool)
+        for X_OG in self.given_up:
+            kept &= np.max(grasp_errors(grasps.X_OG, X_OG) / _LIKE_IT, axis=1) > 1.0
         return grasps if kept.all() else grasps.select(np.flatnonzero(kept))
+
+    def interrupted(self, time: float) -> Attempt:
+        """What is left of it while there is nothing to be judged."""
+        return Attempt(time=time, wanting=self.wanting, least=self.least)
+
+    def _contented(self, time: float, grasps: GraspSet) -> Attempt:
+        """The same at a time, content with less the longer no sure grasp has been there."""
+        since = 0.0 if np.isnan(self.time) else time - self.time
+        if len(replace(self, least=SURE).usable(grasps)) > 0:
+            return replace(self, time=time, wanting=max(0.0, self.wanting - since), least=SURE)
+        wanting = self.wanting + since
+        return replace(self, time=time, wanting=wanting, least=SURE * np.exp(-wanting / _RELAXES))
 
     def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Attempt:
         """The attempt at a time.
@@ -96,6 +123,7 @@ class Attempt(Frozen):
         """
         lasting = time - self.given_up_at < _FORGOTTEN
         now = replace(self, given_up=self.given_up[lasting], given_up_at=self.given_up_at[lasting])
+        now = now._contented(time, grasps)
         usable = now.usable(grasps)
         if now.side is not None:
             # What was out of reach may be in reach by now.

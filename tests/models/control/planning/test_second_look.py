@@ -149,3 +149,24 @@ def test_grasps_that_come_and_go_do_not_make_the_hand_get_on():
     assert not attempt.blocked
     attempt = attempt.advanced(3.0, hand(0.2), grasps(0.0), PATIENCE)
     assert attempt.blocked and len(attempt.given_up) == 1
+
+
+def test_the_longer_no_sure_grasp_is_in_reach_the_less_sure_another_one_has_to_be():
+    unsure = replace(grasps(0.0, 0.1), carries=np.array([0.35, 0.12]))
+    attempt, accepted = Attempt(), []
+    for t in np.arange(0.0, 12.0, PERIOD):
+        attempt = attempt.advanced(float(t), hand(0.2), unsure, np.inf)
+        accepted.append(len(attempt.usable(unsure)))
+        if attempt.blocked:
+            attempt = attempt.looking(float(t), None, np.inf)
+    first, both = accepted.index(1) * PERIOD, accepted.index(2) * PERIOD
+    assert first == pytest.approx(6.0 * np.log(0.7 / 0.35), abs=0.11)
+    assert both == pytest.approx(6.0 * np.log(0.7 / 0.12), abs=0.11)
+    # A sure one is gone for at once, and alone.
+    sure = unsure.joined(replace(grasps(-0.3), carries=np.array([0.9])))
+    attempt = attempt.advanced(12.0, hand(0.2), sure, PATIENCE)
+    assert attempt.usable(sure).carries.tolist() == [0.9]
+    assert attempt.usable(sure).rejected == {"too heavy there": 2}
+    # If that goes again, or the object is out of sight meanwhile, it need not wait anew.
+    again = attempt.interrupted(14.0).advanced(14.1, hand(0.2), unsure, np.inf)
+    assert len(again.usable(unsure)) == 2
