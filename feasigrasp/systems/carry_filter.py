@@ -6,10 +6,12 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.grasps.carry import LEAST_CARRY, rated
+from feasigrasp.models.grasps.carry import rated
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.systems.ports import declare_input, declare_output
 
+#: Grasps that are less sure than that are none (`GraspSet.carries`).
+LEAST_SURE = 0.2
 #: Direction of gravity in W.
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -28,10 +30,10 @@ class CarryFilter(LeafSystem):
 
     ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
     ``RigidTransform``; while it is not finite, the worst direction of gravity counts, and nothing
-    is dropped. Scores are multiplied by the probability that a grasp carries (`rated`), which is
-    in `GraspSet.carries`: how likely is enough depends on what is in reach, which
-    `GripperSequencer` knows. What hardly carries is dropped and counted as "too heavy there".
-    Grasps whose `GraspSet.load` nobody has told pass as they are.
+    is dropped. Scores are multiplied by the probability that a grasp carries (`rated`); how sure is
+    enough depends on what is in reach, which `GripperSequencer` knows. What hardly carries is
+    dropped and counted as "too heavy there". Grasps whose `GraspSet.load` nobody has told pass as
+    they are.
     """
 
     def __init__(self) -> None:
@@ -47,4 +49,4 @@ class CarryFilter(LeafSystem):
         grasps = rated(self._grasps.Eval(context), down)
         if grasps.carries is None or down is None:
             return grasps
-        return grasps.select(np.flatnonzero(grasps.carries >= LEAST_CARRY), Rejection.TOO_HEAVY)
+        return grasps.select(np.flatnonzero(grasps.carries >= LEAST_SURE), Rejection.TOO_HEAVY)

@@ -19,10 +19,8 @@ from feasigrasp.models.shape.mass import estimate_mass
 #: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a
 #: completed surface, not quite opposite each other, and what they press beside takes friction.
 FRICTION, MOMENT_SHARE = 0.6, 0.35
-#: Grasps that are less likely to carry are not sure ones; those less likely than that are none.
-SURE, LEAST_CARRY = 0.7, 0.1
-#: Where none is sure, those are offered that are nearly as likely as the best.
-NEARLY_BEST = 0.75
+#: A grasp is sure to carry if it is so likely, or nearly as likely as the best one.
+SURE, NEARLY_BEST = 0.7, 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,31 +60,31 @@ class Carrier:
 
 
 def rated(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
-    """The grasps with how likely they carry.
+    """The grasps with how sure they are to carry.
 
     Args:
         grasps: Grasps in O with their loads; without them they are returned as they are.
         down: Direction of gravity in O, shape (3,). Without it the worst one for each grasp counts.
 
     Returns:
-        Best first, with the probability that the pads bear the load (`GraspSet.carries`), which
-        their scores are multiplied by.
+        Best first, their scores multiplied by the probability that the pads bear the load. Over
+        what is asked, `SURE` or `NEARLY_BEST` of the best, it is `GraspSet.carries`.
     """
     if grasps.load is None or len(grasps) == 0:
         return grasps
-    carries = grasps.load.probability(down)
-    ranked = replace(grasps, score=grasps.score * carries, carries=carries)
+    likely = grasps.load.probability(down)
+    asked = max(min(SURE, NEARLY_BEST * likely.max()), 1e-9)
+    ranked = replace(grasps, score=grasps.score * likely, carries=likely / asked)
     return ranked.select(np.argsort(-ranked.score, kind="stable"))
 
 
 def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
     """The grasps that carry, as far as one can tell, for who does not know what is in reach.
 
-    Arguments as for `rated`. Of what that returns those stay that are `SURE`, or `NEARLY_BEST`; all
-    without a direction of gravity: they may yet be lifted another way.
+    Arguments as for `rated`. Those of its grasps stay that are sure, all of them without a
+    direction of gravity: they may yet be lifted another way.
     """
     some = rated(grasps, down)
-    if some.carries is None or len(some) == 0 or down is None:
+    if some.carries is None or down is None:
         return some
-    least = min(SURE, NEARLY_BEST * some.carries.max())
-    return some.select(np.flatnonzero(some.carries >= least), Rejection.TOO_HEAVY)
+    return some.select(np.flatnonzero(some.carries >= 1.0), Rejection.TOO_HEAVY)

@@ -62,8 +62,8 @@ class GraspSet(Frozen):
             set was compared with; a grasp and its flip have the same number.
         load: What the pads would have to bear (see `feasigrasp.models.grasps.carry`); None if
             nobody has told.
-        carries: How likely the pads bear it as the object is turned now, shape (n,); None if nobody
-            has told.
+        carries: How sure they are to bear it as the object is turned now, 1 and more for sure
+            (see `feasigrasp.models.grasps.carry`), shape (n,); None if nobody has told.
     """
 
     X_OG: Array

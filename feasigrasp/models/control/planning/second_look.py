@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.carry import SURE
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.reach.reachability import Reachability
@@ -27,14 +26,12 @@ from feasigrasp.models.shape.gpdf import Gpdf
 #: Without any grasp in reach the hand waits so long before it looks elsewhere, and so long after
 #: that before it looks from the next side [s].
 WAITS, WAITS_AGAIN = 1.0, 0.4
-#: A hand within this of a grasp has come to it [m], [rad].
-_ARRIVED = np.array([0.006, 0.08])
 #: It gets on if the way becomes so much shorter [m], or by this share of it.
 _PROGRESS, _PROGRESS_SHARE = 0.02, 0.3
 #: What a turn of the hand counts as, beside its way [m/rad].
 _LEVER = 0.1
-#: Over this time without a sure grasp the likelihood that one has to carry with falls by e [s].
-_RELAXES = 6.0
+#: Over this time without a sure grasp it falls by e how sure one has to be [s].
+_RELAXES = 10.0
 #: Grasps this near to one that was not come by [m], [rad] are given up with it, for so long [s].
 _LIKE_IT, _FORGOTTEN = np.array([0.03, 0.5]), 15.0
 #: A look takes no longer than this, and this long beside the way there [s].
@@ -64,7 +61,7 @@ class Attempt(Frozen):
         none_since: Since when there is no grasp to go for [s]; NaN if there is one.
         time: When this was so [s].
         wanting: How long there has been none that is sure to carry, less how long there has [s].
-        least: Grasps that are less likely to carry are not gone for.
+        least: Grasps that are less sure to carry are not gone for.
         blocked: Whether it does not get on, and had better look elsewhere.
         given_up: Grasps that the hand did not come by, in O, shape (k, 4, 4) [m].
         given_up_at: When they were given up, shape (k,) [s].
@@ -79,7 +76,7 @@ class Attempt(Frozen):
     none_since: float = np.nan
     time: float = np.nan
     wanting: float = 0.0
-    least: float = SURE
+    least: float = 1.0
     blocked: bool = False
     given_up: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     given_up_at: Array = field(default_factory=lambda: np.zeros(0))
@@ -105,12 +102,15 @@ class Attempt(Frozen):
         return Attempt(time=time, wanting=self.wanting, least=self.least)
 
     def _contented(self, time: float, grasps: GraspSet) -> Attempt:
-        """The same at a time, content with less the longer no sure grasp has been there."""
+        """The same at a time, content with less the longer no sure grasp has been there.
+
+        What it is content with comes back as slowly: grasps that are sure by a hair would make the
+        others come and go.
+        """
         since = 0.0 if np.isnan(self.time) else time - self.time
-        if len(replace(self, least=SURE).usable(grasps)) > 0:
-            return replace(self, time=time, wanting=max(0.0, self.wanting - since), least=SURE)
-        wanting = self.wanting + since
-        return replace(self, time=time, wanting=wanting, least=SURE * np.exp(-wanting / _RELAXES))
+        sure = len(replace(self, least=1.0).usable(grasps)) > 0
+        wanting = max(0.0, self.wanting - since) if sure else self.wanting + since
+        return replace(self, time=time, wanting=wanting, least=np.exp(-wanting / _RELAXES))
 
     def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Attempt:
         """The attempt at a time.
@@ -141,9 +141,8 @@ class Attempt(Frozen):
         now = replace(now, none_since=np.nan)
         errors = grasp_errors(usable.X_OG, X_OH)
         ways = errors @ [1.0, _LEVER]
-        arrived = np.max(errors / _ARRIVED, axis=1).min() <= 1.0
         progress = min(_PROGRESS, _PROGRESS_SHARE * now.left)
-        if arrived or now.left == np.inf or ways.min() < now.left - progress:
+        if now.left == np.inf or ways.min() < now.left - progress:
             return replace(now, left=float(ways.min()), since=time)
         if time - now.since < patience:
             return now
