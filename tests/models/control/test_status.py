@@ -31,6 +31,7 @@ CASES = [
         StatusCode.VIEWS_DROPPED,
         "5.4 m wide",
     ),
+    ({"looking": True, "reachable": 0}, StatusCode.LOOKING_AGAIN, "from another side"),
     ({"contradicted": True, "reachable": 0}, StatusCode.POSE_CONTRADICTED, "elsewhere"),
     ({"lapsed": True, "seen": False}, StatusCode.PERCEPTION_LAPSED, "process"),
     ({"tracking": LOST, "reachable": 0}, StatusCode.POSE_LOST, "2.0 s"),
