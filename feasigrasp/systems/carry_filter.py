@@ -7,11 +7,9 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.grasps.carry import rated
-from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
+from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.systems.ports import declare_input, declare_output
 
-#: Grasps that are less sure than that are none (`GraspSet.carries`).
-LEAST_SURE = 0.2
 #: Direction of gravity in W.
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -46,7 +44,4 @@ class CarryFilter(LeafSystem):
     def _calc(self, context: Context) -> GraspSet:
         R_WO = self._pose.Eval(context).rotation().matrix()
         down = _DOWN @ R_WO if np.isfinite(R_WO).all() else None
-        grasps = rated(self._grasps.Eval(context), down)
-        if grasps.carries is None or down is None:
-            return grasps
-        return grasps.select(np.flatnonzero(grasps.carries >= LEAST_SURE), Rejection.TOO_HEAVY)
+        return rated(self._grasps.Eval(context), down)

@@ -18,17 +18,15 @@ from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.in_view import velocity_in_view
 from feasigrasp.models.control.planning.lookout import Sought, lookout, lookout_velocity
-from feasigrasp.models.control.planning.second_look import STEPS_BACK
 from feasigrasp.models.control.safety.obstacle_grid import (
     MovingObject,
     ObstacleGrid,
     object_grid,
     obstacle_grid,
 )
-from feasigrasp.models.control.safety.reserve import step_back
+from feasigrasp.models.control.safety.reserve import is_close, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.safety.touch import yielding_velocity
-from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
@@ -199,12 +197,14 @@ class GraspController(LeafSystem):
         """
         if self.safety is None:
             return qd
-        moving, sought = None, inputs.sought
-        if inputs.surface is not None:
-            X_WO, V_WO = (inputs.X_WO, inputs.V_WO) if sought is None else (sought.X_WO, _AT_REST)
-            moving = MovingObject(inputs.surface, X_WO, V_WO)
         return self.safety.velocity(
-            inputs.q, qd, J, V, qd_last=inputs.qd_last, obstacles=inputs.obstacles, moving=moving
+            inputs.q,
+            qd,
+            J,
+            V,
+            qd_last=inputs.qd_last,
+            obstacles=inputs.obstacles,
+            moving=self._kept_off(inputs),
         )
 
     def in_view(self, qd: Array, inputs: ControllerInputs) -> Array:
@@ -274,6 +274,14 @@ class GraspController(LeafSystem):
 
         return declare_cache(self, name, calc, {port.ticket()})
 
+    def _kept_off(self, inputs: ControllerInputs) -> MovingObject | None:
+        """The object that the hand keeps off, where it is expected if it is looked for."""
+        if inputs.surface is None:
+            return None
+        if inputs.sought is not None:
+            return MovingObject(inputs.surface, inputs.sought.X_WO, _AT_REST)
+        return MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
+
     def _updated(self, context: Context) -> Any:
         return self.update(self.memory(context), ControllerInputs(self, context))
 
@@ -285,15 +293,14 @@ class GraspController(LeafSystem):
             return None
         return lookout(sought, inputs.q, X_WC, self.reachability)
 
-    def _look_again(self, q_view: Array, inputs: ControllerInputs) -> Array:
+    def _look_again(self, safety: Safety, q_view: Array, inputs: ControllerInputs) -> Array:
         """The velocity that takes the arm to another view: at first back from the object."""
-        X_WH, J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)
-        if inputs.surface is not None:
-            p_OH = se3.inverse(inputs.X_WO) @ X_WH[:, 3]
-            if inputs.surface.distance_and_gradient(p_OH[:3])[0][0] < STEPS_BACK:
-                V_WH = step_back(X_WH, inputs.X_WO, inputs.V_WO)
-                return self.enforced(np.zeros(IIWA_7.joints), inputs, J_WH, V_WH)
-        return self.enforced(lookout_velocity(inputs.q, q_view), inputs)
+        X_FG, moving = self.reachability.gripper.X_FG, self._kept_off(inputs)
+        if moving is None or not is_close(moving, inputs.q, X_FG):
+            return self.enforced(lookout_velocity(inputs.q, q_view), inputs)
+        return retreat_velocity(
+            safety, inputs.q, X_FG, moving, qd_last=inputs.qd_last, obstacles=inputs.obstacles
+        )
 
     def _calc(self, context: Context, output) -> None:
         inputs = ControllerInputs(self, context)
@@ -301,7 +308,7 @@ class GraspController(LeafSystem):
         if q_lookout is not None:
             qd = self.enforced(lookout_velocity(inputs.q, q_lookout), inputs)
         elif self.safety is not None and inputs.look_from is not None:
-            qd = self.in_view(self._look_again(inputs.look_from, inputs), inputs)
+            qd = self.in_view(self._look_again(self.safety, inputs.look_from, inputs), inputs)
         else:
             qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
         if self.safety is not None and inputs.touch.any():

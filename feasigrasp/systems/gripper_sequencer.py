@@ -18,7 +18,7 @@ from feasigrasp.models.control.planning.second_look import (
     view_configuration,
 )
 from feasigrasp.models.control.status import StatusCode
-from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
@@ -29,7 +29,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
 
 
 class _Approach(NamedTuple):
@@ -139,8 +139,12 @@ class GripperSequencer(LeafSystem):
         state, time = self._state.ticket(), self.time_ticket()
         doubts = {port.ticket() for port in (self._tracking, self._perceived, self._lapsed)}
         target = {state, time, self._pose.ticket(), self._velocity.ticket(), *doubts}
-        usable = {state, self._approach.ticket(), self._grasps.ticket()}
-        declare_output(self, "grasps", self._calc_grasps, {*usable, *doubts})
+        approach = self._approach.ticket()
+        self._usable = declare_cache(
+            self, "usable grasps", self._calc_usable, {approach, self._grasps.ticket()}
+        )
+        usable = {state, self._usable.ticket(), *doubts}
+        declare_output(self, "grasps", self._calc_grasps, usable)
         declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
         declare_output(self, "object_pose", self._calc_pose, target, model=RigidTransform())
         declare_output(
@@ -151,7 +155,7 @@ class GripperSequencer(LeafSystem):
         self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
         self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
         declare_output(self, "sought", self._calc_sought, {state, self._tracking.ticket()})
-        declare_output(self, "look_from", self._calc_look_from, {self._approach.ticket()})
+        declare_output(self, "look_from", self._calc_look_from, {state, approach})
 
     def state(self, context: Context) -> GraspState:
         """Where the sequence is."""
@@ -186,7 +190,7 @@ class GripperSequencer(LeafSystem):
             forward_kinematics(self._position.Eval(context), self._gripper.X_FG),
             X_WO,
             V_WO,
-            self._usable(context),
+            self._usable.Eval(context),
             self._gripper_state.Eval(context)[0],
             self._config,
             None if motion is None else partial(future_poses, motion, X_WO, V_WO),
@@ -203,18 +207,16 @@ class GripperSequencer(LeafSystem):
         if gpdf is None or doubted or not np.isfinite(X_WO).all():
             return _Approach(attempt.interrupted(now))
         q = self._position.Eval(context)
-        X_OH = se3.inverse(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
+        X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
         attempt = attempt.advanced(now, X_OH, self._grasps.Eval(context), self._config.patience)
         if not self._camera_pose.HasValue(context):
             return _Approach(attempt.looking(now, None, np.inf) if attempt.blocked else attempt)
-        X_WC = self._camera_pose.Eval(context).GetAsMatrix4()
+        view = gpdf, X_WO, q, self._camera_pose.Eval(context).GetAsMatrix4(), reachability
         if attempt.blocked:
-            found = another_side(gpdf, attempt.sides, X_WO, q, X_WC, reachability)
-            attempt = attempt.looking(now, *found)
+            attempt = attempt.looking(now, *another_side(attempt.sides, *view))
         if attempt.side is None:
             return _Approach(attempt)
-        at = view_configuration(attempt.side, gpdf, X_WO, q, X_WC, reachability)
-        return _Approach(attempt, at)
+        return _Approach(attempt, view_configuration(attempt.side, *view))
 
     def _target(self, context: Context) -> tuple[Array, Array]:
         state = self.state(context)
@@ -232,11 +234,9 @@ class GripperSequencer(LeafSystem):
         if committed is not None:
             return committed
         doubt = self._doubt(context)
-        if doubt:
-            return GraspSet.empty({doubt: 1})
-        return self._usable(context)
+        return GraspSet.empty({doubt: 1}) if doubt else self._usable.Eval(context)
 
-    def _usable(self, context: Context) -> GraspSet:
+    def _calc_usable(self, context: Context) -> GraspSet:
         """The grasps that the hand may go for."""
         grasps: GraspSet = self._grasps.Eval(context)
         if self._reachability is None or not self._config.close:

@@ -1,5 +1,7 @@
 """Either controller leads the hand to a grasp, round the object and without pushing it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue, Value
@@ -228,17 +230,7 @@ def test_a_hand_that_has_a_ball_between_its_fingers_the_wrong_way_round_steps_ba
     flipped = X_WG.copy()
     flipped[:3, :3] = X_WG[:3, :3] @ np.diag([-1.0, -1.0, 1.0])
     flipped[:3, 3] = 0.0
-    motion = HarmonicMotion(
-        center=X_WG[:3, 3],
-        amplitude=np.zeros(3),
-        harmonic=np.ones(3),
-        offset_deg=np.zeros(3),
-        rate=0.6,
-        start_phase=0.0,
-        spin_axis=np.array([0.0, 0.0, 1.0]),
-        spin=0.0,
-        R_WO=np.eye(3),
-    )
+    motion = replace(line(0.0, 0.0), center=X_WG[:3, 3], R_WO=np.eye(3))
     grasps = GraspSet(flipped[None], np.full(1, 0.05), np.ones(1))
     _, q = closed_loop(make, motion, 8.0, grasps, q=BESIDE, gpdf=ball)
     hand = [forward_kinematics(each, REACH.gripper.X_FG) for each in q]

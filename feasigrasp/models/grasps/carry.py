@@ -21,6 +21,8 @@ from feasigrasp.models.shape.mass import estimate_mass
 FRICTION, MOMENT_SHARE = 0.6, 0.35
 #: A grasp is sure to carry if it is so likely, or nearly as likely as the best one.
 SURE, NEARLY_BEST = 0.7, 0.75
+#: One that is by this factor less likely than what is asked of it does not carry.
+_HOPELESS = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,27 +66,34 @@ def rated(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
 
     Args:
         grasps: Grasps in O with their loads; without them they are returned as they are.
-        down: Direction of gravity in O, shape (3,). Without it the worst one for each grasp counts.
+        down: Direction of gravity in O, shape (3,). Without it the worst one for each grasp counts,
+            and none is dropped: it may yet be lifted another way.
 
     Returns:
         Best first, their scores multiplied by the probability that the pads bear the load. Over
-        what is asked, `SURE` or `NEARLY_BEST` of the best, it is `GraspSet.carries`.
+        what is asked, `SURE` or `NEARLY_BEST` of the best, it is `GraspSet.carries`. What hardly
+        carries counts as "too heavy there" and is dropped.
     """
     if grasps.load is None or len(grasps) == 0:
         return grasps
     likely = grasps.load.probability(down)
     asked = max(min(SURE, NEARLY_BEST * likely.max()), 1e-9)
     ranked = replace(grasps, score=grasps.score * likely, carries=likely / asked)
-    return ranked.select(np.argsort(-ranked.score, kind="stable"))
+    ranked = ranked.select(np.argsort(-ranked.score, kind="stable"))
+    return ranked if down is None else surer(ranked, _HOPELESS)
 
 
 def carried(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
     """The grasps that carry, as far as one can tell, for who does not know what is in reach.
 
-    Arguments as for `rated`. Those of its grasps stay that are sure, all of them without a
-    direction of gravity: they may yet be lifted another way.
+    Arguments as for `rated`. Those of its grasps stay that are sure, and without ``down`` all.
     """
     some = rated(grasps, down)
-    if some.carries is None or down is None:
-        return some
-    return some.select(np.flatnonzero(some.carries >= 1.0), Rejection.TOO_HEAVY)
+    return some if down is None else surer(some, 1.0)
+
+
+def surer(grasps: GraspSet, least: float) -> GraspSet:
+    """The grasps that are as sure to carry as that; all if nobody has told how sure they are."""
+    if grasps.carries is None:
+        return grasps
+    return grasps.select(np.flatnonzero(grasps.carries >= least), Rejection.TOO_HEAVY)

@@ -30,7 +30,7 @@ from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
-from feasigrasp.models.control.safety.reserve import astray, kept_off, step_back
+from feasigrasp.models.control.safety.reserve import kept_off, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel
@@ -38,7 +38,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import pose_and_jacobian, pose_jacobian_kernel
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 
 @dataclass(frozen=True)
@@ -292,10 +292,8 @@ class JointSpaceControl:
             return qd
         X_FG, funnel = self.reachability.gripper.X_FG, self.options.funnel
         moving = kept_off(surface, q, X_WO, V_WO, X_FG, solutions.X_OG, funnel)
-        J_WH, V_WH = None, None
-        if astray(surface, q, X_WO, X_FG, solutions.X_OG):
-            X_WH, J_WH = pose_and_jacobian(q, X_FG)
-            qd, V_WH = np.zeros(IIWA_7.joints), step_back(X_WH, X_WO, V_WO)
-        return self.safety.velocity(
-            q, qd, J_WH, V_WH, qd_last=qd_last, obstacles=obstacles, moving=moving
-        )
+        if moving is not None and moving.astray:
+            return retreat_velocity(
+                self.safety, q, X_FG, moving, qd_last=qd_last, obstacles=obstacles
+            )
+        return self.safety.velocity(q, qd, qd_last=qd_last, obstacles=obstacles, moving=moving)

@@ -33,7 +33,7 @@ _ROLLS = 6
 #: and so quickly farther out [rad/s], up to this [rad].
 _CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _WIDEST = 1.5, 4.0, 0.08, 0.35
 #: Share of the joints' speed limits, and rate at which the way that is left decreases [1/s].
-_SPEED_SHARE, _GAIN = 0.5, 3.0
+SPEED_SHARE, _GAIN = 0.5, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,35 +65,62 @@ def lookout(sought: Sought, q: Array, X_WC: Array, reachability: Reachability) -
     Returns:
         Shape (7,) [rad]; None if there is none.
     """
-    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
-    poses = np.stack(list(_views(sought, X_WC)))
-    found, times = reachability.nearest(poses @ X_CH, q)
+    views = np.concatenate(list(_views(sought, X_WC)))
+    found, times = configurations_at(views, q, X_WC, reachability)
     best = int(np.argmin(times))
     return found[best] if np.isfinite(times[best]) else None
+
+
+def configurations_at(
+    views: Array, q: Array, X_WC: Array, reachability: Reachability
+) -> tuple[Array, Array]:
+    """The configurations in which a camera on the hand is at other poses.
+
+    Args:
+        views: These poses, z forward, shape (n, 4, 4) [m].
+        q: Joint positions [rad], shape (7,).
+        X_WC: Where the camera is now, shape (4, 4).
+        reachability: Tells which configurations are admissible.
+
+    Returns:
+        The soonest one for each, shape (n, 7) [rad], and travel times, shape (n,) [s]: see
+        `Reachability.nearest`.
+    """
+    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
+    return reachability.nearest(views @ X_CH, q)
+
+
+def turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
+    """Poses of a camera at p (3,) that looks along unit z (3,), at any turn, shape (m, 4, 4).
+
+    The first turn is the nearest to that of the camera at ``X_WC`` (4, 4).
+    """
+    x = direction(X_WC[:3, 0] - (X_WC[:3, 0] @ z_W) * z_W, se3.perpendiculars(z_W)[0])
+    y = np.cross(z_W, x)
+    views = []
+    for roll in np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False):
+        turned = np.cos(roll) * x + np.sin(roll) * y
+        R_WC = np.column_stack([turned, np.cross(z_W, turned), z_W])
+        views.append(se3.make_pose(R_WC, p_WC))
+    return np.stack(views)
 
 
 def lookout_velocity(q: Array, q_lookout: Array) -> Array:
     """Joint velocity (7,) [rad/s] that takes the arm there, all joints in time with each other."""
     way = q_lookout - q
-    time = float(np.max(np.abs(way) / (_SPEED_SHARE * IIWA_7.velocity_limits)))
+    time = float(np.max(np.abs(way) / (SPEED_SHARE * IIWA_7.velocity_limits)))
     return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
 
 
 def _views(sought: Sought, X_WC: Array) -> Iterator[Array]:
-    """Poses (4, 4) of the camera in which it looks at the place, or beside it."""
+    """Poses (m, 4, 4) of the camera in which it looks at the place, or beside it."""
     p_WO = sought.X_WO[:3, 3]
-    to_camera = _direction(X_WC[:3, 3] - p_WO, -X_WC[:3, 2])
+    to_camera = direction(X_WC[:3, 3] - p_WO, -X_WC[:3, 2])
     shoulder = np.array([0.0, 0.0, IIWA_7.joint_heights[1]])
-    to_base = _direction(shoulder - p_WO, to_camera)
+    to_base = direction(shoulder - p_WO, to_camera)
     for share in _FROM_BASE:
-        back = _direction((1.0 - share) * to_camera + share * to_base, to_base)
-        p = p_WO + _DISTANCE * back
-        z = _aside(-back, sought.age)
-        x = _direction(X_WC[:3, 0] - (X_WC[:3, 0] @ z) * z, se3.perpendiculars(z)[0])
-        y = np.cross(z, x)
-        for roll in np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False):
-            turned = np.cos(roll) * x + np.sin(roll) * y
-            yield se3.make_pose(np.column_stack([turned, np.cross(z, turned), z]), p)
+        back = direction((1.0 - share) * to_camera + share * to_base, to_base)
+        yield turned_views(p_WO + _DISTANCE * back, _aside(-back, sought.age), X_WC)
 
 
 def _aside(z: Array, age: float) -> Array:
@@ -104,7 +131,7 @@ def _aside(z: Array, age: float) -> Array:
     return np.asarray(np.cos(angle) * z + np.sin(angle) * (np.cos(phase) * x + np.sin(phase) * y))
 
 
-def _direction(v: Array, otherwise: Array) -> Array:
+def direction(v: Array, otherwise: Array) -> Array:
     """Unit vector along v (3,); another if v has no length."""
     length = float(np.linalg.norm(v))
     return v / length if length > 1e-6 else otherwise

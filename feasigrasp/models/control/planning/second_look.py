@@ -12,15 +12,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.control.planning.lookout import (
+    SPEED_SHARE,
+    configurations_at,
+    direction,
+    turned_views,
+)
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.geometry.points import nearest_distance, sphere_points
+from feasigrasp.models.grasps.carry import surer
 from feasigrasp.models.grasps.funnel import grasp_errors
-from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
+from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
 
 #: Without any grasp in reach the hand waits so long before it looks elsewhere, and so long after
@@ -36,12 +41,8 @@ _RELAXES = 10.0
 _LIKE_IT, _FORGOTTEN = np.array([0.03, 0.5]), 15.0
 #: A look takes no longer than this, and this long beside the way there [s].
 _LONGEST, _DWELL = 5.0, 0.8
-#: Share of the joints' speed limits with which the arm goes there (`lookout_velocity`).
-_SPEED_SHARE = 0.5
-#: A hand that is nearer than this to the object's surface steps back first [m].
-STEPS_BACK = 0.05
-#: Directions and turns about them that are considered, and the camera's distance from there [m].
-_DIRECTIONS, _ROLLS, _DISTANCE = 40, 6, 0.36
+#: Directions that are considered, and the camera's distance from a small object there [m].
+_DIRECTIONS, _DISTANCE = 40, 0.36
 #: A surface point farther than this from all that was seen is unseen [m]; it would be seen by a
 #: camera that is no farther than this from the direction of its normal [cos].
 _UNSEEN, _FACING = 0.012, 0.3
@@ -61,7 +62,6 @@ class Attempt(Frozen):
         none_since: Since when there is no grasp to go for [s]; NaN if there is one.
         time: When this was so [s].
         wanting: How long there has been none that is sure to carry, less how long there has [s].
-        least: Grasps that are less sure to carry are not gone for.
         blocked: Whether it does not get on, and had better look elsewhere.
         given_up: Grasps that the hand did not come by, in O, shape (k, 4, 4) [m].
         given_up_at: When they were given up, shape (k,) [s].
@@ -76,7 +76,6 @@ class Attempt(Frozen):
     none_since: float = np.nan
     time: float = np.nan
     wanting: float = 0.0
-    least: float = 1.0
     blocked: bool = False
     given_up: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     given_up_at: Array = field(default_factory=lambda: np.zeros(0))
@@ -84,22 +83,27 @@ class Attempt(Frozen):
     until: float = -np.inf
     sides: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
+    @property
+    def least(self) -> float:
+        """How sure a grasp has to be to carry (`GraspSet.carries`)."""
+        return float(np.exp(-self.wanting / _RELAXES))
+
     def usable(self, grasps: GraspSet) -> GraspSet:
-        """The grasps that are not given up, and likely enough to carry."""
-        if len(grasps) == 0:
-            return grasps
-        if grasps.carries is not None:
-            grasps = grasps.select(
-                np.flatnonzero(grasps.carries >= self.least), Rejection.TOO_HEAVY
-            )
+        """The grasps that are not given up, and sure enough to carry."""
+        grasps = surer(grasps, self.least)
+        kept = self._left_of(grasps)
+        return grasps if kept.all() else grasps.select(np.flatnonzero(kept))
+
+    def _left_of(self, grasps: GraspSet) -> Mask:
+        """Which of the grasps are not given up, shape (n,)."""
         kept = np.ones(len(grasps), dtype=bool)
         for X_OG in self.given_up:
             kept &= np.max(grasp_errors(grasps.X_OG, X_OG) / _LIKE_IT, axis=1) > 1.0
-        return grasps if kept.all() else grasps.select(np.flatnonzero(kept))
+        return kept
 
     def interrupted(self, time: float) -> Attempt:
         """What is left of it while there is nothing to be judged."""
-        return Attempt(time=time, wanting=self.wanting, least=self.least)
+        return Attempt(time=time, wanting=self.wanting)
 
     def _contented(self, time: float, grasps: GraspSet) -> Attempt:
         """The same at a time, content with less the longer no sure grasp has been there.
@@ -108,9 +112,9 @@ class Attempt(Frozen):
         others come and go.
         """
         since = 0.0 if np.isnan(self.time) else time - self.time
-        sure = len(replace(self, least=1.0).usable(grasps)) > 0
+        sure = self._left_of(surer(grasps, 1.0)).any()
         wanting = max(0.0, self.wanting - since) if sure else self.wanting + since
-        return replace(self, time=time, wanting=wanting, least=np.exp(-wanting / _RELAXES))
+        return replace(self, time=time, wanting=wanting)
 
     def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Attempt:
         """The attempt at a time.
@@ -162,38 +166,38 @@ class Attempt(Frozen):
         now = replace(self, blocked=False, since=time)
         if side is None:
             return replace(now, left=np.inf)
-        until = time + min(travel / _SPEED_SHARE + _DWELL, _LONGEST)
+        until = time + min(travel / SPEED_SHARE + _DWELL, _LONGEST)
         return replace(now, side=side, until=until, sides=np.vstack([self.sides, side]))
 
 
 def another_side(
-    gpdf: Gpdf, sides: Array, X_WO: Array, q: Array, X_WC: Array, reachability: Reachability
+    sides: Array, gpdf: Gpdf, X_WO: Array, q: Array, X_WC: Array, reachability: Reachability
 ) -> tuple[Array | None, float]:
     """The direction in O from which most is to be seen per second, and the way there [s].
 
     Args:
-        gpdf: The object's field, in O.
         sides: Directions in O from which it was looked at already, shape (m, 3).
+        gpdf: The object's field, in O.
         X_WO: Pose of the object, shape (4, 4) [m].
         q: Joint positions [rad], shape (7,).
         X_WC: Pose of the camera, which is on the hand, z forward, shape (4, 4) [m].
         reachability: Tells which configurations are admissible.
 
     Returns:
-        Direction from the object's middle to the camera, shape (3,), None if there is none in
+        Direction from the object's middle to the camera, shape (3,); None if there is none in
         reach; and the time at the joints' speed limits [s].
     """
     directions = sphere_points(_DIRECTIONS, 1.0)
     middle = gpdf.bounds.mean(axis=0)
-    present = se3.inverse(X_WO) @ X_WC[:, 3]
-    known = np.vstack([sides, _unit(present[:3] - middle)])
+    present = direction((se3.inverse(X_WO) @ X_WC[:, 3])[:3] - middle, directions[0])
+    known = np.vstack([sides, present])
     others = directions[(directions @ known.T).max(axis=1) < _SAME_SIDE]
     if len(others) == 0:
         return None, np.inf
-    poses = np.concatenate([views_from(d, gpdf, X_WO, X_WC) for d in others])
-    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
-    times = reachability.nearest(poses @ X_CH, q)[1].reshape(len(others), _ROLLS).min(axis=1)
-    worth = (_unseen_share(gpdf, others) + _CURIOSITY) / (times / _SPEED_SHARE + _DWELL)
+    views = np.stack([_views_from(each, gpdf, X_WO, X_WC) for each in others])
+    times = configurations_at(views.reshape(-1, 4, 4), q, X_WC, reachability)[1]
+    times = times.reshape(len(others), -1).min(axis=1)
+    worth = (_unseen_share(gpdf, others) + _CURIOSITY) / (times / SPEED_SHARE + _DWELL)
     best = int(np.argmax(worth))
     return (others[best], float(times[best])) if np.isfinite(times[best]) else (None, np.inf)
 
@@ -205,38 +209,25 @@ def view_configuration(
 
     Arguments as for `another_side`.
     """
-    X_CH = se3.inverse(X_WC) @ forward_kinematics(q, reachability.gripper.X_FG)
-    found, times = reachability.nearest(views_from(side, gpdf, X_WO, X_WC) @ X_CH, q)
+    views = _views_from(side, gpdf, X_WO, X_WC)
+    found, times = configurations_at(views, q, X_WC, reachability)
     best = int(np.argmin(times))
     return found[best] if np.isfinite(times[best]) else None
 
 
-def views_from(side: Array, gpdf: Gpdf, X_WO: Array, X_WC: Array) -> Array:
-    """Poses of a camera that looks at the object from a side, turned about its axis, (n, 4, 4)."""
+def _views_from(side: Array, gpdf: Gpdf, X_WO: Array, X_WC: Array) -> Array:
+    """Poses (m, 4, 4) of the camera in which it looks at the object's middle from a side."""
     half = 0.5 * float(np.linalg.norm(gpdf.bounds[1] - gpdf.bounds[0]))
     away = X_WO[:3, :3] @ side
-    p_WC = X_WO[:3, :3] @ gpdf.bounds.mean(axis=0) + X_WO[:3, 3] + (_DISTANCE + 0.5 * half) * away
-    x = _unit(X_WC[:3, 0] - (X_WC[:3, 0] @ away) * away, se3.perpendiculars(away)[0])
-    y = np.cross(-away, x)
-    views = []
-    for roll in np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False):
-        turned = np.cos(roll) * x + np.sin(roll) * y
-        R_WC = np.column_stack([turned, np.cross(-away, turned), -away])
-        views.append(se3.make_pose(R_WC, p_WC))
-    return np.stack(views)
+    middle = X_WO[:3, :3] @ gpdf.bounds.mean(axis=0) + X_WO[:3, 3]
+    return turned_views(middle + (_DISTANCE + 0.5 * half) * away, -away, X_WC)
 
 
 def _unseen_share(gpdf: Gpdf, directions: Array) -> Array:
     """Which share of the surface is unseen and would be seen from each direction, shape (n,)."""
-    surface = gpdf.surface()
-    if len(surface.points) == 0:
+    surface = gpdf.completion
+    if len(surface) == 0:
         return np.zeros(len(directions))
-    unseen = cKDTree(gpdf.seen()[0]).query(surface.points)[0] > _UNSEEN
+    unseen = nearest_distance(surface.points, gpdf.points) > _UNSEEN
     facing = surface.normals @ directions.T > _FACING
     return np.asarray((unseen[:, None] & facing).mean(axis=0))
-
-
-def _unit(v: Array, otherwise: Array | None = None) -> Array:
-    """Unit vector along v (3,); another if v has no length."""
-    length = float(np.linalg.norm(v))
-    return v / length if length > 1e-6 or otherwise is None else otherwise

@@ -71,12 +71,14 @@ class MovingObject(NamedTuple):
         X_WO: Its pose, shape (4, 4) [m].
         V_WO: Its twist [angular; linear], of its origin, shape (6,) [rad/s; m/s].
         reserve: Within this distance beyond its clearance the hand comes nearer but slowly [m].
+        astray: Whether it is between the fingers, but for no grasp that the hand goes for.
     """
 
     grid: ObstacleGrid
     X_WO: Array
     V_WO: Array
     reserve: float = 0.0
+    astray: bool = False
 
 
 @njit(cache=True)

@@ -17,17 +17,23 @@ from feasigrasp.models.control.safety.obstacle_grid import (
     ObstacleGrid,
     grid_kernel,
 )
+from feasigrasp.models.control.safety.safe_velocity import Safety
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel, grasp_errors_kernel, standoff_kernel
-from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import (
+    forward_kinematics,
+    pose_and_jacobian,
+    pose_jacobian_kernel,
+)
 
 #: The reserve is this share of the hand's standoff, and at most so far [m].
 _SHARE, _MOST = 0.2, 0.01
 #: Nearer than this to the middle between its pads, the object is between the fingers [m]; a hand
 #: that is turned by more from each of its grasps is not there for any of them [rad].
 _BETWEEN, _ASTRAY = 0.015, 1.6
-#: So fast it steps back then [m/s].
-_BACK_SPEED = 0.15
+#: Nearer than this, a hand that is to go elsewhere steps back first [m], so fast [m/s].
+_CLOSE, _BACK_SPEED = 0.05, 0.15
 
 
 def kept_off(
@@ -51,37 +57,51 @@ def kept_off(
         funnel: The way into a grasp.
 
     Returns:
-        The object; its reserve is zero once the hand has lined up with a grasp.
+        The object; its reserve is zero once the hand has lined up with a grasp, and the hand is
+        astray with the object between its fingers for none of them.
     """
     if surface is None:
         return None
-    reserve = _reserve_kernel(
+    reserve, astray = _way_kernel(
         np.ascontiguousarray(q, dtype=float),
         X_FG,
         np.ascontiguousarray(X_WO, dtype=float),
         np.array(X_OG, dtype=float).reshape(-1, 4, 4),  # a copy: never read-only, of one type
         funnel.parameters,
-    )
-    return MovingObject(surface, X_WO, V_WO, reserve)
-
-
-def astray(
-    surface: ObstacleGrid | None,
-    q: Array,
-    X_WO: Array,
-    X_FG: Array,
-    X_OG: ArrayLike,
-) -> bool:
-    """Whether the object is between the fingers for none of the grasps; arguments as `kept_off`."""
-    if surface is None or not np.isfinite(X_WO).all():
-        return False
-    return _astray_kernel(
-        np.ascontiguousarray(q, dtype=float),
-        X_FG,
-        np.ascontiguousarray(X_WO, dtype=float),
-        np.array(X_OG, dtype=float).reshape(-1, 4, 4),
         surface.values,
         surface.frame,
+    )
+    return MovingObject(surface, X_WO, V_WO, reserve, astray)
+
+
+def is_close(moving: MovingObject, q: Array, X_FG: Array) -> bool:
+    """Whether the object is between the fingers of a hand, or nearly so."""
+    X_OH = inverse_kernel(np.ascontiguousarray(moving.X_WO)) @ forward_kinematics(q, X_FG)
+    return bool(moving.grid.distance_and_gradient(X_OH[:3, 3])[0][0] < _CLOSE)
+
+
+def retreat_velocity(
+    safety: Safety,
+    q: Array,
+    X_FG: Array,
+    moving: MovingObject,
+    *,
+    qd_last: Array | None = None,
+    obstacles: ObstacleGrid | None = None,
+) -> Array:
+    """The joint velocity (7,) [rad/s] in which the hand leaves an object backwards.
+
+    Arguments as for `kept_off` and `Safety.velocity`.
+    """
+    X_WH, J_WH = pose_and_jacobian(q, X_FG)
+    return safety.velocity(
+        q,
+        np.zeros(IIWA_7.joints),
+        J_WH,
+        step_back(X_WH, moving.X_WO, moving.V_WO),
+        qd_last=qd_last,
+        obstacles=obstacles,
+        moving=moving,
     )
 
 
@@ -93,22 +113,16 @@ def step_back(X_WH: Array, X_WO: Array, V_WO: Array) -> Array:
 
 
 @njit(cache=True)
-def _astray_kernel(q, X_FG, X_WO, X_OG, values, frame):
-    X_WH = np.empty((4, 4))
-    pose_jacobian_kernel(q, X_FG, X_WH, None)
-    X_OH = inverse_kernel(X_WO) @ X_WH
-    if grid_kernel((X_OH[0, 3], X_OH[1, 3], X_OH[2, 3]), values, frame)[0] > _BETWEEN:
-        return False
-    errors = np.empty((len(X_OG), 2))
-    grasp_errors_kernel(X_OG, X_OH, errors)
-    return len(X_OG) > 0 and errors[:, 1].min() > _ASTRAY
-
-
-@njit(cache=True)
-def _reserve_kernel(q, X_FG, X_WO, X_OG, funnel):
+def _way_kernel(q, X_FG, X_WO, X_OG, funnel, values, frame):
+    """The reserve [m], and whether the object is between the fingers for none of the grasps."""
     X_WH, reserve = np.empty((4, 4)), _MOST
     pose_jacobian_kernel(q, X_FG, X_WH, None)
     X_OH = inverse_kernel(X_WO) @ X_WH
     for k in range(len(X_OG)):
         reserve = min(reserve, _SHARE * standoff_kernel(X_OG[k], X_OH, funnel))
-    return reserve
+    middle = X_OH[0, 3], X_OH[1, 3], X_OH[2, 3]
+    if len(X_OG) == 0 or grid_kernel(middle, values, frame)[0] > _BETWEEN:
+        return reserve, False
+    errors = np.empty((len(X_OG), 2))
+    grasp_errors_kernel(X_OG, X_OH, errors)
+    return reserve, errors[:, 1].min() > _ASTRAY

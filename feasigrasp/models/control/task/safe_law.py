@@ -27,7 +27,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
-from feasigrasp.models.control.safety.reserve import astray, kept_off, step_back
+from feasigrasp.models.control.safety.reserve import kept_off, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
@@ -35,7 +35,7 @@ from feasigrasp.models.control.task.reference import strand_reference
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import pose_and_jacobian, pose_jacobian_kernel
+from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,6 @@ def task_space_velocity(
     """
     X_FG, chosen = reachability.gripper.X_FG, [choice.X_OG] if choice else []
     moving = kept_off(surface, q, X_WO, V_WO, X_FG, chosen, options.choice.funnel)
-    back = astray(surface, q, X_WO, X_FG, chosen)
     if not options.feed_forward:
         V_WO = np.where(np.isfinite(V_WO), 0.0, V_WO)  # an unknown twist still stops the arm
     reference = strand_reference(choice, time, q, X_WO, V_WO, reachability, options.choice)
@@ -166,13 +165,8 @@ def task_space_velocity(
         return safety.velocity(
             q, np.zeros(IIWA_7.joints), qd_last=qd_last, obstacles=obstacles, moving=moving
         )
-    if back:
-        X_WH, J_WH = pose_and_jacobian(q, X_FG)
-        V_WH = step_back(X_WH, X_WO, V_WO)
-        stay = np.zeros(IIWA_7.joints)
-        return safety.velocity(
-            q, stay, J_WH, V_WH, qd_last=qd_last, obstacles=obstacles, moving=moving
-        )
+    if moving is not None and moving.astray:
+        return retreat_velocity(safety, q, X_FG, moving, qd_last=qd_last, obstacles=obstacles)
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
     far = 1.0
     if reference.on_strand:

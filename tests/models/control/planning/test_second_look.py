@@ -58,7 +58,7 @@ def after(seconds, attempt, offered, x=0.2, start=0.0):
 def test_it_looks_at_the_side_that_was_not_seen(seen_from):
     seen_from = np.array(seen_from)
     gpdf, X_WC = half_ball(seen_from), camera(HOME)
-    side, travel = another_side(gpdf, seen_from[None], X_WO, HOME, X_WC, REACH)
+    side, travel = another_side(seen_from[None], gpdf, X_WO, HOME, X_WC, REACH)
     assert np.linalg.norm(side) == pytest.approx(1.0) and 0.0 < travel < 4.0
     unseen = sphere_points(400, 1.0)
     unseen = unseen[unseen @ seen_from < -0.1]
@@ -70,7 +70,7 @@ def test_it_looks_at_the_side_that_was_not_seen(seen_from):
 def test_sides_that_were_looked_from_are_not_taken_again_until_none_is_left():
     gpdf, sides = half_ball(np.array([1.0, 0.0, 0.0])), np.zeros((0, 3))
     for _ in range(60):
-        side, _ = another_side(gpdf, sides, X_WO, HOME, camera(HOME), REACH)
+        side, _ = another_side(sides, gpdf, X_WO, HOME, camera(HOME), REACH)
         if side is None:
             break
         assert (sides @ side < 0.86).all()
@@ -80,7 +80,7 @@ def test_sides_that_were_looked_from_are_not_taken_again_until_none_is_left():
 
 def test_the_camera_has_the_object_in_the_middle_of_its_image_there():
     gpdf = half_ball(np.array([1.0, 0.0, 0.0]))
-    side, travel = another_side(gpdf, np.zeros((0, 3)), X_WO, HOME, camera(HOME), REACH)
+    side, travel = another_side(np.zeros((0, 3)), gpdf, X_WO, HOME, camera(HOME), REACH)
     q = view_configuration(side, gpdf, X_WO, HOME, camera(HOME), REACH)
     assert REACH.admissible(q[None])[0]
     middle = X_WO @ [*gpdf.bounds.mean(axis=0), 1.0]
@@ -94,7 +94,7 @@ def test_the_camera_has_the_object_in_the_middle_of_its_image_there():
 def test_nothing_is_found_for_an_object_out_of_reach():
     far = se3.make_pose(np.eye(3), [3.0, 0.0, 0.5])
     gpdf = half_ball(np.array([1.0, 0.0, 0.0]))
-    side, travel = another_side(gpdf, np.zeros((0, 3)), far, HOME, camera(HOME), REACH)
+    side, travel = another_side(np.zeros((0, 3)), gpdf, far, HOME, camera(HOME), REACH)
     assert side is None and np.isinf(travel)
     looks = view_configuration(np.array([0.0, 0.0, 1.0]), gpdf, far, HOME, camera(HOME), REACH)
     assert looks is None

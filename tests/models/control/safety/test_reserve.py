@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid, object_grid
-from feasigrasp.models.control.safety.reserve import astray, kept_off, step_back
+from feasigrasp.models.control.safety.reserve import is_close, kept_off, step_back
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.funnel import Funnel
@@ -14,7 +14,7 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 FUNNEL, X_FG = Funnel(), ParallelGripper().X_FG
 Q = np.array([0.1, 0.6, -0.2, -1.4, 0.3, 1.1, 0.4])
-GRID = ObstacleGrid(np.zeros((2, 2, 2), dtype=np.float32), np.zeros(5))
+GRID = ObstacleGrid(np.zeros((2, 2, 2), dtype=np.float32), np.array([9.0, 9.0, 9.0, 0.01, 0.1]))
 X_WO, V_WO = se3.random_pose(np.random.default_rng(3), 1)[0], np.arange(6.0)
 
 
@@ -75,10 +75,19 @@ def test_a_hand_is_astray_with_the_ball_between_its_fingers_but_for_no_grasp(
         se3.inverse(X_WB) @ X_WH @ se3.inverse(se3.make_pose(se3.so3_exp(turn), position))
         for position, turn in errors
     ]
-    arguments = Q, X_WB, X_FG, np.reshape(grasps, (-1, 4, 4))
-    assert astray(ball, *arguments) is expected
-    assert astray(None, *arguments) is False
-    assert astray(ball, Q, np.full((4, 4), np.nan), *arguments[2:]) is False
+    lost = np.full((4, 4), np.nan)
+    for X_WO, astray in ((X_WB, expected), (lost, False)):
+        found = kept_off(ball, Q, X_WO, V_WO, X_FG, np.reshape(grasps, (-1, 4, 4)), FUNNEL)
+        assert found.astray is astray
+
+
+@pytest.mark.parametrize(("away", "close"), [(0.0, True), (0.07, True), (0.09, False)])
+def test_an_object_is_close_up_to_five_centimetres_before_the_middle_between_the_pads(
+    ball, away, close
+):
+    X_WH = forward_kinematics(Q, X_FG)
+    X_WB = se3.make_pose(np.eye(3), X_WH[:3, 3] + away * X_WH[:3, 2])
+    assert is_close(kept_off(ball, Q, X_WB, V_WO, X_FG, [], FUNNEL), Q, X_FG) is close
 
 
 def test_the_hand_steps_back_along_its_own_axis_seen_from_the_object():
