@@ -5,88 +5,27 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.analysis import Simulator
 
-from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
 from feasigrasp.models.objects.prediction import MotionEstimate
-from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
-from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-
-GRIPPER = ParallelGripper()
-CONFIG = GraspSequenceConfig(
-    dwell=0.1,
-    patience=3.0,
-    squeeze_time=0.4,
-    lift=[-0.05, 0.0, 0.1],
-    lift_time=0.3,
-    shake=[0.0, 0.02, 0.0],
-    shake_frequency=5.0,
-    shake_time=0.4,
-    hold_time=0.2,
+from tests.sequencer_bench import (
+    CONFIG,
+    GRIPPER,
+    UNKNOWN,
+    V_WO,
+    X_WH,
+    X_WO,
+    Mock,
+    grasps_at,
 )
-Q = np.deg2rad([0.0, 20.0, 0.0, -80.0, 0.0, 70.0, 0.0])
-X_WH = forward_kinematics(Q, GRIPPER.X_FG)
-X_WO = RigidTransform(RollPitchYaw(0.3, 0.2, 1.0), [0.5, 0.1, 0.5])
-#: The object's motion; the hand is carried along with it in this mock.
-V_WO = np.array([0.1, -0.2, 0.3, 0.05, -0.1, 0.02])
-UNKNOWN = RigidTransform(np.full((4, 4), np.nan))
-
-
-def grasps_at(*errors):
-    """One grasp for each error: where the hand is, moved by that much along its own x [m]."""
-    X_OH = X_WO.inverse().GetAsMatrix4() @ X_WH
-    poses = [X_OH @ RigidTransform([error, 0.0, 0.0]).GetAsMatrix4() for error in errors]
-    n = len(poses)
-    return GraspSet(np.array(poses).reshape(n, 4, 4), 0.04 + 0.001 * np.arange(n), np.ones(n))
-
-
-class Mock:
-    """A sequencer whose inputs are set by hand."""
-
-    def __init__(self, config=CONFIG, looks=False, reachability=None, **inputs):
-        self.dut = GripperSequencer(
-            config, GRIPPER, period=0.05, looks=looks, reachability=reachability
-        )
-        self.simulator = Simulator(self.dut)
-        self.context = self.simulator.get_mutable_context()
-        self.fix(
-            position=Q,
-            grasps=grasps_at(0.05, 0.001, 0.1),
-            object_pose=X_WO,
-            object_velocity=SpatialVelocity(V_WO),
-            gripper_state=[0.04, 0.0],
-        )
-        self.fix(**inputs)
-
-    def fix(self, **inputs):
-        for name, value in inputs.items():
-            self.dut.GetInputPort(name).FixValue(self.context, value)
-
-    def output(self, name):
-        value = self.dut.GetOutputPort(name).Eval(self.context)
-        return float(value[0]) if isinstance(value, np.ndarray) else value
-
-    def advance(self, t):
-        self.simulator.AdvanceTo(t)
-        return Phase(int(self.output("phase")))
-
-    def advance_to_phase(self, phase, limit=10.0):
-        """Advances to just after the phase begins, in control periods."""
-        while self.advance(self.context.get_time() + 0.005) != phase:
-            assert self.context.get_time() < limit
-        return self.context.get_time()
 
 
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
@@ -311,137 +250,6 @@ def test_an_object_lost_while_the_fingers_close_is_not_let_go():
     assert np.isfinite(mock.output("object_pose").GetAsMatrix4()).all()
     mock.fix(object_pose=X_WO)
     assert mock.advance(2.1) == Phase.LIFT
-
-
-def tracked(state, age=0.0):
-    return Value[object](Tracking(TrackingState(state), age))
-
-
-def perceived(contradicted):
-    return Value[object](Perceived(FusedCloud.empty(0.003), None, contradicted=contradicted))
-
-
-@pytest.mark.parametrize(
-    ("doubt", "trust", "kept_off"),
-    [
-        ({"tracking": tracked("lost", 1.0)}, {"tracking": tracked("tracking")}, False),
-        ({"tracking": tracked("searching", np.inf)}, {"tracking": tracked("tracking")}, False),
-        ({"perceived": perceived(True)}, {"perceived": perceived(False)}, True),
-        ({"lapsed": [1.0]}, {"lapsed": [0.0]}, False),
-    ],
-)
-def test_grasps_lapse_while_the_pose_is_not_to_be_relied_on(doubt, trust, kept_off):
-    mock = Mock(**doubt)
-    assert mock.advance(1.0) == Phase.APPROACH
-    assert len(mock.output("grasps")) == 0 and mock.output("grasps").rejected
-    for port in ("object_pose", "object_velocity"):
-        value = mock.output(port)
-        known = value.GetAsMatrix4()[:3] if port == "object_pose" else value.get_coeffs()
-        assert np.isfinite(known).all() == kept_off and np.isnan(known).all() != kept_off
-    mock.fix(**trust)
-    assert len(mock.output("grasps")) == 3
-    assert mock.output("object_pose").IsNearlyEqualTo(X_WO, 1e-12)
-    mock.advance_to_phase(Phase.CLOSE, limit=1.3)
-
-
-def test_the_fingers_do_not_close_on_an_extrapolated_pose():
-    mock = Mock(tracking=tracked("coasting", 0.2))
-    assert mock.advance(1.0) == Phase.APPROACH
-    assert len(mock.output("grasps")) == 3
-    mock.fix(tracking=tracked("tracking"))
-    # Being there counts from now on.
-    assert mock.advance(1.09) == Phase.APPROACH
-    mock.advance_to_phase(Phase.CLOSE, limit=1.3)
-
-
-def out_of_sight(state, age):
-    X = X_WO.GetAsMatrix4()
-    return Value[object](Tracking(TrackingState(state), age, expected=X))
-
-
-def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
-    mock = Mock(tracking=out_of_sight("tracking", 0.0), looks=True)
-    assert mock.output("sought") is None
-    mock.fix(tracking=out_of_sight("coasting", 0.1))
-    assert mock.output("sought") is None  # an image or two
-    for state, age in (("coasting", 0.4), ("lost", 7.0)):
-        mock.fix(tracking=out_of_sight(state, age))
-        sought = mock.output("sought")
-        np.testing.assert_allclose(sought.X_WO, X_WO.GetAsMatrix4())
-        assert sought.age == age
-    mock.fix(tracking=out_of_sight("tracking", 0.0))
-    mock.advance_to_phase(Phase.CLOSE)
-    mock.fix(tracking=out_of_sight("lost", 7.0))
-    assert mock.output("sought") is None
-
-
-def test_nothing_is_looked_for_without_a_place_or_a_camera_on_the_arm():
-    assert Mock(tracking=tracked("lost", 7.0), looks=True).output("sought") is None
-    assert Mock(tracking=out_of_sight("lost", 7.0)).output("sought") is None
-
-
-def second_look(**inputs):
-    """A sequencer that can look from elsewhere at a ball that was seen."""
-    field, camera = Value[object](fit_gpdf(sphere_points(64, 0.03))), RigidTransform(X_WH)
-    return Mock(reachability=Reachability(), gpdf=field, camera_pose=camera, **inputs)
-
-
-def test_without_a_grasp_in_reach_the_arm_looks_from_another_side():
-    mock = second_look(grasps=GraspSet.empty())
-    mock.advance(0.9)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
-    mock.advance(1.2)
-    q = mock.dut.GetOutputPort("look_from").Eval(mock.context)
-    assert Reachability().admissible(q[None])[0] and np.abs(q - Q).max() > 0.1
-    # What comes into reach is gone for at once.
-    mock.fix(grasps=grasps_at(0.05))
-    mock.advance(1.3)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
-    assert len(mock.output("grasps")) == 1
-
-
-def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
-    mock = second_look(grasps=grasps_at(0.05, 0.2))
-    mock.advance(2.9)
-    assert len(mock.output("grasps")) == 2
-    mock.advance(3.2)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is not None
-    assert len(mock.output("grasps")) == 1
-
-
-@pytest.mark.parametrize(
-    "inputs",
-    [
-        {"tracking": tracked("lost")},
-        {"gpdf": Value[object](None)},
-        {"object_pose": UNKNOWN},
-        {"config": GraspSequenceConfig(close=False)},
-        {"config": GraspSequenceConfig(patience=np.inf), "grasps": grasps_at(0.05)},
-    ],
-)
-def test_no_other_look_is_taken_at_what_is_not_known_or_not_to_be_grasped(inputs):
-    mock = second_look(grasps=GraspSet.empty())
-    mock.fix(**{k: v for k, v in inputs.items() if k != "config"})
-    if "config" in inputs:
-        mock = second_look(**{"grasps": GraspSet.empty(), **inputs})
-    mock.advance(5.0)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
-
-
-def test_without_a_camera_the_hand_only_goes_for_other_grasps():
-    field = Value[object](fit_gpdf(sphere_points(64, 0.03)))
-    mock = Mock(reachability=Reachability(), gpdf=field, grasps=grasps_at(0.05, 0.2))
-    mock.advance(3.2)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
-    assert len(mock.output("grasps")) == 1
-
-
-def test_what_is_in_the_fingers_is_not_let_go_because_the_object_is_lost():
-    mock = Mock(tracking=tracked("tracking"), perceived=perceived(False))
-    mock.advance_to_phase(Phase.CLOSE)
-    mock.fix(tracking=tracked("lost", 1.0), perceived=perceived(True))
-    assert len(mock.output("grasps")) == 1
-    mock.advance_to_phase(Phase.DONE)
 
 
 def test_what_the_tracker_predicts_is_for_the_approach_only():

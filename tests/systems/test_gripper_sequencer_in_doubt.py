@@ -1,0 +1,146 @@
+"""What the sequencer does when the object is doubted, or the hand does not get on."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+
+from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from tests.sequencer_bench import (
+    UNKNOWN,
+    X_WH,
+    X_WO,
+    Mock,
+    Q,
+    grasps_at,
+    perceived,
+    tracked,
+)
+
+
+@pytest.mark.parametrize(
+    ("doubt", "trust", "kept_off"),
+    [
+        ({"tracking": tracked("lost", 1.0)}, {"tracking": tracked("tracking")}, False),
+        ({"tracking": tracked("searching", np.inf)}, {"tracking": tracked("tracking")}, False),
+        ({"perceived": perceived(True)}, {"perceived": perceived(False)}, True),
+        ({"lapsed": [1.0]}, {"lapsed": [0.0]}, False),
+    ],
+)
+def test_grasps_lapse_while_the_pose_is_not_to_be_relied_on(doubt, trust, kept_off):
+    mock = Mock(**doubt)
+    assert mock.advance(1.0) == Phase.APPROACH
+    assert len(mock.output("grasps")) == 0 and mock.output("grasps").rejected
+    for port in ("object_pose", "object_velocity"):
+        value = mock.output(port)
+        known = value.GetAsMatrix4()[:3] if port == "object_pose" else value.get_coeffs()
+        assert np.isfinite(known).all() == kept_off and np.isnan(known).all() != kept_off
+    mock.fix(**trust)
+    assert len(mock.output("grasps")) == 3
+    assert mock.output("object_pose").IsNearlyEqualTo(X_WO, 1e-12)
+    mock.advance_to_phase(Phase.CLOSE, limit=1.3)
+
+
+def test_the_fingers_do_not_close_on_an_extrapolated_pose():
+    mock = Mock(tracking=tracked("coasting", 0.2))
+    assert mock.advance(1.0) == Phase.APPROACH
+    assert len(mock.output("grasps")) == 3
+    mock.fix(tracking=tracked("tracking"))
+    # Being there counts from now on.
+    assert mock.advance(1.09) == Phase.APPROACH
+    mock.advance_to_phase(Phase.CLOSE, limit=1.3)
+
+
+def out_of_sight(state, age):
+    X = X_WO.GetAsMatrix4()
+    return Value[object](Tracking(TrackingState(state), age, expected=X))
+
+
+def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
+    mock = Mock(tracking=out_of_sight("tracking", 0.0), looks=True)
+    assert mock.output("sought") is None
+    mock.fix(tracking=out_of_sight("coasting", 0.1))
+    assert mock.output("sought") is None  # an image or two
+    for state, age in (("coasting", 0.4), ("lost", 7.0)):
+        mock.fix(tracking=out_of_sight(state, age))
+        sought = mock.output("sought")
+        np.testing.assert_allclose(sought.X_WO, X_WO.GetAsMatrix4())
+        assert sought.age == age
+    mock.fix(tracking=out_of_sight("tracking", 0.0))
+    mock.advance_to_phase(Phase.CLOSE)
+    mock.fix(tracking=out_of_sight("lost", 7.0))
+    assert mock.output("sought") is None
+
+
+def test_nothing_is_looked_for_without_a_place_or_a_camera_on_the_arm():
+    assert Mock(tracking=tracked("lost", 7.0), looks=True).output("sought") is None
+    assert Mock(tracking=out_of_sight("lost", 7.0)).output("sought") is None
+
+
+def second_look(**inputs):
+    """A sequencer that can look from elsewhere at a ball that was seen."""
+    field, camera = Value[object](fit_gpdf(sphere_points(64, 0.03))), RigidTransform(X_WH)
+    return Mock(reachability=Reachability(), gpdf=field, camera_pose=camera, **inputs)
+
+
+def test_without_a_grasp_in_reach_the_arm_looks_from_another_side():
+    mock = second_look(grasps=GraspSet.empty())
+    mock.advance(0.9)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    mock.advance(1.2)
+    q = mock.dut.GetOutputPort("look_from").Eval(mock.context)
+    assert Reachability().admissible(q[None])[0] and np.abs(q - Q).max() > 0.1
+    # What comes into reach is gone for at once.
+    mock.fix(grasps=grasps_at(0.05))
+    mock.advance(1.3)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    assert len(mock.output("grasps")) == 1
+
+
+def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
+    mock = second_look(grasps=grasps_at(0.05, 0.2))
+    mock.advance(2.9)
+    assert len(mock.output("grasps")) == 2
+    mock.advance(3.2)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is not None
+    assert len(mock.output("grasps")) == 1
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        {"tracking": tracked("lost")},
+        {"gpdf": Value[object](None)},
+        {"object_pose": UNKNOWN},
+        {"config": GraspSequenceConfig(close=False)},
+        {"config": GraspSequenceConfig(patience=np.inf), "grasps": grasps_at(0.05)},
+    ],
+)
+def test_no_other_look_is_taken_at_what_is_not_known_or_not_to_be_grasped(inputs):
+    mock = second_look(grasps=GraspSet.empty())
+    mock.fix(**{k: v for k, v in inputs.items() if k != "config"})
+    if "config" in inputs:
+        mock = second_look(**{"grasps": GraspSet.empty(), **inputs})
+    mock.advance(5.0)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+
+
+def test_without_a_camera_the_hand_only_goes_for_other_grasps():
+    field = Value[object](fit_gpdf(sphere_points(64, 0.03)))
+    mock = Mock(reachability=Reachability(), gpdf=field, grasps=grasps_at(0.05, 0.2))
+    mock.advance(3.2)
+    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    assert len(mock.output("grasps")) == 1
+
+
+def test_what_is_in_the_fingers_is_not_let_go_because_the_object_is_lost():
+    mock = Mock(tracking=tracked("tracking"), perceived=perceived(False))
+    mock.advance_to_phase(Phase.CLOSE)
+    mock.fix(tracking=tracked("lost", 1.0), perceived=perceived(True))
+    assert len(mock.output("grasps")) == 1
+    mock.advance_to_phase(Phase.DONE)
