@@ -23,18 +23,18 @@ PATCH_RADIUS = 0.004
 _CLEARANCE_ERROR, _DEVIATION_SHARE = 0.003, 0.67
 #: Log odds that contacts are good: constant, per radian of both normals off the closing line, per
 #: metre of both predicted deviations.
-CONTACT = (3.284, -4.135, -120.608)
+CONTACT = (3.287, -4.141, -120.614)
 #: The same by both witnesses: constant, per log odds of a network and of the field. Both have seen
 #: the same surface, so they count less than independent ones would.
-JOINT_CONTACT = (0.562, 0.386, 0.613)
+JOINT_CONTACT = (0.601, 0.45, 0.585)
 #: In thin walls: constant, per log odds of a network, per metre of both predicted deviations.
-THIN_CONTACT = (1.688, 0.524, -272.043)
+THIN_CONTACT = (1.88, 0.671, -471.242)
 #: Log odds that the hand is free: constant, per clearance in units of its error.
-CLEARANCE = (0.605, 0.9)
+CLEARANCE = (0.644, 0.898)
 #: The same by both witnesses, as `JOINT_CONTACT`.
-JOINT_CLEARANCE = (0.156, 0.317, 0.498)
+JOINT_CLEARANCE = (0.256, 0.375, 0.422)
 #: The same where the field knows nothing: constant, per log odds of a network.
-UNSEEN_CLEARANCE = (1.138, 0.223)
+UNSEEN_CLEARANCE = (1.044, 0.201)
 #: The mean log odds of two probabilities.
 MEAN = (0.0, 0.5, 0.5)
 _CLOSE_TO_CERTAIN = 1e-4
