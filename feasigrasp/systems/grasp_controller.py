@@ -34,7 +34,7 @@ from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
@@ -235,7 +235,8 @@ class GraspController(LeafSystem):
         context = self.CreateDefaultContext()
         q = np.array([0.1, -0.7, 0.1, -1.6, 0.1, 1.4, 0.1])
         X_WO = RigidTransform([0.5, 0.0, 0.5])
-        X_OG = X_WO.inverse().GetAsMatrix4() @ forward_kinematics(q, self.reachability.gripper.X_FG)
+        X_WH, _ = pose_and_jacobian(q, self.reachability.gripper.X_FG)  # as a retreat asks for them
+        X_OG = X_WO.inverse().GetAsMatrix4() @ X_WH
         grasps = GraspSet(X_OG[None], np.zeros(1), np.ones(1))
         ball = sphere_points(64, 0.03)
         for name, value in {

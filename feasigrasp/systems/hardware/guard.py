@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
+from contextlib import suppress
 
 import numpy as np
 from drake import lcmt_iiwa_command, lcmt_iiwa_status
@@ -13,6 +15,8 @@ from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 
+#: Of the priorities of real time, which come before all other work, the lowest is enough.
+_PRIORITY = 1
 #: A guard ends when nothing has been requested for so long, and its arm rests [s].
 QUIET = 30.0
 
@@ -87,4 +91,6 @@ def main(url: str, period: float) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     guard = Guard(channels.open_lcm(url), period)
     signal.signal(signal.SIGTERM, guard.end)
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     guard.serve()
