@@ -57,6 +57,7 @@ class GripperSequencer(LeafSystem):
         - perceived
         - lapsed
         - camera_pose
+        - arrival
         output_ports:
         - grasps
         - gpdf
@@ -79,6 +80,9 @@ class GripperSequencer(LeafSystem):
     closed on a pose that is merely extrapolated. These ports are optional. ``sought`` is a `Sought`
     while an object that is to be approached has been out of sight for a moment, its tracker says
     where it is expected, and the arm can look there; else None.
+
+    ``arrival`` is a `GraspSet` as well: a controller that finds grasps of its own on the way tells
+    them here, and they are passed on with the others.
 
     A hand that does not get on gives the nearest grasp up for a while, and looks at the object from
     another side: ``look_from`` is the configuration (7,) [rad] that the arm is to look from, or
@@ -133,6 +137,7 @@ class GripperSequencer(LeafSystem):
         self._perceived = declare_input(self, "perceived")
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._arrival = declare_input(self, "arrival", GraspSet.empty())
         self._state = PeriodicState(self, GraspState(), period, self._advance)
         self._approach = PeriodicState(self, _Approach(), period, self._get_on)
 
@@ -140,9 +145,8 @@ class GripperSequencer(LeafSystem):
         doubts = {port.ticket() for port in (self._tracking, self._perceived, self._lapsed)}
         target = {state, time, self._pose.ticket(), self._velocity.ticket(), *doubts}
         approach = self._approach.ticket()
-        self._usable = declare_cache(
-            self, "usable grasps", self._calc_usable, {approach, self._grasps.ticket()}
-        )
+        offered = {self._grasps.ticket(), self._arrival.ticket()}
+        self._usable = declare_cache(self, "usable grasps", self._calc_usable, {approach, *offered})
         usable = {state, self._usable.ticket(), *doubts}
         declare_output(self, "grasps", self._calc_grasps, usable)
         declare_output(self, "gpdf", self._calc_gpdf, {state, self._gpdf.ticket()})
@@ -208,7 +212,7 @@ class GripperSequencer(LeafSystem):
             return _Approach(attempt.interrupted(now))
         q = self._position.Eval(context)
         X_OH = inverse_kernel(X_WO) @ forward_kinematics(q, self._gripper.X_FG)
-        attempt = attempt.advanced(now, X_OH, self._grasps.Eval(context), self._config.patience)
+        attempt = attempt.advanced(now, X_OH, self._offered(context), self._config.patience)
         if not self._camera_pose.HasValue(context):
             return _Approach(attempt.looking(now, None, np.inf) if attempt.blocked else attempt)
         view = gpdf, X_WO, q, self._camera_pose.Eval(context).GetAsMatrix4(), reachability
@@ -236,9 +240,15 @@ class GripperSequencer(LeafSystem):
         doubt = self._doubt(context)
         return GraspSet.empty({doubt: 1}) if doubt else self._usable.Eval(context)
 
+    def _offered(self, context: Context) -> GraspSet:
+        """The grasps of perception, and those that a controller has found."""
+        grasps: GraspSet = self._grasps.Eval(context)
+        own = self._arrival.Eval(context) if self._arrival.HasValue(context) else ()
+        return grasps.joined(own) if len(own) else grasps
+
     def _calc_usable(self, context: Context) -> GraspSet:
         """The grasps that the hand may go for."""
-        grasps: GraspSet = self._grasps.Eval(context)
+        grasps = self._offered(context)
         if self._reachability is None or not self._config.close:
             return grasps
         attempt: Attempt = self._approach.Eval(context).attempt

@@ -46,6 +46,17 @@ def test_away_from_all_grasps_everything_is_passed_through():
     assert mock.output("object_hold") == 1.0
 
 
+def test_what_a_controller_has_found_is_passed_on_with_the_others():
+    mock = Mock(grasps=grasps_at(0.05, 0.1), arrival=Value[object](grasps_at(0.0)))
+    mock.advance(0.03)
+    assert len(mock.output("grasps")) == 3
+    assert mock.advance(0.3) == Phase.CLOSE  # at that grasp, since it is at no other
+    assert len(mock.output("grasps")) == 1
+    none = Mock(grasps=grasps_at(0.05, 0.1), arrival=Value[object](GraspSet.empty()))
+    assert none.advance(0.3) == Phase.APPROACH
+    assert len(none.output("grasps")) == 2
+
+
 def test_the_field_is_passed_through_until_the_hand_has_committed_to_a_grasp():
     field, newer = (fit_gpdf(sphere_points(20, radius)) for radius in (0.03, 0.04))
     mock = Mock(gpdf=Value[object](field))

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.control.task.diffusion_law import (
     DiffusedField,
@@ -29,6 +29,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.ports import declare_output
 
 
 class GraspDiffusionController(GraspController):
@@ -37,8 +38,10 @@ class GraspDiffusionController(GraspController):
     At every update the surface is encoded, if the field is another one; the memory is a
     `DiffusedField`. In between the command is a function of the inputs alone. On the way it looks
     at no grasps, only whether there are any in reach: without one the command is to stop, as it is
-    while the object's pose or twist is not finite. Without a field, as when fingers close and lift,
-    it follows the grasp that it is given.
+    while the object's pose or twist is not finite. Where the energy ends, with something between
+    the pads, is a grasp of its own: the output port ``arrival``, a `GraspSet` of one or none, tells
+    it. In ``paper`` mode there is none. Without a field, as when fingers close and lift, it follows
+    the grasp that it is given.
 
     Torch is set to one thread, which is best at control rate.
     """
@@ -71,6 +74,8 @@ class GraspDiffusionController(GraspController):
         self._options = options or DiffusionControlOptions()
         self._diffusion = diffusion or load_grasp_diffusion()
         torch.set_num_threads(1)
+        memory = {self._memory.ticket()}
+        declare_output(self, "arrival", lambda context: self.memory(context).arrival, memory)
         self.rehearse()
 
     def update(self, memory: DiffusedField, inputs: ControllerInputs) -> DiffusedField:
@@ -79,8 +84,11 @@ class GraspDiffusionController(GraspController):
         if gpdf is None:
             held = nearest_grasp(memory.grasp, inputs.q, grasps, X_WO, self.reachability)
             return DiffusedField(grasp=held)
-        X_WH = forward_kinematics(inputs.q, self.reachability.gripper.X_FG)
-        return memory.of(gpdf, self._diffusion).cooled(se3.inverse(X_WO) @ X_WH)
+        X_OH = se3.inverse(X_WO) @ forward_kinematics(inputs.q, self.reachability.gripper.X_FG)
+        field = memory.of(gpdf, self._diffusion).cooled(X_OH)
+        if self._options.law == Law.GRADIENT:
+            return field
+        return field.arriving(X_OH, inputs.q, X_WO, self.reachability)
 
     def velocity(self, memory: DiffusedField, inputs: ControllerInputs) -> Array:
         """Down the energy."""

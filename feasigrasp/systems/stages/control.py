@@ -87,6 +87,8 @@ def add_control(
     cell.builder.AddNamedSystem("drive", drive)
     scene = [cell["scene_perception"]] if scenario.scene.enabled else []
     cell.add("controller", controller, sequencer, tracker, drive, sense, *scene, **own_camera)
+    if controller.HasOutputPort("arrival"):
+        cell.connect(sequencer, arrival=controller.GetOutputPort("arrival"))
     cell.connect(drive, velocity=cell.faults.command(controller), position=position)
     for name, port in (
         ("iiwa.desired_state", drive.GetOutputPort("desired_state")),

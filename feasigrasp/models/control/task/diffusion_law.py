@@ -5,6 +5,10 @@ The paper (arXiv 2311.02576, table II) drives the hand by the gradient of an SE(
 length. ``preconditioned`` goes at a rate, by the gradient times the variance of the noise, which
 falls as when samples are drawn: where there are no grasps near, an energy of little noise knows
 nothing.
+
+The paper does not say when fingers close. Here they do where the energy ends: once its noise has
+fallen, the way down it from the hand is followed to its end, and if something is between the pads
+there, that is a grasp, centred and followed as those of the sampler are.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.mode import Law
-from feasigrasp.models.control.task.nearest import NearestGrasp
+from feasigrasp.models.control.task.nearest import NearestGrasp, nearest_grasp
 from feasigrasp.models.control.task.paper_law import least_norm_kernel
 from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry import se3
@@ -26,8 +30,11 @@ from feasigrasp.models.grasps.diffusion.grasp_diffusion import (
     GraspDiffusion,
     noise_variance,
 )
-from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
+from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler, closed_on
+from feasigrasp.models.grasps.funnel import grasp_errors
+from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.network.surface_input import grasp_input
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -38,6 +45,10 @@ from feasigrasp.models.shape.gpdf import Gpdf
 _COOLING, _FARTHEST = 0.85, 1.5 * np.sqrt(6.0)
 #: So far from the middle of an object noise brings hands [m].
 _KNOWN = 0.35
+#: The end of the way down the energy: in so many steps of that share of it.
+_STEPS, _SHARE = 10, 0.3
+#: It is a grasp to go to while a hand is no farther from it [m], [rad].
+_ARRIVING = 0.05, 0.5
 #: From radians and units of the energy to radians and metres.
 _UNITS = np.repeat([1.0, LENGTH], 3)
 
@@ -72,13 +83,16 @@ class DiffusedField(Frozen):
         gpdf: The field.
         diffused: Its energy.
         time: Noise level that is followed, from 1 down to `LAST_TIME`.
-        grasp: Followed instead, without a field: where to hold and to lift, once fingers close.
+        grasp: Followed instead: where the energy ends, and, without a field, where to hold and to
+            lift, once fingers close.
+        arrival: The grasp where the energy ends, if the hand is near; else none.
     """
 
     gpdf: Gpdf | None = None
     diffused: DiffusedObject | None = None
     time: float = 1.0
     grasp: NearestGrasp = field(default_factory=NearestGrasp)
+    arrival: GraspSet = field(default_factory=GraspSet.empty)
 
     def of(self, gpdf: Gpdf, diffusion: GraspDiffusion) -> DiffusedField:
         """The same for another field, encoded only if it is another one."""
@@ -94,6 +108,35 @@ class DiffusedField(Frozen):
         far = np.linalg.norm(self.way(X_OH) / _UNITS) / np.sqrt(noise_variance(self.time))
         factor = _COOLING if far <= _FARTHEST else 1.0 / _COOLING
         return replace(self, time=float(np.clip(self.time * factor, LAST_TIME, 1.0)))
+
+    def arriving(
+        self, X_OH: Array, q: Array, X_WO: Array, reachability: Reachability
+    ) -> DiffusedField:
+        """The same with the grasp at which the energy ends, if there is one, near and in reach.
+
+        Args:
+            X_OH: The hand in O, shape (4, 4).
+            q: Joint positions [rad], shape (7,).
+            X_WO: Object pose, shape (4, 4).
+            reachability: Tells whether the arm can take it, and the hand's opening.
+        """
+        arrival = self.arrival
+        if len(arrival) == 0:
+            arrival = self._end(X_OH, reachability.gripper.max_opening)
+        if (grasp_errors(arrival.X_OG, X_OH) > _ARRIVING).any():
+            arrival = GraspSet.empty()
+        grasp = nearest_grasp(self.grasp, q, arrival.X_OG, X_WO, reachability)
+        return replace(self, grasp=grasp, arrival=arrival if grasp else GraspSet.empty())
+
+    def _end(self, X_OH: Array, opening: float) -> GraspSet:
+        """Where the way down the energy ends; none with noise left, or nothing to hold there."""
+        if self.gpdf is None or self.time > LAST_TIME or not np.isfinite(X_OH).all():
+            return GraspSet.empty()
+        X = X_OH
+        for _ in range(_STEPS):
+            X = X @ se3.exp(_SHARE * self.way(X))
+        X_OG, width, held = closed_on(self.gpdf, X[None], opening)
+        return GraspSet(X_OG[held], width[held], held[held])
 
     def way(self, X_OH: Array) -> Array:
         """Variance of the noise times the gradient, downwards, at a hand pose (4, 4) in O.

@@ -61,7 +61,7 @@ class DiffusionSampler:
 
     def judged(self, gpdf: Gpdf, X_OG: Array) -> GraspSet:
         """What filter and thinning leave of hand poses (n, 4, 4)."""
-        X_OG, width, held = _closed(gpdf, X_OG, self.gripper.max_opening)
+        X_OG, width, held = closed_on(gpdf, X_OG, self.gripper.max_opening)
         grasps = filter_grasps(gpdf, X_OG[held], width[held], self.gripper)
         thinned = thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
         return thinned.counted({Rejection.NOTHING_BETWEEN: int(np.count_nonzero(~held))})
@@ -76,11 +76,11 @@ class DiffusionSampler:
         surface = grasp_input(gpdf, self.n_points)
         rng = np.random.default_rng(self.seed)
         X_OG = self.diffusion.at(surface).sample(self.n_samples, rng)
-        _, width, held = _closed(gpdf, X_OG, self.gripper.max_opening)
+        _, width, held = closed_on(gpdf, X_OG, self.gripper.max_opening)
         return X_OG, width, int(np.count_nonzero(~held))
 
 
-def _closed(gpdf: Gpdf, X_OG: Array, opening: float) -> tuple[Array, Array, Mask]:
+def closed_on(gpdf: Gpdf, X_OG: Array, opening: float) -> tuple[Array, Array, Mask]:
     """Where pads that close from an opening meet the field.
 
     Returns:

@@ -13,6 +13,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.diffusion.energy import LENGTH
 from feasigrasp.models.grasps.diffusion.grasp_diffusion import LAST_TIME, load_grasp_diffusion
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
@@ -55,6 +56,48 @@ def test_far_from_the_grasps_noise_rises_again(energy):
         warm = warm.cooled(far)
     assert cold.time < 0.01
     assert warm.time > 2.0 * cold.time
+
+
+def _cold(energy):
+    for _ in range(60):
+        energy = energy.cooled(se3.make_pose(np.eye(3), np.zeros(3)))
+    assert energy.time == LAST_TIME
+    return energy
+
+
+REACH = Reachability()
+#: A hand that has the ball between its fingers, nearly in the middle.
+AT_BALL = se3.make_pose(se3.so3_exp([0.1, 0.2, 0.0]), [0.004, 0.003, -0.002])
+
+
+def _arriving(field, X_OH):
+    return field.arriving(X_OH, HOME, forward_kinematics(HOME, X_FG) @ se3.inverse(X_OH), REACH)
+
+
+def test_where_the_energy_ends_is_a_grasp_across_the_middle_of_a_ball(energy):
+    found = _arriving(_cold(energy), AT_BALL)
+    assert len(found.arrival) == 1 and found.grasp
+    X_OG, width = found.arrival.X_OG[0], found.arrival.width[0]
+    # Centred on the closing line: its middle is as far from the ball's as the line is.
+    assert abs(X_OG[:3, 3] @ X_OG[:3, 0]) < 1e-3
+    beside = np.linalg.norm(X_OG[:3, 3])
+    assert beside < RADIUS * np.sin(np.deg2rad(20.0))
+    assert width == pytest.approx(2.0 * np.sqrt(RADIUS**2 - beside**2), abs=2e-3)
+    np.testing.assert_array_equal(found.grasp.X_OG, X_OG)
+    again = _arriving(found, AT_BALL @ se3.exp(np.array([0.02, 0, 0, 0, 0, 0.01])))
+    assert again.arrival is found.arrival
+
+
+def test_a_grasp_of_the_energy_is_left_when_the_hand_or_the_object_goes_away(energy):
+    found = _arriving(_cold(energy), AT_BALL)
+    away = AT_BALL @ se3.make_pose(np.eye(3), [0.0, 0.0, -0.1])
+    far = se3.make_pose(np.eye(3), [3.0, 0.0, 0.5])
+    for left in (_arriving(found, away), found.arriving(AT_BALL, HOME, far, REACH)):
+        assert len(left.arrival) == 0 and not left.grasp
+
+
+def test_while_there_is_noise_there_is_no_grasp_of_the_energy(energy):
+    assert len(_arriving(energy, AT_BALL).arrival) == 0
 
 
 def test_the_same_field_is_encoded_once(energy):
