@@ -243,7 +243,9 @@ class GripperSequencer(LeafSystem):
     def _offered(self, context: Context) -> GraspSet:
         """The grasps of perception, and those that a controller has found."""
         grasps: GraspSet = self._grasps.Eval(context)
-        own = self._arrival.Eval(context) if self._arrival.HasValue(context) else ()
+        if not self._arrival.HasValue(context):
+            return grasps
+        own: GraspSet = self._arrival.Eval(context)
         return grasps.joined(own) if len(own) else grasps
 
     def _calc_usable(self, context: Context) -> GraspSet:
