@@ -37,6 +37,11 @@ def thin_grasps(
     return kept.select(certain, Rejection.UNCERTAIN)
 
 
+def likelier(grasps: GraspSet, least: float) -> GraspSet:
+    """The grasps whose score is so large a share of `EVEN` odds; others count as "uncertain"."""
+    return grasps.select(np.flatnonzero(grasps.score >= least * EVEN), Rejection.UNCERTAIN)
+
+
 def distinct(grasps: GraspSet, count: int) -> Indices:
     """Indices of at most ``count`` grasps, in their order, none a near copy of an earlier one."""
     chosen = np.empty(count, dtype=np.int64)

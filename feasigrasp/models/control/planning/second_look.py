@@ -3,8 +3,10 @@
 An object that turns shows all its sides by and by. One at rest does not: where nothing that was
 found on the side that was seen can be reached, or come by, a hand that only waits waits for ever.
 So it looks from another side. Of all directions it takes that from which it would see most of what
-has not been seen yet, per second that it takes to get there. And the longer no grasp that is sure
-to carry the object has been in reach, the less sure another one has to be.
+has not been seen yet, per second that it takes to get there.
+
+It goes for grasps that are more likely than not, and sure to carry the object; the longer none of
+these has been in reach, the less is asked of another one.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from feasigrasp.models.geometry.points import nearest_distance, sphere_points
 from feasigrasp.models.grasps.carry import surer
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.thinning import likelier
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -35,7 +38,7 @@ WAITS, WAITS_AGAIN = 1.0, 0.4
 _PROGRESS, _PROGRESS_SHARE = 0.02, 0.3
 #: What a turn of the hand counts as, beside its way [m/rad].
 _LEVER = 0.1
-#: Over this time without a sure grasp it falls by e how sure one has to be [s].
+#: Over this time without a good grasp it falls by e how good one has to be [s].
 _RELAXES = 10.0
 #: Grasps this near to one that was not come by [m], [rad] are given up with it, for so long [s].
 _LIKE_IT, _FORGOTTEN = np.array([0.03, 0.5]), 15.0
@@ -61,7 +64,7 @@ class Attempt(Frozen):
         since: When it was as little for the first time [s].
         none_since: Since when there is no grasp to go for [s]; NaN if there is one.
         time: When this was so [s].
-        wanting: How long there has been none that is sure to carry, less how long there has [s].
+        wanting: How long there has been none that is good, less how long there has [s].
         blocked: Whether it does not get on, and had better look elsewhere.
         given_up: Grasps that the hand did not come by, in O, shape (k, 4, 4) [m].
         given_up_at: When they were given up, shape (k,) [s].
@@ -85,12 +88,12 @@ class Attempt(Frozen):
 
     @property
     def least(self) -> float:
-        """How sure a grasp has to be to carry (`GraspSet.carries`)."""
+        """How good a grasp has to be: how sure to carry (`GraspSet.carries`), and how likely."""
         return float(np.exp(-self.wanting / _RELAXES))
 
     def usable(self, grasps: GraspSet) -> GraspSet:
-        """The grasps that are not given up, and sure enough to carry."""
-        grasps = surer(grasps, self.least)
+        """The grasps that are not given up, and good enough."""
+        grasps = _as_good(grasps, self.least)
         kept = self._left_of(grasps)
         return grasps if kept.all() else grasps.select(np.flatnonzero(kept))
 
@@ -106,14 +109,14 @@ class Attempt(Frozen):
         return Attempt(time=time, wanting=self.wanting)
 
     def _contented(self, time: float, grasps: GraspSet) -> Attempt:
-        """The same at a time, content with less the longer no sure grasp has been there.
+        """The same at a time, content with less the longer no good grasp has been there.
 
-        What it is content with comes back as slowly: grasps that are sure by a hair would make the
+        What it is content with comes back as slowly: grasps that are good by a hair would make the
         others come and go.
         """
         since = 0.0 if np.isnan(self.time) else time - self.time
-        sure = self._left_of(surer(grasps, 1.0)).any()
-        wanting = max(0.0, self.wanting - since) if sure else self.wanting + since
+        good = self._left_of(_as_good(grasps, 1.0)).any()
+        wanting = max(0.0, self.wanting - since) if good else self.wanting + since
         return replace(self, time=time, wanting=wanting)
 
     def advanced(self, time: float, X_OH: Array, grasps: GraspSet, patience: float) -> Attempt:
@@ -168,6 +171,11 @@ class Attempt(Frozen):
             return replace(now, left=np.inf)
         until = time + min(travel / SPEED_SHARE + _DWELL, _LONGEST)
         return replace(now, side=side, until=until, sides=np.vstack([self.sides, side]))
+
+
+def _as_good(grasps: GraspSet, least: float) -> GraspSet:
+    """The grasps that are so sure to carry, and score so large a share of even odds."""
+    return likelier(surer(grasps, least), least)
 
 
 def another_side(

@@ -153,8 +153,12 @@ def test_grasps_that_come_and_go_do_not_make_the_hand_get_on():
     assert attempt.blocked and len(attempt.given_up) == 1
 
 
-def test_the_longer_no_sure_grasp_is_in_reach_the_less_sure_another_one_has_to_be():
-    unsure = replace(grasps(0.0, 0.1), carries=np.array([0.5, 0.2]))
+@pytest.mark.parametrize(
+    "what", [{"carries": np.array([0.5, 0.2])}, {"score": 0.5 * np.array([0.5, 0.2])}]
+)
+def test_the_longer_no_good_grasp_is_in_reach_the_less_is_asked_of_another_one(what):
+    """How sure it is to carry, and how likely beside even odds."""
+    unsure = replace(grasps(0.0, 0.1), **what)
     attempt, accepted = Attempt(), []
     for t in np.arange(0.0, 20.0, PERIOD):
         attempt = attempt.advanced(float(t), hand(0.2), unsure, np.inf)
@@ -164,6 +168,11 @@ def test_the_longer_no_sure_grasp_is_in_reach_the_less_sure_another_one_has_to_b
     first, both = accepted.index(1) * PERIOD, accepted.index(2) * PERIOD
     assert first == pytest.approx(10.0 * np.log(1.0 / 0.5), abs=0.11)
     assert both == pytest.approx(10.0 * np.log(1.0 / 0.2), abs=0.11)
+
+
+def test_what_was_enough_for_want_of_better_is_not_when_there_is_better():
+    unsure = replace(grasps(0.0, 0.1), carries=np.array([0.5, 0.2]))
+    attempt = replace(Attempt(), wanting=20.0)
     # An object out of sight for a while changes nothing; with a sure one it wants more again.
     sure = unsure.joined(replace(grasps(-0.3), carries=np.array([1.2])))
     attempt = attempt.interrupted(25.0)
