@@ -45,10 +45,12 @@ def test_building_leaves_the_scenario_as_it_is():
     assert dump_scenario(config) == before
 
 
-#: Inputs that are for scenes that are looked at, for measurements with a time stamp, for a tracker
-#: that looks through the camera on the arm, and for perception in a process of its own.
+#: Inputs that are for a controller with grasps of its own, for scenes that are looked at, for
+#: measurements with a time stamp, for a tracker that looks through the camera on the arm, and for
+#: perception in a process of its own.
 OPEN = {
     ("controller", "scene"),
+    ("sequencer", "arrival"),
     ("sequencer", "lapsed"),
     ("status", "lapsed"),
     ("status", "scene"),
