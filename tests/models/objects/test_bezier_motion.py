@@ -18,7 +18,8 @@ def motion(speed=0.3, stop=0.5, seed=0, **changes):
 
 @pytest.fixture(scope="module")
 def states():
-    return [motion().state(t) for t in TIMES]
+    m = motion()
+    return [m.state(t) for t in TIMES]
 
 
 def test_velocity_and_acceleration_by_finite_differences():
@@ -44,7 +45,8 @@ def test_the_path_stays_in_its_box_and_uses_it(states):
 
 @pytest.mark.parametrize("speed", [0.05, 0.3, 0.6])
 def test_the_speed_is_reached_kept_and_never_exceeded(speed):
-    speeds = np.array([np.linalg.norm(motion(speed).velocity(t)[3:]) for t in TIMES[::4]])
+    m = motion(speed)
+    speeds = np.array([np.linalg.norm(m.velocity(t)[3:]) for t in TIMES[::4]])
     assert speeds.max() == pytest.approx(speed, rel=2e-3)
     assert np.mean(speeds > 0.98 * speed) > (0.15 if speed > 0.5 else 0.5)
 
