@@ -1,7 +1,7 @@
 """What is written is whole, and outputs that cannot be written are refused before the work."""
 
 import os
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -57,14 +57,16 @@ def test_outputs_are_tried_before_the_work(tmp_path):
 
 
 @pytest.mark.parametrize("option", ["--results", "--replay", "--graphviz"])
-def test_the_diagram_refuses_an_output_before_it_runs(option, tmp_path, repository):
-    command = [sys.executable, repository / "diagrams/dynamic_grasp.py", option, tmp_path]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=repository)
-    assert done.returncode == 2
-    assert (
-        done.stderr.splitlines()[-1] == f"error: {option} {tmp_path} is a folder; give a file in it"
-    )
-    assert "Traceback" not in done.stderr
+def test_the_diagram_refuses_an_output_before_it_runs(
+    option, tmp_path, repository, monkeypatch, capsys
+):
+    script = str(repository / "diagrams/dynamic_grasp.py")
+    monkeypatch.setattr(sys, "argv", [script, option, str(tmp_path)])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(script, run_name="__main__")
+    assert ended.value.code == 2
+    told = f"error: {option} {tmp_path} is a folder; give a file in it"
+    assert capsys.readouterr().err.splitlines()[-1] == told
 
 
 def test_commands_refuse_a_folder_that_cannot_be_written(tmp_path, capsys):

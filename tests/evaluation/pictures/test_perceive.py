@@ -1,6 +1,6 @@
 """Pictures of what was perceived, and the script that draws them, on generated clouds."""
 
-import subprocess
+import runpy
 import sys
 from dataclasses import replace
 
@@ -44,11 +44,18 @@ def no_grasps(gpdf):
     return GraspSet.empty()
 
 
-def run_script(repository, *arguments):
-    script = repository / "diagrams" / "perceive.py"
-    return subprocess.run(
-        [sys.executable, script, *map(str, arguments)], capture_output=True, text=True, timeout=280
-    )
+@pytest.fixture
+def run_script(repository, monkeypatch, capsys):
+    """Runs the script in this process: exit status, and what it prints and complains of."""
+
+    def run(*arguments):
+        script = str(repository / "diagrams" / "perceive.py")
+        monkeypatch.setattr(sys, "argv", [script, *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_path(script, run_name="__main__")
+        return ended.value.code, *capsys.readouterr()
+
+    return run
 
 
 def test_a_dense_surface_covers_the_ball_evenly():
@@ -115,34 +122,32 @@ def test_the_picture_shows_seen_in_blue_and_made_up_in_warm_colours(tmp_path):
 
 
 @pytest.mark.parametrize("sampler", ["network", "antipodal"])
-def test_the_script_writes_picture_and_html(repository, tmp_path, sampler):
+def test_the_script_writes_picture_and_html(run_script, tmp_path, sampler):
     np.save(tmp_path / "ball.npy", 1000.0 * seen_sphere())
-    wrong = run_script(repository, "--cloud", tmp_path / "ball.npy")
-    assert wrong.returncode == 2 and "--scale 0.001" in wrong.stderr and not wrong.stdout
-    done = run_script(
-        repository,
+    status, out, err = run_script("--cloud", tmp_path / "ball.npy")
+    assert status == 2 and "--scale 0.001" in err and not out
+    status, out, err = run_script(
         *("--cloud", tmp_path / "ball.npy", "--scale", 0.001),
         *("--picture", tmp_path / "out" / "ball.png"),
         *("--sampler", sampler),
     )
-    assert done.returncode == 0, done.stderr
-    assert "grasps kept" in done.stdout and "dropped: " in done.stdout
+    assert status == 0, err
+    assert "grasps kept" in out and "dropped: " in out
     assert (tmp_path / "out" / "ball.png").stat().st_size > 20_000
     html = (tmp_path / "out" / "ball.html").read_text()
     assert "perception/completion" in html or len(html) > 1_000_000
     assert 'src="http' not in html
 
 
-def test_nothing_to_hold_is_explained(repository, tmp_path):
+def test_nothing_to_hold_is_explained(run_script, tmp_path):
     u, v = np.meshgrid(np.linspace(-0.1, 0.1, 60), np.linspace(-0.1, 0.1, 60))
     big = np.column_stack([u.ravel(), v.ravel(), 0.6 - 0.5 * (u.ravel() ** 2 + v.ravel() ** 2)])
     np.save(tmp_path / "wall.npy", big)
-    done = run_script(
-        repository,
+    status, out, err = run_script(
         *("--cloud", tmp_path / "wall.npy", "--picture", tmp_path / "wall.png"),
         *("--sampler", "antipodal"),
     )
-    assert done.returncode == 0, done.stderr
-    if "grasps kept                             0" in done.stdout:
-        assert "no grasp, most often because" in done.stdout
-    assert "dropped: too wide" in done.stdout
+    assert status == 0, err
+    if "grasps kept                             0" in out:
+        assert "no grasp, most often because" in out
+    assert "dropped: too wide" in out
