@@ -34,14 +34,6 @@ def asked(*argv):
     return run.load(parser.parse_args(argv))
 
 
-def typed(folder, *argv, **options):
-    command = [sys.executable, "-m", "feasigrasp.cli", *map(str, argv)]
-    root = str(FILE.parents[1])
-    return subprocess.run(
-        command, cwd=folder, env=os.environ | {"PYTHONPATH": root}, timeout=280, **options
-    )
-
-
 # ------------------------------------------------------------------------------------------ run
 
 
@@ -92,27 +84,27 @@ def test_a_reader_that_goes_away_loses_nothing(tmp_path):
     assert json.loads((tmp_path / "r.json").read_text())["scenario"] == "ReachLinear"
 
 
-def test_it_runs_in_an_empty_folder(tmp_path):
+def test_it_runs_in_an_empty_folder(tmp_path, monkeypatch, capfd):
     """No terminal: the verdict comes first, and there is no line to write over."""
-    options = ("--duration", 0.1, "--object", "soup_can", "--results", "out/r.json")
-    done = typed(tmp_path, "run", "ReachLinear", *options, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
+    monkeypatch.chdir(tmp_path)
+    options = ("--duration", "0.1", "--object", "soup_can", "--results", "out/r.json")
+    assert cli.main(["run", "ReachLinear", *options]) == 0
+    said = capfd.readouterr().out
+    lines = said.splitlines()
     assert lines[0].startswith("not held: no") and lines[-1] == "wrote out/r.json"
-    assert "\r" not in done.stdout and "\x1b" not in done.stdout
+    assert "\r" not in said and "\x1b" not in said
     record = json.loads((tmp_path / "out" / "r.json").read_text())
     assert record["scenario"] == "ReachLinear" and record["object"] == "soup_can"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_on_a_terminal_it_says_how_far_it_is(tmp_path, own_file):
+def test_on_a_terminal_it_says_how_far_it_is(own_file, monkeypatch):
     ours, theirs = pty.openpty()
-    options = ("--scenario_file", own_file, "--duration", 0.1)
-    done = typed(tmp_path, "run", *options, stdout=theirs, stderr=subprocess.PIPE)
-    os.close(theirs)
+    with open(theirs, "w") as terminal:
+        monkeypatch.setattr(sys, "stdout", terminal)
+        assert cli.main(["run", "--scenario_file", str(own_file), "--duration", "0.1"]) == 0
     said = os.read(ours, 1 << 16).decode()
     os.close(ours)
-    assert done.returncode == 0, done.stderr
     before, _, after = said.partition("not held")
     assert "\rsimulating" in before and "x real time" in before
     assert before.endswith("\r\x1b[K") and "Mine, task space" in after
