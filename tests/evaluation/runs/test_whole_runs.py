@@ -35,6 +35,14 @@ def test_an_object_is_followed_grasped_lifted_shaken_and_held(held):
     assert metrics["lift_cm"] == pytest.approx(10.0, abs=1.0)
 
 
+def test_it_is_held_by_where_it_is_too(held):
+    """By where the object is, not by what the sequencer says."""
+    height = held.samples[SAMPLE_NAMES.index("p_WO_z")]
+    last = height[-int(1.0 / 0.02) :]
+    assert last.min() > height[0] + 0.05  # it was let go of two seconds ago
+    assert np.ptp(last) < 0.01
+
+
 def test_the_shake_shakes_the_object(held):
     """It goes to and fro in the world, by about the amplitude that the arm is asked for."""
     x = dict(zip(SAMPLE_NAMES, held.samples, strict=True))
