@@ -42,9 +42,9 @@ def slow_square(number, folder):
     return number**2
 
 
-@pytest.fixture
-def cluster():
-    """Makes clusters of two processes that may start others, or may not."""
+@pytest.fixture(scope="module")
+def make_cluster():
+    """Makes clusters of processes that may start others, or may not."""
     distributed = pytest.importorskip("distributed", reason="needs the cluster extra")
     import cloudpickle
     import dask
@@ -52,10 +52,10 @@ def cluster():
     cloudpickle.register_pickle_by_value(sys.modules[__name__])
     made = []
 
-    def make(*, daemon=False):
+    def make(count, *, daemon=False):
         with dask.config.set({"distributed.worker.daemon": daemon}):
             local = distributed.LocalCluster(
-                n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+                n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None
             )
         made.append(local)
         return local.scheduler_address
@@ -66,9 +66,15 @@ def cluster():
     cloudpickle.unregister_pickle_by_value(sys.modules[__name__])
 
 
+@pytest.fixture(scope="module")
+def cluster(make_cluster):
+    """Of two processes that may start others."""
+    return make_cluster(2)
+
+
 def test_a_cluster_does_every_task_and_tells_which_failed(cluster, tmp_path):
     tasks = {f"task {n}": (n, str(tmp_path)) for n in range(-1, 5)}
-    done = dict(on_cluster(slow_square, tasks, cluster()))
+    done = dict(on_cluster(slow_square, tasks, cluster))
     failed = done.pop("task -1")
     assert isinstance(failed, ValueError) and "is negative" in str(failed)
     assert done == {f"task {n}": n**2 for n in range(5)}
@@ -78,7 +84,7 @@ def test_a_cluster_does_every_task_and_tells_which_failed(cluster, tmp_path):
 
 def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     tasks = {str(n): (n, str(tmp_path)) for n in range(8)}
-    found = on_cluster(slow_square, tasks, cluster())
+    found = on_cluster(slow_square, tasks, cluster)
     done = dict([next(found)])
     victim = int((tmp_path / next(iter(done))).read_text())
     os.kill(victim, signal.SIGKILL)
@@ -86,6 +92,7 @@ def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     assert done == {str(n): n**2 for n in range(8)}
 
 
-def test_daemonic_workers_are_refused_with_the_mend(cluster, tmp_path):
+def test_daemonic_workers_are_refused_with_the_mend(make_cluster, tmp_path):
     with pytest.raises(ClusterError, match="--no-nanny"):
-        list(on_cluster(slow_square, {"1": (1, str(tmp_path))}, cluster(daemon=True)))
+        tasks = {"1": (1, str(tmp_path))}
+        list(on_cluster(slow_square, tasks, make_cluster(1, daemon=True)))
