@@ -23,7 +23,7 @@ def test_it_rests_half_a_second_after_the_stated_silence_and_goes_on_after(contr
     scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(4.0)
+    simulator.AdvanceTo(3.4)
     context = simulator.get_context()
     log = diagram.GetSubsystemByName("log(drive)").FindLog(context)
     times, speed = log.sample_times(), np.abs(log.data()[7:]).max(axis=0)
@@ -40,7 +40,7 @@ def test_it_rests_half_a_second_after_the_stated_silence_and_goes_on_after(contr
 
 @pytest.mark.parametrize("controller", ["task", "joint"])
 def test_with_the_camera_alone_it_looks_for_the_object_and_goes_on_when_it_is_back(controller):
-    start, duration = 1.5, 2.5
+    start, duration = 1.0, 2.5
     text = (
         f"{{random_seed: 0, object: {{model: soup_can}}, control: {{controller: {controller}}}, "
         f"grasp: {{close: false}}, faults: [!CameraGone {{start: {start}, duration: {duration}}}]}}"
@@ -60,7 +60,7 @@ def test_with_the_camera_alone_it_looks_for_the_object_and_goes_on_when_it_is_ba
     p_CO = X_WC.inverse() @ X_WB.translation()
     assert 0.15 < p_CO[2] < 0.6
     assert np.all(np.abs(p_CO[:2]) < np.tan(np.deg2rad([43.5, 29.0])) * p_CO[2])
-    simulator.AdvanceTo(start + duration + 1.5)
+    simulator.AdvanceTo(start + duration + 1.0)
     monitor = diagram.GetSubsystemByName("status")
     history = monitor.history(monitor.GetMyContextFromRoot(context))
     times = {status.code: status.time for status in history}
