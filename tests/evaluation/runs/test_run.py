@@ -47,7 +47,7 @@ def short(name, *, controller="task", duration=0.12, seed=3, model="soup_can"):
 @pytest.mark.parametrize("controller", ["task", "joint"])
 @pytest.mark.parametrize("name", scenario_names(FILE))
 def test_every_scenario_runs_with_either_controller(name, controller, validator, tmp_path):
-    scenario = short(name, controller=controller)
+    scenario = short(name, controller=controller, model="small_box")
     result = run(scenario, name)
     write_json(result.record, tmp_path / "deep" / "result.json")
     record = json.loads((tmp_path / "deep" / "result.json").read_text())
