@@ -54,8 +54,8 @@ def test_a_scenario_is_not_named_like_the_runs_of_a_study(tmp_path):
 
 
 def test_ideal_runs_have_perfect_sensors_and_names_of_their_own():
-    headline = planned("--scenario_text", NOISY)
-    ideal = planned("--study", "ideal", "--scenario_text", NOISY)
+    some = ("--objects", "mug,ball", "--scenario_text", NOISY)
+    headline, ideal = planned(*some), planned("--study", "ideal", *some)
     assert {run.id for run in ideal}.isdisjoint(run.id for run in headline)
     assert {run.name for run in ideal} == {f"{run.name}-ideal" for run in headline}
     assert {tuple(run.scenario.camera_noise) for run in headline} == {("wrist_camera",)}

@@ -107,7 +107,8 @@ def test_faults_begin_in_the_approach_of_the_run_without_them_or_in_its_lift():
             (fault,) = run.scenario.faults
             assert fault.start == run.start
             assert run.scenario.simulation_duration == Scenario().simulation_duration
-            assert parse_scenario(dump_scenario(run.scenario)).faults == [fault]
+            if run.instant < 3:  # to write and to read takes long, and is the same for all
+                assert parse_scenario(dump_scenario(run.scenario)).faults == [fault]
 
 
 def test_instants_are_drawn_from_the_seed():
