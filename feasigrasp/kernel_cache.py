@@ -71,6 +71,7 @@ def _folders(package: Path) -> Iterator[Path]:
     """Where numba keeps caches, in the order in which it tries."""
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         yield Path(chosen)
+        return  # it looks nowhere else
     yield package / "__pycache__"
     yield Path(AppDirs(appname="numba", appauthor=False).user_cache_dir)
 

@@ -187,6 +187,7 @@ def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> 
         horizon=config.horizon,
         twins=config.twins,
         way_in=WAY_IN if scenario.control.safe else 0.0,
+        period=config.period,
     )
 
 

@@ -12,7 +12,12 @@ from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import WAY_IN, JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
-from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
+from feasigrasp.systems.ports import (
+    PeriodicState,
+    declare_cache,
+    declare_input,
+    declare_output,
+)
 
 
 class ReachabilityFilter(LeafSystem):
@@ -44,9 +49,11 @@ class ReachabilityFilter(LeafSystem):
     A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
     the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated
     with its velocity. Of these the hand must be able to stand back by ``way_in``, along the
-    approach direction, unless that leaves none. What is dropped is counted by reason in
-    ``rejected``; ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what became of every grasp
-    that came in, then of every flip.
+    approach direction, unless that leaves none. Of more than can be planned for, those are kept
+    that score best; which they are changes only for clearly better ones, since whoever follows a
+    grasp has to find it again. What is dropped is counted by reason in ``rejected``; ``verdicts``
+    is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in, then of
+    every flip.
     """
 
     def __init__(
@@ -58,10 +65,12 @@ class ReachabilityFilter(LeafSystem):
         horizon: float = 1.0,
         twins: bool = True,
         way_in: float = WAY_IN,
+        period: float = 0.1,
     ) -> None:
         """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
 
-        Without ``twins`` grasps are judged as they are, not their flips.
+        Without ``twins`` grasps are judged as they are, not their flips. Which grasps were kept is
+        remembered every ``period`` seconds.
 
         Raises:
             ReachabilityError: There is no such method.
@@ -74,9 +83,15 @@ class ReachabilityFilter(LeafSystem):
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
         self._motion = declare_input(self, "object_motion")
-        inputs = (self._grasps, self._pose, self._velocity, self._motion)
+        self._kept_before = PeriodicState(
+            self,
+            np.zeros(0, dtype=np.int64),
+            period,
+            lambda context: judged.Eval(context).grasps.id,
+        )
+        inputs = (self._grasps, self._pose, self._velocity, self._motion, self._kept_before)
         judged = declare_cache(
-            self, "judged", self._calc_judged, {port.ticket() for port in inputs}
+            self, "judged", self._calc_judged, {source.ticket() for source in inputs}
         )
         of_judged = {judged.ticket()}
         declare_output(self, "grasps", lambda context: judged.Eval(context).grasps, of_judged)
@@ -92,4 +107,5 @@ class ReachabilityFilter(LeafSystem):
             twins=self._twins,
             way_in=self._way_in,
             motion=self._motion.Eval(context) if self._motion.HasValue(context) else None,
+            kept_before=self._kept_before.Eval(context),
         )

@@ -95,8 +95,8 @@ def test_the_hand_gets_to_a_grasp_and_stays_there(make, speed, spin):
     both_ways = ring().with_twins()
     reachable = REACH.reachable(motion.pose(0.0) @ both_ways.X_OG)
     grasps = both_ways.select(reachable)
-    times, q = closed_loop(make, motion, 4.0, grasps)
-    for t, q_t in zip(times[times > 3.5], q[times > 3.5], strict=True):
+    times, q = closed_loop(make, motion, 4.6, grasps)
+    for t, q_t in zip(times[times > 4.0], q[times > 4.0], strict=True):
         X_WG = motion.pose(t) @ grasps.X_OG
         X_GH = np.linalg.inv(X_WG) @ forward_kinematics(q_t, REACH.gripper.X_FG)
         position = np.linalg.norm(X_GH[:, :3, 3], axis=1)
@@ -126,13 +126,16 @@ def gaps(q, p_WO):
 
 
 def in_the_way(direction, gap=0.004):
-    """Where a ball is that is this far from the hand, and a grasp of it on its other side."""
+    """Where a ball is that is this far from the hand, and a grasp of it on its other side.
+
+    The grasp is deeper than the hand: on the way back from it, it would hit the ball.
+    """
     X_WG = forward_kinematics(BESIDE, REACH.gripper.X_FG)
     away = np.linspace(0.0, 0.25, 501)[::-1]
     places = X_WG[:3, 3] + away[:, None] * np.array(direction, dtype=float)
     near = [p for p in places if gaps(BESIDE, p).min() < gap]
     X_OG = X_WG.copy()
-    X_OG[:3, 3] = 0.12 * np.array(direction)
+    X_OG[:3, 3] = 0.12 * np.array(direction) + 0.08 * X_OG[:3, 2]
     return near[0], GraspSet(X_OG[None], np.full(1, 0.04), np.ones(1))
 
 
@@ -141,7 +144,8 @@ def slack(q, qd, p_WO, V_WO):
     step, options = 1e-6, SafetyOptions()
     gap = gaps(q, p_WO)
     rate = (gaps(q + step * qd, p_WO + step * V_WO[3:]) - gap) / step
-    allowed = options.approach_gain * (gap - options.object_clearance)
+    left = gap - options.object_clearance
+    allowed = np.minimum(options.object_gain * left, options.slow + options.approach_gain * left)
     return (rate + allowed)[gap < 0.045]
 
 
@@ -157,7 +161,7 @@ def test_the_open_hand_does_not_push_the_ball_that_is_in_its_way(make, ball, dir
     seen = {"grasps": grasps, "pose": RigidTransform(p_WO), "velocity": SpatialVelocity(V_WO)}
     bench = Bench(make, q=BESIDE, **seen)
     free = bench.command()
-    assert slack(BESIDE, free, p_WO, V_WO).min() < -0.2
+    assert slack(BESIDE, free, p_WO, V_WO).min() < -0.1
     bench.fix(gpdf=Value[object](ball))
     safe = bench.command()
     assert np.isfinite(safe).all()

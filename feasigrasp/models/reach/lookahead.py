@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feasigrasp.models.arrays import Array, Frozen, Mask
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
+from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
+from feasigrasp.models.grasps.matching import HYSTERESIS
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.kernels import REACHABLE
@@ -46,6 +47,7 @@ def judge_grasps(
     *,
     twins: bool = True,
     way_in: float = 0.0,
+    kept_before: Indices | None = None,
 ) -> JudgedGrasps:
     """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
 
@@ -61,13 +63,18 @@ def judge_grasps(
         twins: Whether the flip of a grasp counts as another; without, only the grasps given do.
         way_in: Grasps that the hand cannot stand back from so far, along their approach direction,
             neither now nor within the horizon, are left out if there are others [m].
+        kept_before: Ids of the grasps that were kept last; another takes the place of one of them
+            only if it scores `HYSTERESIS` times as much.
 
     Returns:
         The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
         verdicts. Once enough grasps are kept, worse ones are not judged: "better grasps in reach".
     """
     both = grasps.with_twins() if twins else grasps
-    order = np.argsort(-both.score, kind="stable")
+    preference = both.score
+    if kept_before is not None:
+        preference = np.where(_among(both.id, kept_before), HYSTERESIS, 1.0) * both.score
+    order = np.argsort(-preference, kind="stable")
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
     X_later = future_poses(motion, X_WO, V_WO, times)
     verdicts = np.full(len(both), Verdict.BETTER, dtype=object)
@@ -95,12 +102,17 @@ def judge_grasps(
             verdicts[np.array(kept)[~comes]] = Verdict.NO_WAY_IN
             kept = [i for i, open_ in zip(kept, comes, strict=True) if open_]
     if kept:
-        enough = score_share * both.score[kept[0]]
-        kept = [i for i in kept if both.score[i] >= enough]
+        enough = score_share * both.score[kept].max()
+        kept = [i for i in sorted(kept, key=lambda i: -both.score[i]) if both.score[i] >= enough]
     verdicts[kept] = Verdict.KEPT
     counts = Counter(reason for reason in verdicts if reason != Verdict.KEPT)
     chosen = both.select(np.array(kept, dtype=int)).counted(counts)
     return JudgedGrasps(chosen, tuple(verdicts.tolist()))
+
+
+def _among(ids: Indices, others: Indices) -> Mask:
+    """Which ids, of grasps that were compared with earlier ones, are among others, shape (n,)."""
+    return np.isin(ids, others) & (ids != UNKNOWN)
 
 
 def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge | Reachability) -> Mask:

@@ -1,10 +1,12 @@
 """Which grasps are kept, and the reasons that are counted for the others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability
@@ -81,6 +83,35 @@ def test_of_too_many_the_best_are_kept(grasps):
     # Not every one of the others was asked for; every one is counted all the same.
     assert best.rejected["better grasps in reach"] >= len(every) - 7
     assert len(best) + sum(best.rejected.values()) == len(every) + sum(every.rejected.values())
+
+
+def test_those_that_were_kept_stay_unless_others_are_clearly_better(grasps):
+    ids = np.arange(len(grasps))
+    every = judge_grasps(
+        replace(grasps, id=ids), X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0
+    ).grasps
+    before = np.unique(every.id[len(every) // 2 :])[:4]  # none of the best
+
+    def kept(factor):
+        score = np.where(np.isin(ids, before), factor * 0.8, 0.8)
+        some = replace(grasps, id=ids, score=score)
+        return judge_grasps(
+            *(some, X_WO, STILL, REACHABILITY),
+            n_best=len(before),
+            score_share=0.0,
+            kept_before=before,
+        ).grasps
+
+    beside, below = kept(0.9), kept(0.7)
+    assert set(beside.id) <= set(before) and len(beside) == len(before)
+    assert not set(below.id) & set(before) and len(below) == len(before)
+    # One that no earlier set was compared with was not there before.
+    unknown = replace(grasps, id=np.full(len(grasps), UNKNOWN))
+    again = judge_grasps(
+        unknown, X_WO, STILL, REACHABILITY, n_best=5, kept_before=np.array([UNKNOWN])
+    )
+    plain = judge_grasps(unknown, X_WO, STILL, REACHABILITY, n_best=5)
+    np.testing.assert_array_equal(again.grasps.X_OG, plain.grasps.X_OG)
 
 
 def test_grasps_far_below_the_best_are_left_out(grasps):

@@ -141,10 +141,10 @@ def object_rows_kernel(
     ``grid`` and ``frame`` are an `ObstacleGrid` in the object's frame; ``guarded`` holds what is
     kept off, one line of link, x, y, z and radius each: points of the hand (radius 0), which keep a
     small clearance, and balls that cover the arm, which keep the one to obstacles. Either may
-    approach the surface at most at gain x what is left beyond the clearance, relative to the
-    surface as it moves: ``n . (v_point - v_surface)``; points of the hand that are no farther off
-    than the ``reserve`` a lot slower. Of more than ``most`` those are kept that ask for the
-    greatest speed away from it.
+    approach the surface at most at gain x what is left beyond the clearance, a slow hand at a
+    larger one, relative to the surface as it moves: ``n . (v_point - v_surface)``; points of the
+    hand that are no farther off than the ``reserve`` a lot slower. Of more than ``most`` those are
+    kept that ask for the greatest speed away from it.
     """
     if grid.size == 0 or not np.isfinite(X_WO.sum() + V_WO.sum()):
         return 0
@@ -171,11 +171,12 @@ def object_rows_kernel(
                 continue
             # Over the mouth of a bowl the box is near, and the surface is not.
             distance = max(distance, frame[4])
-        clearance = options.object_clearance if radius == 0.0 else options.obstacle_clearance
-        left = distance - radius - clearance
-        if radius == 0.0 and left > 0.0:
-            left = max(left - reserve, _IN_RESERVE * left)
-        allowed = options.approach_gain * left
+        if radius == 0.0:
+            left = distance - options.object_clearance
+            left = max(left - reserve, min(left, _IN_RESERVE * left))
+            allowed = min(options.object_gain * left, options.slow + options.approach_gain * left)
+        else:
+            allowed = options.approach_gain * (distance - radius - options.obstacle_clearance)
         if allowed > fastest + turning_rate * math.sqrt(dot(lever, lever)):
             continue
         normal = (

@@ -1,7 +1,8 @@
 """Where a chosen strand wants the arm to be, tick by tick.
 
 A strand is a grasp and an inverse-kinematics branch, see `feasigrasp.models.control.task.choice`;
-between two plans it is continued in closed form, at the arm angle that the plan asks for.
+between two plans it is continued in closed form, at the arm angle that the plan asks for. An arm
+that is near has an arm angle of its own, which changes to that one smoothly.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from feasigrasp.models.control.task.target import target_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import standoff_kernel
 from feasigrasp.models.ik.arm_circle import arm_angle_kernel
-from feasigrasp.models.ik.closed_form import inside_limits_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel, travel_time_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -32,6 +33,8 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 _ARM_ANGLE_SPEED, _SHORTEST = 0.8, 0.6
 #: So many times the joints' limits are no velocity to follow.
 _TOO_FAST = 3.0
+#: If the arm angle of the plan is farther away than this, the arm goes there at once [s].
+_FAR = 0.4
 #: In so many steps the way back from a grasp is shortened until no limit is in the way.
 _BACKS = 4
 
@@ -146,20 +149,24 @@ def _reference_kernel(
     X_OH = inverse_kernel(X_WO) @ X_WH
     X_GF = inverse_kernel(X_FG)
     on_strand = branch_kernel(q) == branch
-    angle, rate = psi, 0.0
-    if on_strand:
-        angle = arm_angle_kernel(q)
-        change = (psi - angle + np.pi) % (2.0 * np.pi) - np.pi
-        rate = min(max(change / max(remaining, _SHORTEST), -_ARM_ANGLE_SPEED), _ARM_ANGLE_SPEED)
     X_OG = target_kernel(chosen, steps, weights, X_OH)
-    back, reached = _stand_behind(
-        X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
-    )
-    if not reached:  # between grasps in reach there may be a pose that is not
-        X_OG = chosen
+    for _ in range(2):
         back, reached = _stand_behind(
-            X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
+            X_OG, X_OH, X_WO, X_GF, branch, psi, margin, funnel, X_WF, q_ref
         )
+        angle, rate = psi, 0.0
+        far = reached and inside_limits_kernel(q_ref, margin)
+        far = far and travel_time_kernel(q, q_ref) > _FAR
+        if on_strand and not far:
+            angle = arm_angle_kernel(q)
+            change = (psi - angle + np.pi) % (2.0 * np.pi) - np.pi
+            rate = min(max(change / max(remaining, _SHORTEST), -_ARM_ANGLE_SPEED), _ARM_ANGLE_SPEED)
+            back, reached = _stand_behind(
+                X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
+            )
+        if reached:
+            break
+        X_OG = chosen  # between grasps in reach there may be a pose that is not
     if not reached:
         return -1
     X_OT[:] = X_OG

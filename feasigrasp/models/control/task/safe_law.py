@@ -5,9 +5,10 @@
 
 - one grasp is followed at a time, together with the configuration that holds it; they are chosen
   with the object's future in view (`feasigrasp.models.control.task.choice`);
-- near that configuration the hand follows the geodesic into the grasp, back along the approach
-  direction until it has lined up, and the redundant motion leads to the configuration;
-- far from it the geodesic may lead against a limit, where the arm would stay: there the joints go
+- near that configuration, or near its pose, the hand follows the geodesic into the grasp, back
+  along the approach direction until it has lined up, and the redundant motion leads to the
+  configuration;
+- far from both the geodesic may lead against a limit, where the arm would stay: there the joints go
   to the configuration, and what is free meanwhile keeps the hand close to the object
   (`feasigrasp.models.control.task.pursuit`);
 - a hand with the object between its fingers, but not for this grasp, steps back first;
@@ -17,7 +18,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numba import njit
@@ -37,6 +38,10 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
+#: A hand that is deeper than its target by this goes back rather than sideways, and only back from
+#: twice as much on: beside the object it would be stopped by it [m].
+_DEEP = 0.02
+
 
 @dataclass(frozen=True)
 class TaskControlOptions:
@@ -54,7 +59,9 @@ class TaskControlOptions:
         feed_forward: Whether the object's twist is added.
         targets: What the density is made of: components about their medoids, or their means.
         near: Travel time to the chosen configuration up to which the hand follows the geodesic [s];
-            from twice as much on the joints go to it.
+            from twice as much on the joints go to it ...
+        near_pose: ... unless the hand is no farther than that from its pose, at its largest speeds
+            [s].
         choice: Which grasp is followed, and in which configuration.
         pursuit: How the joints go to that configuration.
         safety: Margins of the QP.
@@ -68,6 +75,7 @@ class TaskControlOptions:
     feed_forward: bool = True
     targets: str = Targets.MEDOIDS
     near: float = 0.2
+    near_pose: float = 0.4
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     pursuit: PursuitOptions = field(default_factory=PursuitOptions)
     safety: SafetyOptions = field(default_factory=SafetyOptions)
@@ -113,13 +121,21 @@ def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):
 
 
 @njit(cache=True)
-def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, J_WH):
-    """Writes the hand's Jacobian (6, 7); returns the twist (6,) that leads it to pose T."""
+def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
+    """Writes the hand's Jacobian (6, 7).
+
+    Returns the twist (6,) that leads it to pose T, and how far it is, at its largest speeds [s].
+    ``goes_back`` says whether a hand beside the object goes back first.
+    """
     gain, max_angular, max_linear = gains
     X_WH = np.empty((4, 4))
     pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
-    X_TH = compose_kernel(inverse_kernel(compose_kernel(X_WO, X_OT)), X_WH)
-    return hand_twist_kernel(-gain * log_kernel(X_TH), X_WH, X_WO, V_WO, max_angular, max_linear)
+    way = log_kernel(compose_kernel(inverse_kernel(compose_kernel(X_WO, X_OT)), X_WH))
+    angle, length = np.sqrt(np.sum(way[:3] ** 2)), np.sqrt(np.sum(way[3:] ** 2))
+    if goes_back:
+        way[3:5] *= min(1.0, max(0.0, 1.0 - (way[5] - _DEEP) / _DEEP))
+    twist = hand_twist_kernel(-gain * way, X_WH, X_WO, V_WO, max_angular, max_linear)
+    return twist, max(angle / max_angular, length / max_linear)
 
 
 def task_space_velocity(
@@ -168,23 +184,25 @@ def task_space_velocity(
     if moving is not None and moving.astray:
         return retreat_velocity(safety, q, X_FG, moving, qd_last=qd_last, obstacles=obstacles)
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
-    far = 1.0
-    if reference.on_strand:
-        travel_time = np.max(np.abs(reference.q - q) / IIWA_7.velocity_limits)
-        far = max(0.0, travel_time / options.near - 1.0)
-    if far >= 1.0:
-        return safety.velocity(q, request, qd_last=qd_last, obstacles=obstacles, moving=moving)
+    limited = partial(
+        safety.velocity, q, request, qd_last=qd_last, obstacles=obstacles, moving=moving
+    )
+    if not reference.on_strand:
+        return limited()
     J_WH = np.empty((6, IIWA_7.joints))
-    V_WH = _steer_kernel(
+    V_WH, away = _steer_kernel(
         np.ascontiguousarray(q, dtype=float),
         X_FG,
         X_WO,
         V_WO,
         reference.X_OT,
         options.gains,
+        moving is not None,
         J_WH,
     )
+    travel_time = np.max(np.abs(reference.q - q) / IIWA_7.velocity_limits)
+    far = max(0.0, min(travel_time / options.near, away / options.near_pose) - 1.0)
+    if far >= 1.0:
+        return limited()
     V_WH += far * (J_WH @ request - V_WH)
-    return safety.velocity(
-        q, request, J_WH, V_WH, qd_last=qd_last, obstacles=obstacles, moving=moving
-    )
+    return limited(J_WH, V_WH)

@@ -152,7 +152,7 @@ def all_rows(q, grid, X_WO, V_WO, most=10_000, points=None, reserve=0.0):
     wide = np.full(7, 1e6)
     R, p = np.empty((8, 3, 3)), np.empty((8, 3))
     link_poses_kernel(q, R, p)
-    options = record(SafetyOptions(object_clearance=0.0, approach_gain=1.0))[0]
+    options = record(SafetyOptions(object_clearance=0.0, object_gain=1.0, slow=1e3))[0]
     moving = grid.values, grid.frame, X_WO, V_WO, reserve
     m = object_rows_kernel(R, p, -wide, wide, options, hand, *moving, most, rows, bounds)
     return rows[:m].copy(), bounds[:m].copy()
