@@ -1,6 +1,7 @@
 """Reading scenarios from YAML, and writing them."""
 
 import dataclasses as dc
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ def scenario_names(filename: str | Path) -> list[str]:
     Raises:
         ScenarioError: There is no such file, or it is not YAML.
     """
-    return [name for name in _nodes(filename) if not name.startswith("_")]
+    return _names(_nodes(filename))
 
 
 def only_scenario(filename: str | Path) -> str:
@@ -61,14 +62,15 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
     Raises:
         ScenarioError: Unknown file, scenario, key or value.
     """
-    names = scenario_names(filename)
+    nodes = _nodes(filename)
+    names = _names(nodes)
     if name not in names:
         raise ScenarioError(
             f"no scenario {name!r} in {filename}; it has {', '.join(names)}{nearest(name, names)}"
         )
     what = f"scenario {name!r} in {filename}"
     try:
-        check_keys(_nodes(filename)[name], Scenario)
+        check_keys(nodes[name], Scenario)
         scenario = _load(Scenario(), filename=str(filename), child_name=name)
         for text in filter(None, overrides):
             what = f"scenario {name!r} as changed by {_shortened(text)}"
@@ -101,6 +103,10 @@ def parse_scenario(text: str) -> Scenario:
     except ScenarioError as error:
         raise ScenarioError(f"not a scenario: {error}") from error
     return scenario
+
+
+def _names(nodes: Iterable[str]) -> list[str]:
+    return [name for name in nodes if not name.startswith("_")]
 
 
 def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
