@@ -84,7 +84,7 @@ class SafetyOptions:
     object_clearance: float = 0.002
     table_height: float = 0.0
     approach_gain: float = 3.5
-    object_gain: float = 10.0
+    object_gain: float = 6.0
     slow: float = 0.1
     rotation_weight: float = 0.3
     damping: float = 1e-3
