@@ -1,7 +1,7 @@
 # Every target sets up what it needs and is missing first; see tools/setup.sh.
 PYTHON := .venv/bin/python
 
-.PHONY: setup setup-demo demo test lint format docs wheel release clean clean-caches
+.PHONY: setup setup-demo demo test warm-up lint format docs wheel release clean clean-caches
 
 setup:
 	@tools/setup.sh dev
@@ -15,9 +15,12 @@ demo: setup-demo
 
 # One thread for linear algebra: quicker on small matrices, and timings can be compared.
 test: export OMP_NUM_THREADS = 1
-test: lint
-	$(PYTHON) -m feasigrasp.cli warm-up
+test: setup
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint warm-up
 	$(PYTHON) -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+warm-up: setup
+	$(PYTHON) -m feasigrasp.cli warm-up
 
 lint: setup
 	$(PYTHON) -m ruff check

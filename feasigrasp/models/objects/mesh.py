@@ -134,7 +134,12 @@ def decimate_within(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
 
 
 def write_obj(path: Path, vertices: Array, faces: Indices) -> None:
-    """Writes an OBJ with vertex normals, which Drake's RenderEngineVtk needs to draw it.
+    """Writes a surface as `obj_text`."""
+    write_text(path, obj_text(vertices, faces))
+
+
+def obj_text(vertices: Array, faces: Indices) -> str:
+    """An OBJ with vertex normals, which Drake's RenderEngineVtk needs to draw it.
 
     Vertices stay shared, so the file is as watertight as the mesh; a vertex on a crease sharper
     than 40 degrees carries one normal per side (``f v//n``).
@@ -146,7 +151,7 @@ def write_obj(path: Path, vertices: Array, faces: Indices) -> None:
         "f " + " ".join(f"{v + 1}//{n + 1}" for v, n in zip(face, corner, strict=True))
         for face, corner in zip(faces, corners, strict=True)
     ]
-    write_text(path, "\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 def _read(path: Path) -> trimesh.Trimesh:
