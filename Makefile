@@ -16,7 +16,7 @@ demo: setup-demo
 # One thread for linear algebra: quicker on small matrices, and timings can be compared.
 test: export OMP_NUM_THREADS = 1
 test: setup
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint warm-up
+	@$(MAKE) --no-print-directory --jobs 2 lint warm-up
 	$(PYTHON) -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 warm-up: setup
