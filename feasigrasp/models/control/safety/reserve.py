@@ -31,7 +31,7 @@ from feasigrasp.models.robot.kinematics import (
 _SHARE, _MOST = 0.2, 0.01
 #: Nearer than this to the middle between its pads, the object is between the fingers [m]; a hand
 #: that is turned by more from each of its grasps is not there for any of them [rad].
-_BETWEEN, _ASTRAY = 0.015, 0.6
+_BETWEEN, _ASTRAY = 0.015, 1.6
 #: Nearer than this, a hand that is to go elsewhere steps back first [m], so fast [m/s].
 _CLOSE, _BACK_SPEED = 0.05, 0.15
 
