@@ -28,7 +28,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
-from feasigrasp.models.control.safety.reserve import kept_off, retreat_velocity
+from feasigrasp.models.control.safety.reserve import is_close, kept_off, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
@@ -38,8 +38,8 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
-#: A hand that is deeper than its target by this goes back rather than sideways, and only back from
-#: twice as much on: beside the object it would be stopped by it [m].
+#: A hand at the object that is deeper than its target by this goes back rather than sideways or
+#: round, and only back from twice as much on: otherwise it would be stopped by the object [m].
 _DEEP = 0.02
 
 
@@ -125,7 +125,7 @@ def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
     """Writes the hand's Jacobian (6, 7).
 
     Returns the twist (6,) that leads it to pose T, and how far it is, at its largest speeds [s].
-    ``goes_back`` says whether a hand beside the object goes back first.
+    ``goes_back`` says whether a hand that is too deep goes back first.
     """
     gain, max_angular, max_linear = gains
     X_WH = np.empty((4, 4))
@@ -133,7 +133,7 @@ def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
     way = log_kernel(compose_kernel(inverse_kernel(compose_kernel(X_WO, X_OT)), X_WH))
     angle, length = np.sqrt(np.sum(way[:3] ** 2)), np.sqrt(np.sum(way[3:] ** 2))
     if goes_back:
-        way[3:5] *= min(1.0, max(0.0, 1.0 - (way[5] - _DEEP) / _DEEP))
+        way[:5] *= min(1.0, max(0.0, 1.0 - (way[5] - _DEEP) / _DEEP))
     twist = hand_twist_kernel(-gain * way, X_WH, X_WO, V_WO, max_angular, max_linear)
     return twist, max(angle / max_angular, length / max_linear)
 
@@ -197,7 +197,7 @@ def task_space_velocity(
         V_WO,
         reference.X_OT,
         options.gains,
-        moving is not None,
+        moving is not None and is_close(moving, q, X_FG),
         J_WH,
     )
     travel_time = np.max(np.abs(reference.q - q) / IIWA_7.velocity_limits)
