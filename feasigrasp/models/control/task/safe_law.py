@@ -58,10 +58,8 @@ class TaskControlOptions:
             above it.
         feed_forward: Whether the object's twist is added.
         targets: What the density is made of: components about their medoids, or their means.
-        near: Travel time to the chosen configuration up to which the hand follows the geodesic [s];
-            from twice as much on the joints go to it ...
-        near_pose: ... unless the hand is no farther than that from its pose, at its largest speeds
-            [s].
+        near: Travel time to the chosen configuration, or of the hand to its pose, up to which the
+            hand follows the geodesic [s]; from twice as much on the joints go there.
         choice: Which grasp is followed, and in which configuration.
         pursuit: How the joints go to that configuration.
         safety: Margins of the QP.
@@ -75,7 +73,6 @@ class TaskControlOptions:
     feed_forward: bool = True
     targets: str = Targets.MEDOIDS
     near: float = 0.2
-    near_pose: float = 0.4
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     pursuit: PursuitOptions = field(default_factory=PursuitOptions)
     safety: SafetyOptions = field(default_factory=SafetyOptions)
@@ -201,7 +198,7 @@ def task_space_velocity(
         J_WH,
     )
     travel_time = np.max(np.abs(reference.q - q) / IIWA_7.velocity_limits)
-    far = max(0.0, min(travel_time / options.near, away / options.near_pose) - 1.0)
+    far = max(0.0, min(travel_time, away) / options.near - 1.0)
     if far >= 1.0:
         return limited()
     V_WH += far * (J_WH @ request - V_WH)
