@@ -12,6 +12,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, LogVectorOutput
 
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
@@ -152,6 +153,13 @@ def slack(q, qd, p_WO, V_WO):
 aside = pytest.mark.parametrize("direction", [[0, 1, 0], [0, -1, 0]], ids=["left", "right"])
 
 
+def straight(make):
+    """A controller whose hand takes the straight way: that of the joints leads round the ball."""
+    if make is not RMMTaskController:
+        return make
+    return lambda reach, **settings: make(reach, TaskControlOptions(near=2.0), **settings)
+
+
 @every
 @aside
 @pytest.mark.parametrize("coming", [0.0, 0.1], ids=["still", "coming"])
@@ -159,7 +167,7 @@ def test_the_open_hand_does_not_push_the_ball_that_is_in_its_way(make, ball, dir
     p_WO, grasps = in_the_way(direction)
     V_WO = np.concatenate([np.zeros(3), -coming * np.array(direction)])
     seen = {"grasps": grasps, "pose": RigidTransform(p_WO), "velocity": SpatialVelocity(V_WO)}
-    bench = Bench(make, q=BESIDE, **seen)
+    bench = Bench(straight(make), q=BESIDE, **seen)
     free = bench.command()
     assert slack(BESIDE, free, p_WO, V_WO).min() < -0.1
     bench.fix(gpdf=Value[object](ball))
