@@ -71,7 +71,8 @@ def _folders(package: Path) -> Iterator[Path]:
     """Where numba keeps caches, in the order in which it tries."""
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         yield Path(chosen)
-        return  # it looks nowhere else
+        if os.access(chosen, os.W_OK):
+            return  # numba looks no further
     yield package / "__pycache__"
     yield Path(AppDirs(appname="numba", appauthor=False).user_cache_dir)
 

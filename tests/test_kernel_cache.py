@@ -76,6 +76,16 @@ def test_a_cache_elsewhere_is_found(package, tmp_path, monkeypatch):
     assert names(cache) == ["other"]
 
 
+def test_a_cache_elsewhere_leaves_the_one_beside_the_sources_alone(package, tmp_path, monkeypatch):
+    forget_stale(package)
+    called(package)
+    beside = names(package)
+    assert beside == ["inner", "other", "outer"]
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    forget_stale(package)
+    assert names(package) == beside
+
+
 def test_a_record_that_was_cut_off_is_no_record(package):
     forget_stale(package)
     called(package)

@@ -266,6 +266,8 @@ class GraspController(LeafSystem):
                 self._look_out(context)
             qd = self.velocity(memory, ControllerInputs(self, context))
             q = q + _REHEARSAL_STEP * self.in_view(qd, ControllerInputs(self, context))
+        if self.safety is not None:
+            self.safety.rehearse()
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]

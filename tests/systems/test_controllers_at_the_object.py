@@ -169,7 +169,7 @@ def test_the_open_hand_does_not_push_the_ball_that_is_in_its_way(make, ball, dir
     seen = {"grasps": grasps, "pose": RigidTransform(p_WO), "velocity": SpatialVelocity(V_WO)}
     bench = Bench(straight(make), q=BESIDE, **seen)
     free = bench.command()
-    assert slack(BESIDE, free, p_WO, V_WO).min() < -0.1
+    assert slack(BESIDE, free, p_WO, V_WO).min() < -0.2
     bench.fix(gpdf=Value[object](ball))
     safe = bench.command()
     assert np.isfinite(safe).all()

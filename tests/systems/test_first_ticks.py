@@ -28,7 +28,7 @@ for name in ("update", "velocity"):
         finally:
             Dispatcher.compile = compile
     setattr(controller, name, timed)
-Simulator(diagram).AdvanceTo(0.8)
+Simulator(diagram).AdvanceTo(1.5)
 print(ticks.count("update"), ticks.count("velocity"), *compiled)
 """
 
@@ -38,4 +38,4 @@ def test_no_kernel_is_compiled_inside_a_tick(controller):
     """In a process of its own: what other tests have run is compiled already."""
     command = [sys.executable, "-c", SCRIPT, controller]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["8", "160"]
+    assert done.stdout.split() == ["15", "300"]

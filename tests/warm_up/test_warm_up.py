@@ -45,13 +45,6 @@ print(told[-1].done == told[-1].count, told[-1].seconds_left)
 """
 
 
-def copied(folder):
-    """The package without what is compiled: a cache elsewhere has what lies beside it forgotten."""
-    package = folder / "site" / "feasigrasp"
-    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", "*.npz"))
-    return package
-
-
 def in_a_process(*arguments, **environment):
     return subprocess.run(
         [sys.executable, *map(str, arguments)],
@@ -91,7 +84,7 @@ def test_it_compiles_once_and_says_what_it_cannot(tmp_path):
     file.write_text(json.dumps(KERNELS))
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
-    here = {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": copied(tmp_path).parent}
+    here = {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": PACKAGE.parent}
     before, failures, after, told = in_a_process(script, file, **here)
     assert (before, after, told) == ("False", "True False", "True 0.0")
     assert "no_such_kernel" in failures and failures.count("Error") == 1
@@ -107,7 +100,8 @@ def test_it_compiles_once_and_says_what_it_cannot(tmp_path):
 
 def test_a_package_that_cannot_be_written_to_is_compiled_into_the_users_cache(tmp_path):
     """Files in the place of ``__pycache__`` keep even root from writing there."""
-    package = copied(tmp_path)
+    package = tmp_path / "site" / "feasigrasp"
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", "*.npz"))
     for folder in [package, *filter(Path.is_dir, package.rglob("*"))]:
         (folder / "__pycache__").touch()
     script = tmp_path / "show.py"

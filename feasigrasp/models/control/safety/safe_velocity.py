@@ -212,6 +212,11 @@ class Safety(Frozen):
             return qd
         return np.clip(0.0, lower[: IIWA_7.joints], upper[: IIWA_7.joints])
 
+    def rehearse(self) -> None:
+        """Calls what else would be fetched inside the first tick that has no solution."""
+        stop_kernel(np.eye(IIWA_7.joints), np.zeros(IIWA_7.joints))
+        brake_kernel(_NONE, self.options.acceleration_scale, self.options.period)
+
     def problem(
         self,
         q: Array,
