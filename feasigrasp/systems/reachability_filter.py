@@ -12,6 +12,7 @@ from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import WAY_IN, JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.ports import (
     PeriodicState,
     declare_cache,
@@ -65,7 +66,7 @@ class ReachabilityFilter(LeafSystem):
         horizon: float = 1.0,
         twins: bool = True,
         way_in: float = WAY_IN,
-        period: float = 0.1,
+        period: float = ReachabilityConfig.period,
     ) -> None:
         """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,15 @@ import trimesh
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Frozen, Indices
-from feasigrasp.models.objects.mesh import MAX_FACES, decimate, read_solid, write_obj
+from feasigrasp.models.objects.mesh import (
+    MAX_FACES,
+    decimate,
+    decimate_within,
+    obj_text,
+    read_solid,
+)
 from feasigrasp.models.objects.mesh_cache import kept
+from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
 
 #: Used when neither a mass nor a density is known: a hollow household object [kg/m^3].
@@ -181,9 +189,28 @@ def find_objects(directory: str | Path) -> dict[str, Path]:
     return {path.stem: path for path in paths}
 
 
-def write_mesh(obj: RigidObject, path: str | Path) -> None:
-    """Writes the surface in frame O (origin at the centre of mass) as OBJ with vertex normals."""
-    write_obj(Path(path), obj.vertices, obj.faces)
+def write_mesh(obj: RigidObject, path: str | Path, *, tolerance: float | None = None) -> None:
+    """Writes the surface in frame O (origin at the centre of mass) as OBJ with vertex normals.
+
+    Args:
+        obj: The object.
+        path: The file.
+        tolerance: With fewer faces, as far as the surface stays this near [m]; None for all faces.
+    """
+    vertices = np.asarray(obj.vertices, dtype=float).tobytes()
+    write_text(path, _obj_text(vertices, np.asarray(obj.faces, dtype=int).tobytes(), tolerance))
+
+
+@lru_cache(maxsize=32)
+def _obj_text(vertices: bytes, faces: bytes, tolerance: float | None) -> str:
+    """Kept, since one diagram has its object twice, and a process may make many diagrams."""
+    mesh = trimesh.Trimesh(
+        np.frombuffer(vertices).reshape(-1, 3),
+        np.frombuffer(faces, dtype=int).reshape(-1, 3),
+        process=False,
+    )
+    mesh = mesh if tolerance is None else decimate_within(mesh, tolerance)
+    return obj_text(mesh.vertices, mesh.faces)
 
 
 def _resolve(name_or_path: str | Path) -> tuple[Path, Mapping[str, Any]]:

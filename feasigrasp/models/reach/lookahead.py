@@ -6,8 +6,9 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
+from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.grasps.matching import HYSTERESIS
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
@@ -47,7 +48,7 @@ def judge_grasps(
     *,
     twins: bool = True,
     way_in: float = 0.0,
-    kept_before: Indices | None = None,
+    kept_before: ArrayLike = (),
 ) -> JudgedGrasps:
     """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
 
@@ -71,10 +72,8 @@ def judge_grasps(
         verdicts. Once enough grasps are kept, worse ones are not judged: "better grasps in reach".
     """
     both = grasps.with_twins() if twins else grasps
-    preference = both.score
-    if kept_before is not None:
-        preference = np.where(_among(both.id, kept_before), HYSTERESIS, 1.0) * both.score
-    order = np.argsort(-preference, kind="stable")
+    known = np.isin(both.id, kept_before) & (both.id != UNKNOWN)
+    order = np.argsort(-both.score * np.where(known, HYSTERESIS, 1.0), kind="stable")
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
     X_later = future_poses(motion, X_WO, V_WO, times)
     verdicts = np.full(len(both), Verdict.BETTER, dtype=object)
@@ -108,11 +107,6 @@ def judge_grasps(
     counts = Counter(reason for reason in verdicts if reason != Verdict.KEPT)
     chosen = both.select(np.array(kept, dtype=int)).counted(counts)
     return JudgedGrasps(chosen, tuple(verdicts.tolist()))
-
-
-def _among(ids: Indices, others: Indices) -> Mask:
-    """Which ids, of grasps that were compared with earlier ones, are among others, shape (n,)."""
-    return np.isin(ids, others) & (ids != UNKNOWN)
 
 
 def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge | Reachability) -> Mask:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-import trimesh
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from feasigrasp.models.objects.mesh import decimate_within, obj_text
-from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.outputs import write_text
+from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 from feasigrasp.scenario.schema import ObjectConfig
 
 _URDF = """<?xml version="1.0"?>
@@ -76,11 +71,8 @@ def add_object(
     directory = Path(directory)
     mesh = f"{model_name}.obj"
     collision_mesh = f"{model_name}_collision.obj"
-    visible, colliding = _surfaces(
-        np.asarray(obj.vertices, dtype=float).tobytes(), np.asarray(obj.faces, dtype=int).tobytes()
-    )
-    write_text(directory / mesh, visible)
-    write_text(directory / collision_mesh, colliding)
+    write_mesh(obj, directory / mesh)
+    write_mesh(obj, directory / collision_mesh, tolerance=COLLISION_TOLERANCE)
     urdf = directory / f"{model_name}.urdf"
     urdf.write_text(
         _URDF.format(
@@ -98,18 +90,3 @@ def add_object(
     parser.SetAutoRenaming(True)
     (instance,) = parser.AddModels(urdf)
     return instance
-
-
-@lru_cache(maxsize=16)
-def _surfaces(vertices: bytes, faces: bytes) -> tuple[str, str]:
-    """OBJ texts of a surface and of the one with fewer faces.
-
-    Kept, since one diagram has the same object twice, and an evaluation makes many diagrams.
-    """
-    fine = trimesh.Trimesh(
-        np.frombuffer(vertices).reshape(-1, 3),
-        np.frombuffer(faces, dtype=int).reshape(-1, 3),
-        process=False,
-    )
-    coarse = decimate_within(fine, COLLISION_TOLERANCE)
-    return obj_text(fine.vertices, fine.faces), obj_text(coarse.vertices, coarse.faces)

@@ -124,6 +124,28 @@ def _stand_behind(X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q
 
 
 @njit(cache=True)
+def _continue(
+    X_OG, X_OH, X_WO, X_GF, q, branch, psi, remaining, on_strand, margin, funnel, X_WF, q_ref
+):
+    """Writes flange pose and configuration on the way into a grasp, at the arm angle to have now.
+
+    Returns how far it is back [m], whether it is in reach, that arm angle [rad] and its rate.
+    """
+    back, reached = _stand_behind(X_OG, X_OH, X_WO, X_GF, branch, psi, margin, funnel, X_WF, q_ref)
+    if not on_strand:
+        return back, reached, psi, 0.0
+    if reached and inside_limits_kernel(q_ref, margin) and travel_time_kernel(q, q_ref) > _FAR:
+        return back, reached, psi, 0.0
+    angle = arm_angle_kernel(q)
+    change = (psi - angle + np.pi) % (2.0 * np.pi) - np.pi
+    rate = min(max(change / max(remaining, _SHORTEST), -_ARM_ANGLE_SPEED), _ARM_ANGLE_SPEED)
+    back, reached = _stand_behind(
+        X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
+    )
+    return back, reached, angle, rate
+
+
+@njit(cache=True)
 def _reference_kernel(
     q,
     X_WO,
@@ -150,23 +172,16 @@ def _reference_kernel(
     X_GF = inverse_kernel(X_FG)
     on_strand = branch_kernel(q) == branch
     X_OG = target_kernel(chosen, steps, weights, X_OH)
-    for _ in range(2):
-        back, reached = _stand_behind(
-            X_OG, X_OH, X_WO, X_GF, branch, psi, margin, funnel, X_WF, q_ref
+    back, reached, angle, rate = _continue(
+        *(X_OG, X_OH, X_WO, X_GF, q, branch, psi, remaining, on_strand),
+        *(margin, funnel, X_WF, q_ref),
+    )
+    if not reached:  # between grasps in reach there may be a pose that is not
+        X_OG = chosen
+        back, reached, angle, rate = _continue(
+            *(X_OG, X_OH, X_WO, X_GF, q, branch, psi, remaining, on_strand),
+            *(margin, funnel, X_WF, q_ref),
         )
-        angle, rate = psi, 0.0
-        far = reached and inside_limits_kernel(q_ref, margin)
-        far = far and travel_time_kernel(q, q_ref) > _FAR
-        if on_strand and not far:
-            angle = arm_angle_kernel(q)
-            change = (psi - angle + np.pi) % (2.0 * np.pi) - np.pi
-            rate = min(max(change / max(remaining, _SHORTEST), -_ARM_ANGLE_SPEED), _ARM_ANGLE_SPEED)
-            back, reached = _stand_behind(
-                X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
-            )
-        if reached:
-            break
-        X_OG = chosen  # between grasps in reach there may be a pose that is not
     if not reached:
         return -1
     X_OT[:] = X_OG
