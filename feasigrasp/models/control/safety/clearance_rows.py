@@ -173,6 +173,7 @@ def object_rows_kernel(
             distance = max(distance, frame[4])
         if radius == 0.0:
             left = distance - options.object_clearance
+            # Within the clearance, left < 0, there is no reserve any more.
             left = max(left - reserve, min(left, _IN_RESERVE * left))
             allowed = min(options.object_gain * left, options.slow + options.approach_gain * left)
         else:

@@ -68,9 +68,8 @@ class SafetyOptions:
         object_clearance: Distance kept between the open hand and the object that it follows [m].
         table_height: Height of the table top in the base frame [m].
         approach_gain: g; limits and bodies are approached at most at g x remaining distance [1/s].
-        object_gain: The same for the open hand and the object that it follows [1/s], as long as the
-            hand is slow.
-        slow: Speed at which a hand can stop more quickly than that of joints at full speed [m/s].
+        object_gain: The same for the open hand and the object that it follows [1/s] ...
+        slow: ... up to g x distance and this speed [m/s]: a quick hand takes longer to stop.
         rotation_weight: Weight of rad/s against m/s in following a twist.
         damping: rho, the weight of the preferred joint velocity.
     """

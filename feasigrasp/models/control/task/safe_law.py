@@ -11,7 +11,8 @@
 - far from both the geodesic may lead against a limit, where the arm would stay: there the joints go
   to the configuration, and what is free meanwhile keeps the hand close to the object
   (`feasigrasp.models.control.task.pursuit`);
-- a hand with the object between its fingers, but not for this grasp, steps back first;
+- a hand with the object between its fingers, but not for this grasp, steps back first, and one at
+  the object that is too deep for its grasp goes back along its own axis before it turns;
 - a QP keeps limits and clearances.
 """
 
@@ -129,7 +130,7 @@ def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
     pose_jacobian_kernel(q, X_FG, X_WH, J_WH)
     way = log_kernel(compose_kernel(inverse_kernel(compose_kernel(X_WO, X_OT)), X_WH))
     angle, length = np.sqrt(np.sum(way[:3] ** 2)), np.sqrt(np.sum(way[3:] ** 2))
-    if goes_back:
+    if goes_back:  # a body twist: its last component is along the hand's own axis
         way[:5] *= min(1.0, max(0.0, 1.0 - (way[5] - _DEEP) / _DEEP))
     twist = hand_twist_kernel(-gain * way, X_WH, X_WO, V_WO, max_angular, max_linear)
     return twist, max(angle / max_angular, length / max_linear)
