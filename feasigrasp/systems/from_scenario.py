@@ -62,6 +62,9 @@ from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
 from feasigrasp.systems.tracking.view_filter import ViewFilter
 
+#: A tracker's field changes with every keyframe; grasps need not be sampled so often [s].
+_KEYFRAMES_REST = 0.25
+
 
 def make_station(scenario: Scenario) -> Station:
     """The robot cell of a scenario, with its moving object.
@@ -164,7 +167,8 @@ def make_grasp_sampler(
 ) -> GraspSampler:
     """What samples grasps, and filters them as the scenario says."""
     checks = gripper if scenario.perception.filter else None
-    return GraspSampler(sampler, checks, mass=scenario.object.mass)
+    rest = _KEYFRAMES_REST if scenario.tracker.kind == TrackerKind.CAMERA else 0.0
+    return GraspSampler(sampler, checks, mass=scenario.object.mass, rest=rest)
 
 
 def make_scene(

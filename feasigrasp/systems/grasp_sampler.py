@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.grasps.carry import Carrier
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.matching import GraspHistory, recheck_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampled(Frozen):
+    """Grasps up to a field, and when they were found [s]."""
+
+    history: GraspHistory
+    time: float = -np.inf
 
 
 class GraspSampler(LeafSystem):
@@ -34,7 +45,8 @@ class GraspSampler(LeafSystem):
     Grasps keep their ``id`` from field to field, and their pose as long as they pass the filter on
     the new one. The output is a function of the field and of the state, which is the history up to
     the field before; it is brought up to date every ``period`` seconds, so fields may not change
-    more often than that.
+    more often than that. Of fields that come more often than every ``rest`` seconds, some are
+    passed over.
     """
 
     def __init__(
@@ -44,6 +56,7 @@ class GraspSampler(LeafSystem):
         *,
         mass: float | None = None,
         period: float = 0.05,
+        rest: float = 0.0,
     ) -> None:
         """A system around one sampler, e.g. `AntipodalSampler`.
 
@@ -53,22 +66,37 @@ class GraspSampler(LeafSystem):
                 not kept, and new grasps beside them have their ids.
             mass: Mass of the object, if it is known [kg].
             period: Time between updates of the history [s].
+            rest: After grasps were sampled, no other field is looked at for so long [s].
         """
         super().__init__()
         self._sampler = sampler
         self._recheck = None if gripper is None else partial(recheck_grasps, gripper=gripper)
         self._carrier = None if gripper is None else Carrier(gripper, mass)
         self._gpdf = declare_input(self, "gpdf")
-        self._before = PeriodicState(
-            self, GraspHistory(), period, lambda context: self._now.Eval(context)
-        )
+        self._rest = rest
+        self._before = PeriodicState(self, _Sampled(GraspHistory()), period, self._update)
         inputs = {self._gpdf.ticket(), self._before.ticket()}
         self._now = declare_cache(self, "grasps of the present field", self._calc_history, inputs)
         declare_output(self, "grasps", self._calc, {self._now.ticket()})
 
+    def _update(self, context: Context) -> _Sampled:
+        before: _Sampled = self._before.Eval(context)
+        history: GraspHistory = self._now.Eval(context)
+        time = context.get_time()
+        if self._rests(before) and time >= before.time + self._rest - 1e-9:
+            history = self._followed(history, self._gpdf.Eval(context))
+        return before if history is before.history else _Sampled(history, time)
+
     def _calc_history(self, context: Context) -> GraspHistory:
-        before: GraspHistory = self._before.Eval(context)
-        gpdf = self._gpdf.Eval(context)
+        before: _Sampled = self._before.Eval(context)
+        if self._rests(before):
+            return before.history  # the next field is taken in an update
+        return self._followed(before.history, self._gpdf.Eval(context))
+
+    def _rests(self, sampled: _Sampled) -> bool:
+        return self._rest > 0.0 and sampled.history.gpdf is not None
+
+    def _followed(self, before: GraspHistory, gpdf: Gpdf | None) -> GraspHistory:
         if gpdf is None or gpdf is before.gpdf:
             return before
         history = before.followed_by(gpdf, self._sampler(gpdf), self._recheck)

@@ -42,6 +42,8 @@ _MOST_DEVIATION = 5e-3
 _KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.2e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
+#: Of a side that was seen so many times there are fewer: so much time between them [s].
+_KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
 #: After so long without a pose the object is searched for from several starts, and again so much
 #: later [s].
 _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
@@ -206,7 +208,10 @@ def _is_key(after: FieldTrack, found: Registration, view: ObjectView, views: Vie
     if not good or time < after.keyframe.time + KEY_PERIOD:
         return False
     p_OC = _in_object(after.estimate.X_WO, view.X_WC[:3, 3])
-    return views.tells_more(p_OC, time, KEY_VIEWS, _KEY_REVISIT)
+    if views.tells_more(p_OC, time, _KNOWN_SIDE, _KEY_REVISIT):
+        return True
+    late = time >= after.keyframe.time + _KNOWN_PERIOD
+    return late and views.tells_more(p_OC, time, KEY_VIEWS, _KEY_REVISIT)
 
 
 def _keyframe(view: ObjectView, X_WO: Array, time: float) -> Keyframe:

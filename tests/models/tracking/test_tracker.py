@@ -87,6 +87,16 @@ def test_keyframes_are_points_of_the_object(followed):
     assert np.quantile(SURFACE.distance(cloud), 0.9) < 2e-3
 
 
+def test_a_side_that_is_known_gives_fewer_keyframes():
+    rng, tracker = np.random.default_rng(2), SequenceTracker()
+    for k in range(60):  # two seconds of an object at rest, before a camera at rest
+        tracker = tracker.looked(look(SURFACE, X0, CAMERA, rng), k * PERIOD).learnt()
+    between = np.diff(tracker.shape.views.times)
+    assert between[:2].max() < 0.15
+    assert between[2:].min() > 0.39
+    assert len(between) >= 4
+
+
 def test_its_motion_predicts(followed):
     t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
     later = MotionEstimate(tracker.track.motion, t).predict([0.5])[0] @ se3.inverse(X_BO)
