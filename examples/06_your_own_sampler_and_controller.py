@@ -43,7 +43,7 @@ class FirstGrasp(GraspController):
 
 
 file = diagram_path("dynamic.scenarios.yaml")
-scenario = load_scenario(file, "ReachLinear", "{object: {model: mustard_bottle}}")
+scenario = load_scenario(file, "ReachLinearMocap", "{object: {model: mustard_bottle}}")
 own: dict[str, Any] = {"sampler": narrowest, "controller": FirstGrasp(Reachability())}
 figure, ax = plt.subplots(figsize=(7, 3.6))
 for name, parts in {"ours": {}, "own sampler and controller": own}.items():

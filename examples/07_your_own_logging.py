@@ -30,7 +30,9 @@ class Manipulability(LeafSystem):
 
 
 scenario = load_scenario(
-    diagram_path("dynamic.scenarios.yaml"), "ReachCircular", "{object: {model: mustard_bottle}}"
+    diagram_path("dynamic.scenarios.yaml"),
+    "ReachCircularMocap",
+    "{object: {model: mustard_bottle}}",
 )
 logs: dict[str, VectorLogSink] = {}
 

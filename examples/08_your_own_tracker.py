@@ -47,7 +47,7 @@ class LastTwoPoses(LeafSystem):
         output.set_value(SpatialVelocity(change / self._period))
 
 
-scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear")
+scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap")
 for name, tracker in {"ours": None, "the last two poses": LastTwoPoses()}.items():
     diagram = make_dynamic_grasp(scenario, tracker=tracker)
     simulator = Simulator(diagram)

@@ -45,7 +45,7 @@ def given(tmp_path, monkeypatch):
     cloud = cloud.select_by_index(seen).translate([-0.3, 0.35, -0.25])  # from the camera
     o3d.io.write_point_cloud("mug.ply", cloud)
     gripper, q = ParallelGripper(), np.array([0.1, -0.8, 0.2, -1.5, 0.1, 1.4, 0.0])
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear")
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap")
     scenario.simulation_duration = 0.1
     field = fit_gpdf(mug.sample(400, seed=0))
     return {

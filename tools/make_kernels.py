@@ -8,6 +8,7 @@ twice: where nothing is compiled any more, every function that Python calls is s
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
@@ -19,11 +20,11 @@ from feasigrasp import cli
 from feasigrasp.warm_up.kernels import FILE, GROUPS
 from feasigrasp.warm_up.signatures import signature_text
 
-#: What is run, by group.
-RUNS = {
-    group: f"run ReachCircular --controller {group} --object mustard_bottle --seed 1".split()
-    for group in GROUPS
-}
+#: What is run with every controller: by the camera alone, and with the pose given.
+RUNS = [
+    f"run {name} --object mustard_bottle --seed 1"
+    for name in ("ReachCircular", "ReachCircularMocap")
+]
 _CALLED = "\ncalled "
 
 
@@ -60,11 +61,13 @@ def called_by(arguments: list[str]) -> list[list[str]]:
 def main() -> int:
     """Does all runs, and writes the file."""
     kernels: dict[str, Any] = {}
-    for group, run in RUNS.items():
-        called_by(run)
-        for module, name, signature in called_by(run):
+    for group, run in itertools.product(GROUPS, RUNS):
+        arguments = [*run.split(), "--controller", group]
+        called_by(arguments)
+        for module, name, signature in called_by(arguments):
             signatures = kernels.setdefault(module, {}).setdefault(name, {})
-            signatures.setdefault(signature, []).append(group)
+            groups = signatures.setdefault(signature, [])
+            groups += [group] if group not in groups else []
     FILE.write_text(json.dumps(kernels, indent=1, sort_keys=True) + "\n")
     print(f"wrote {FILE}")
     return 0

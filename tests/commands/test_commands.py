@@ -39,10 +39,10 @@ def asked(*argv):
 
 def test_options_change_the_scenario():
     name, scenario = asked(
-        *("--seed", "5", "ReachLinear", "--object", "mug", "--controller", "joint"),
+        *("--seed", "5", "ReachLinearMocap", "--object", "mug", "--controller", "joint"),
         *("--mode", "corrected", "--duration", "0.5", "--scenario_text", "{random_seed: 4}"),
     )
-    assert name == "ReachLinear" and scenario.random_seed == 5
+    assert name == "ReachLinearMocap" and scenario.random_seed == 5
     assert (scenario.object.model, scenario.simulation_duration) == ("mug", 0.5)
     assert (scenario.control.controller, scenario.control.mode) == ("joint", "corrected")
     assert scenario.motion.amplitude == [0.0, 0.18, 0.0]
@@ -70,7 +70,7 @@ def test_a_file_with_several_asks_for_one(own_file):
 
 def test_a_reader_that_goes_away_loses_nothing(tmp_path):
     """As with ``| head -1``: no traceback, and the record is written."""
-    command = [sys.executable, "-m", "feasigrasp.cli", "run", "ReachLinear"]
+    command = [sys.executable, "-m", "feasigrasp.cli", "run", "ReachLinearMocap"]
     command += ["--duration", "0.1", "--object", "soup_can", "--results", "r.json"]
     environment = os.environ | {"PYTHONPATH": str(FILE.parents[1])}
     reading, writing = os.pipe()
@@ -81,20 +81,20 @@ def test_a_reader_that_goes_away_loses_nothing(tmp_path):
     os.close(writing)
     assert done.returncode == 0
     assert "Traceback" not in done.stderr and "BrokenPipe" not in done.stderr
-    assert json.loads((tmp_path / "r.json").read_text())["scenario"] == "ReachLinear"
+    assert json.loads((tmp_path / "r.json").read_text())["scenario"] == "ReachLinearMocap"
 
 
 def test_it_runs_in_an_empty_folder(tmp_path, monkeypatch, capfd):
     """No terminal: the verdict comes first, and there is no line to write over."""
     monkeypatch.chdir(tmp_path)
     options = ("--duration", "0.1", "--object", "soup_can", "--results", "out/r.json")
-    assert cli.main(["run", "ReachLinear", *options]) == 0
+    assert cli.main(["run", "ReachLinearMocap", *options]) == 0
     said = capfd.readouterr().out
     lines = said.splitlines()
     assert lines[0].startswith("not held: no") and lines[-1] == "wrote out/r.json"
     assert "\r" not in said and "\x1b" not in said
     record = json.loads((tmp_path / "out" / "r.json").read_text())
-    assert record["scenario"] == "ReachLinear" and record["object"] == "soup_can"
+    assert record["scenario"] == "ReachLinearMocap" and record["object"] == "soup_can"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
@@ -120,7 +120,7 @@ def test_scenarios_are_listed_with_what_they_are(capsys):
     assert last == f"from {FILE}"
     said = dict(line.split(maxsplit=1) for line in lines)
     # amplitude times rate of the straight motion: 0.18 m * 0.628 rad/s
-    assert said["ReachLinear"] == "mustard_bottle at up to 11 cm/s, grasped and lifted; 30 s"
+    assert said["ReachLinearMocap"] == "mustard_bottle at up to 11 cm/s, grasped and lifted; 30 s"
     assert "duck" in said["PaperLinear"] and "open gripper" in said["PaperLinear"]
 
 

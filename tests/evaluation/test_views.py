@@ -86,7 +86,7 @@ def test_a_pause_ends_with_an_interrupt(live, simulator):
 
 def test_the_ghost_goes_the_way_of_its_mode():
     """From the start of the scenario, on a way that is not that of safe mode."""
-    scenario = load_scenario(FILE, "ReachLinear", "{perception: {period: 0.25, latency: 0.0}}")
+    scenario = load_scenario(FILE, "ReachLinearMocap", "{perception: {period: 0.25, latency: 0.0}}")
     ways = [ghost_of(scenario, mode, 1.0) for mode in (ControlMode.SAFE, ControlMode.CORRECTED)]
     for way in ways:
         np.testing.assert_allclose(way.q[0], np.deg2rad(scenario.q_start), atol=1e-9)
@@ -97,7 +97,7 @@ def test_the_ghost_goes_the_way_of_its_mode():
 
 def test_the_ghost_is_drawn_where_it_was():
     """Its links have the transforms of its joint angles in the recording, and stand alone."""
-    scenario = load_scenario(FILE, "ReachLinear")
+    scenario = load_scenario(FILE, "ReachLinearMocap")
     q = np.linspace(0.0, 0.5, 7)
     meshcat = quiet_meshcat()
     show_ghost(meshcat, scenario, Ghost(np.array([0.0, 0.1]), np.array([q, q])), 20.0)
@@ -119,5 +119,5 @@ def _transform(meshcat, path):
 
 
 def test_a_ghost_without_a_replay_is_refused(capsys):
-    assert cli.main(["run", "ReachLinear", "--ghost", "paper"]) == 2
+    assert cli.main(["run", "ReachLinearMocap", "--ghost", "paper"]) == 2
     assert "give --replay FILE.html as well" in capsys.readouterr().err

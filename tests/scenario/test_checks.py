@@ -149,7 +149,7 @@ def test_bad_values_are_refused_by_name_when_they_are_read(small_file, key, valu
 )
 def test_messages_say_what_to_do(text, message):
     with pytest.raises(ScenarioError, match=message):
-        load_scenario(FILE, "ReachLinear", text)
+        load_scenario(FILE, "ReachLinearMocap", text)
 
 
 def test_a_file_is_checked_like_what_is_applied_on_top(tmp_path):
@@ -171,7 +171,7 @@ def test_a_file_is_checked_like_what_is_applied_on_top(tmp_path):
 def test_what_drake_alone_can_tell_is_told_as_well():
     text = "{cameras: {wrist_camera: {X_PB: {base_frame: nowhere}}}}"
     with pytest.raises(ScenarioError, match="no Frame named 'nowhere'"):
-        make_station(load_scenario(FILE, "ReachLinear", text))
+        make_station(load_scenario(FILE, "ReachLinearMocap", text))
 
 
 # ------------------------------------------------------------------------------------ the tables
@@ -206,7 +206,9 @@ def test_every_number_of_the_schema_has_its_limits():
     assert len(keys) > 80
     assert sorted(keys - set(LIMITS)) == []
     assert sorted(set(LIMITS) - keys) == []  # no line is about a key that there is not
-    assert {general(path) for path, _, _ in numbers(load_scenario(FILE, "ReachLinear"))} <= keys
+    assert {
+        general(path) for path, _, _ in numbers(load_scenario(FILE, "ReachLinearMocap"))
+    } <= keys
     assert all(low <= high for low, high, _ in LIMITS.values())
 
 
@@ -214,7 +216,7 @@ def test_the_shipped_scenarios_and_defaults_lie_inside():
     for name in scenario_names(FILE):
         check_scenario(load_scenario(FILE, name))
     q = np.rad2deg(IIWA_7.driver.position).tolist()
-    assert load_scenario(FILE, "ReachLinear", f"{{q_start: {q}}}").q_start == q
+    assert load_scenario(FILE, "ReachLinearMocap", f"{{q_start: {q}}}").q_start == q
 
 
 # -------------------------------------------------- random values and texts

@@ -37,7 +37,7 @@ def module(tmp_path, monkeypatch):
 
 
 def loaded(text):
-    return load_scenario(FILE, "ReachLinear", f"{{parts: {text}}}")
+    return load_scenario(FILE, "ReachLinearMocap", f"{{parts: {text}}}")
 
 
 def test_a_named_sampler_and_tracker_run_in_the_diagram(module):

@@ -102,4 +102,4 @@ def test_a_key_that_is_given_wins():
 )
 def test_wrong_values_are_refused(text, message):
     with pytest.raises(ScenarioError, match=message):
-        load_scenario(FILE, "ReachLinear", text)
+        load_scenario(FILE, "ReachLinearMocap", text)

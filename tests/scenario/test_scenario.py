@@ -25,14 +25,16 @@ NAMES = (
     "ReachSinusoidal",
     "ReachBezier",
     "ReachObstacle",
-    "Static",
-    "ReachCircularCamera",
-    "ReachLinearCamera",
-    "ReachSinusoidalCamera",
     "ReachLinearCarried",
     "ReachLinearBelt",
     "ReachLinearBeside",
     "ReachLinearAlong",
+    "ReachCircularMocap",
+    "ReachLinearMocap",
+    "ReachSinusoidalMocap",
+    "ReachBezierMocap",
+    "ReachObstacleMocap",
+    "Static",
     "PaperCircular",
     "PaperLinear",
     "PaperSinusoidal",
@@ -179,10 +181,10 @@ def test_the_conditions_are_those_of_a_real_cell(name):
     assert scenario.perception.latency == 0.1
 
 
-def test_a_camera_of_ones_own_is_as_a_d405():
+def test_by_default_there_is_nothing_but_a_camera_as_a_d405():
     """Least depth and baseline; calibration and correlated noise as a real camera has them."""
-    for name in ("ReachCircular", "ReachLinear", "ReachSinusoidal"):
-        plain, seen = load_scenario(FILE, name), load_scenario(FILE, f"{name}Camera")
+    for name in NAMES[:5]:
+        plain, seen = load_scenario(FILE, f"{name}Mocap"), load_scenario(FILE, name)
         moved = [poses(scenario) for scenario in (plain, seen)]
         np.testing.assert_array_equal(*moved)
         assert (plain.perception.segmentation, seen.perception.segmentation) == ("labels", "depth")
@@ -197,12 +199,12 @@ def test_a_camera_of_ones_own_is_as_a_d405():
 
 def test_camera_noise_is_off_where_no_camera_is_named():
     assert Scenario().camera_noise == {}
-    assert make_camera_noise(load_scenario(FILE, "ReachLinear", "{camera_noise: {}}")) == {}
+    assert make_camera_noise(load_scenario(FILE, "ReachLinearMocap", "{camera_noise: {}}")) == {}
     text = "{camera_noise: {wrist_camera: {subpixel: 0.1, flying: 0}}}"
-    scenario = load_scenario(FILE, "ReachLinear", text)
+    scenario = load_scenario(FILE, "ReachLinearMocap", text)
     assert make_camera_noise(scenario) == {"wrist_camera": DepthNoise(subpixel=0.1, flying=0.0)}
     assert make_camera_noise(parse_scenario(dump_scenario(scenario))) == make_camera_noise(scenario)
-    default = load_scenario(FILE, "ReachLinear", "{camera_noise: {wrist_camera: {}}}")
+    default = load_scenario(FILE, "ReachLinearMocap", "{camera_noise: {wrist_camera: {}}}")
     assert make_camera_noise(default) == {"wrist_camera": DepthNoise()}
 
 
@@ -218,11 +220,11 @@ def test_camera_noise_is_off_where_no_camera_is_named():
 )
 def test_wrong_camera_noise_is_refused(noise, message):
     with pytest.raises(ScenarioError, match=message):
-        load_scenario(FILE, "ReachLinear", f"{{camera_noise: {noise}}}")
+        load_scenario(FILE, "ReachLinearMocap", f"{{camera_noise: {noise}}}")
 
 
 def test_later_overrides_win():
-    scenario = load_scenario(FILE, "ReachLinear", "{random_seed: 1}", None, "{random_seed: 2}")
+    scenario = load_scenario(FILE, "ReachLinearMocap", "{random_seed: 1}", None, "{random_seed: 2}")
     assert scenario.random_seed == 2
     assert scenario.motion.amplitude == [0.0, 0.18, 0.0]
 
@@ -231,17 +233,17 @@ def test_later_overrides_win():
 
 
 def test_unknown_scenario_names_the_known_ones():
-    with pytest.raises(ScenarioError, match="'ReachSquare'.*ReachCircular, ReachLinear"):
+    with pytest.raises(ScenarioError, match="'ReachSquare'.*ReachCircularMocap, ReachLinearMocap"):
         load_scenario(FILE, "ReachSquare")
 
 
 def test_missing_and_broken_files_are_named(tmp_path):
     with pytest.raises(ScenarioError, match="nowhere.yaml; check --scenario_file"):
-        load_scenario(tmp_path / "nowhere.yaml", "ReachLinear")
+        load_scenario(tmp_path / "nowhere.yaml", "ReachLinearMocap")
     broken = tmp_path / "broken.yaml"
-    broken.write_text("ReachLinear: {motion: [")
+    broken.write_text("ReachLinearMocap: {motion: [")
     with pytest.raises(ScenarioError, match="broken.yaml is not valid YAML"):
-        load_scenario(broken, "ReachLinear")
+        load_scenario(broken, "ReachLinearMocap")
 
 
 @pytest.mark.parametrize(
@@ -254,7 +256,7 @@ def test_missing_and_broken_files_are_named(tmp_path):
 )
 def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
     with pytest.raises(ScenarioError, match=named):
-        load_scenario(FILE, "ReachLinear", text)
+        load_scenario(FILE, "ReachLinearMocap", text)
     with pytest.raises(ScenarioError, match=named):
         parse_scenario(text)
     own = tmp_path / "own.yaml"
@@ -288,12 +290,12 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
         ("{grasp: {shake: [0.1]}}", "grasp.shake has 1 entries"),
         ("{object: {scale: 0.0}}", "object.scale is 0; "),
         ("{object: {friction: -0.1}}", "object.friction is -0.1"),
-        ("{object: {model: mug", "ReachLinear"),
+        ("{object: {model: mug", "ReachLinearMocap"),
     ],
 )
 def test_wrong_values_are_refused(text, message):
     with pytest.raises(ScenarioError, match=message):
-        load_scenario(FILE, "ReachLinear", text)
+        load_scenario(FILE, "ReachLinearMocap", text)
 
 
 # ------------------------------------------------------------------------------- drawn and scaled

@@ -19,11 +19,11 @@ KINDS = typing.get_args(AnyFault)[1:]
 
 
 def read(text):
-    return load_scenario(FILE, "ReachLinear", f"{{faults: {text}}}")
+    return load_scenario(FILE, "ReachLinearMocap", f"{{faults: {text}}}")
 
 
 def test_a_scenario_has_no_fault_unless_it_says_so():
-    assert load_scenario(FILE, "ReachLinear").faults == []
+    assert load_scenario(FILE, "ReachLinearMocap").faults == []
 
 
 def test_values_are_read_and_others_have_their_defaults():

@@ -109,7 +109,7 @@ def test_a_sampler_and_a_controller_of_one_s_own(mode):
         return sets[-1]
 
     config = scenario(
-        "ReachLinear",
+        "ReachLinearMocap",
         f"{{motion: {{rate: 0.05, spin: 0}}, control: {{mode: {mode}}}, grasp: {{close: false}},"
         " camera_noise: {}}",
     )
@@ -178,7 +178,7 @@ def test_controller_inputs_go_through_the_sequencer(diagram):
 def test_with_a_scene_the_controllers_keep_clear_of_it():
     """The wiring: what the camera sees of the surroundings reaches the controller."""
     for controller in ("task", "joint"):
-        config = scenario("ReachObstacle", f"{{control: {{controller: {controller}}}}}")
+        config = scenario("ReachObstacleMocap", f"{{control: {{controller: {controller}}}}}")
         built = make_dynamic_grasp(config)
         sources = {
             (sink[0].get_name(), sink[0].get_input_port(sink[1]).get_name()): source[0].get_name()
@@ -188,5 +188,5 @@ def test_with_a_scene_the_controllers_keep_clear_of_it():
         assert sources["controller", "desired_velocity"] == "drive"
         assert sources["obstacle_distance", "query_object"] == "station"
         assert built.HasSubsystemNamed("log(obstacle_distance)")
-    without = make_dynamic_grasp(scenario("ReachObstacle", "{scene: {enabled: false}}"))
+    without = make_dynamic_grasp(scenario("ReachObstacleMocap", "{scene: {enabled: false}}"))
     assert not without.HasSubsystemNamed("scene_perception")

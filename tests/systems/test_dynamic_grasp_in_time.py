@@ -159,7 +159,7 @@ def test_the_time_of_a_view_arrives_with_its_grasps():
 
 def test_an_object_that_was_never_measured_moves_nothing():
     """No truth leaks: nothing is perceived, the arm stays where it is, and every view is named."""
-    config = scenario("ReachObstacle", "{tracker: {dropout: 1.0}}")
+    config = scenario("ReachObstacleMocap", "{tracker: {dropout: 1.0}}")
     diagram = make_dynamic_grasp(config)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.6)

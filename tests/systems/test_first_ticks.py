@@ -14,7 +14,7 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
 file = diagram_path("dynamic.scenarios.yaml")
-scenario = load_scenario(file, "ReachObstacle", f"{{control: {{controller: {sys.argv[1]}}}}}")
+scenario = load_scenario(file, "ReachObstacleMocap", f"{{control: {{controller: {sys.argv[1]}}}}}")
 diagram = make_dynamic_grasp(scenario)
 controller, ticks, compiled = diagram.GetSubsystemByName("controller"), [], []
 compile = Dispatcher.compile

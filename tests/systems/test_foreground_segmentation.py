@@ -85,7 +85,7 @@ def test_without_any_depth_nothing_is_the_object(dut, fixed_context):
     assert (labels.data == Label.SURROUNDINGS).all()
 
 
-@pytest.mark.parametrize(("name", "seed"), [("ReachLinear", 0), ("ReachObstacle", 1)])
+@pytest.mark.parametrize(("name", "seed"), [("ReachLinearMocap", 0), ("ReachObstacleMocap", 1)])
 def test_the_first_mask_in_the_cell(name, seed):
     """Of a drill, whose first view is in pieces; a wall beside it is known."""
     text = f"{{random_seed: {seed}, object: {{model: drill}}}}"
@@ -101,7 +101,7 @@ def test_intersection_over_union():
 
 
 def test_in_the_diagram_it_takes_the_place_of_the_label_image():
-    diagram = make_dynamic_grasp(load_scenario(FILE, "ReachLinear", DEPTH))
+    diagram = make_dynamic_grasp(load_scenario(FILE, "ReachLinearMocap", DEPTH))
     context = diagram.CreateDefaultContext()
     foreground, station = map(diagram.GetSubsystemByName, ("foreground", "station"))
     of_station = station.GetMyContextFromRoot(context)

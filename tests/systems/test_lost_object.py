@@ -20,7 +20,7 @@ def test_it_rests_half_a_second_after_the_stated_silence_and_goes_on_after(contr
         f"tracker: {{silence: {SILENCE}}}, grasp: {{close: false}}, "
         f"faults: [!PoseNan {{start: {START}, duration: {DURATION}}}]}}"
     )
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", text)
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(3.4)
@@ -45,7 +45,7 @@ def test_with_the_camera_alone_it_looks_for_the_object_and_goes_on_when_it_is_ba
         f"{{random_seed: 0, object: {{model: soup_can}}, control: {{controller: {controller}}}, "
         f"grasp: {{close: false}}, faults: [!CameraGone {{start: {start}, duration: {duration}}}]}}"
     )
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearCamera", text)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(start + duration)

@@ -22,7 +22,7 @@ HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 
 @pytest.fixture(scope="module")
 def station():
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachCircular")
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachCircularMocap")
     scenario.cameras = {}
     return make_station(scenario)
 

@@ -160,7 +160,7 @@ def test_the_density_of_reachable_poses_decides(space):
         f"{text} reachability: {{method: rmm, space: {space}, twins: false}},"
         " perception: {sampler: antipodal}, grasp: {close: false}}",
         1.0,
-        "ReachLinear",
+        "ReachLinearMocap",
     )
     grasps = run("reachable", "y")
     assert len(grasps) > 0

@@ -31,7 +31,7 @@ def readers(diagram):
 
 
 def test_judges_tell_nobody_but_logs_and_each_other():
-    found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinear")))
+    found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinearMocap")))
     others = {name for name in found["judges"] - JUDGES if not name.startswith("log(")}
     assert not others
     assert "segmentation" in found["wrist_camera.label_image"]
@@ -41,8 +41,8 @@ def test_judges_tell_nobody_but_logs_and_each_other():
 @pytest.mark.parametrize(
     ("name", "controller"),
     [
-        ("ReachLinearCamera", "task"),
-        ("ReachLinearCamera", "joint"),
+        ("ReachLinear", "task"),
+        ("ReachLinear", "joint"),
         ("ReachLinearCarried", "task"),
         ("ReachLinearAlong", "task"),
     ],
@@ -59,7 +59,7 @@ def test_with_the_camera_alone_only_judges_read_truth(name, controller):
 @pytest.mark.parametrize("scene", ["true", "false"])
 def test_with_segmentation_by_depth_nobody_reads_the_label_image(scene):
     text = f"{{tracker: {{kind: mocap}}, scene: {{enabled: {scene}}}}}"
-    found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinearCamera", text)))
+    found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinear", text)))
     assert "wrist_camera.label_image" not in found
     assert found["object.pose"] - JUDGES == {"tracker"}
     assert found["contact_results"] <= JUDGES and found["query_object"] <= JUDGES

@@ -114,7 +114,7 @@ def test_the_table_may_go_on_where_nobody_has_looked_but_not_in_the_arm():
 def test_in_the_whole_diagram_the_scene_is_the_table():
     """The camera looks at object and hand; what it sees beside them is the table top, z = 0."""
     text = "{scene: {enabled: true}, simulation_duration: 0.1, camera_noise: {}}"
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", text)
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.06)

@@ -186,7 +186,7 @@ def test_the_packaged_space_is_the_default(evaluate):
 def test_an_unknown_method_is_refused():
     file = diagram_path("dynamic.scenarios.yaml")
     with pytest.raises(ScenarioError, match="reachability.method is 'exact'; choose one of ik"):
-        load_scenario(file, "ReachLinear", "{reachability: {method: exact}}")
-    assert load_scenario(file, "ReachLinear").reachability.method == "ik"
+        load_scenario(file, "ReachLinearMocap", "{reachability: {method: exact}}")
+    assert load_scenario(file, "ReachLinearMocap").reachability.method == "ik"
     with pytest.raises(ReachabilityError, match="'exact'; choose one of ik, rmm, both"):
         ReachabilityFilter(REACH, method="exact")

@@ -7,8 +7,10 @@ import numpy as np
 from feasigrasp.evaluation.protocols.changes import Change
 from feasigrasp.scenario.schema import BezierPath, MotionConfig, Scenario
 
-#: Motions of the speed curve by the word that its rows have for them.
-MOTIONS = {"circle": "ReachCircular", "line": "ReachLinear", "bezier": "ReachBezier"}
+#: Motions of the speed curve by the word that its rows have for them, with the object's pose given.
+MOTIONS = {"circle": "ReachCircularMocap", "line": "ReachLinearMocap", "bezier": "ReachBezierMocap"}
+#: The same with the camera alone.
+CAMERA_MOTIONS = {f"{word}-camera": name.removesuffix("Mocap") for word, name in MOTIONS.items()}
 #: Speeds on the path: constant on the circle, the peak on the line, between two stops on Bezier
 #: curves [m/s].
 SPEEDS = (0.05, 0.15, 0.3, 0.45, 0.6)
@@ -56,7 +58,7 @@ AT_SPINS = {f"{_SPIN}{spin:g}": at_spin(spin) for spin in SPINS}
 
 def curve_point(run_name: str) -> str | None:
     """The point of a curve that a run belongs to, ``circle/0.15`` or ``spin/0.5``; None if none."""
-    for motion, scenario in MOTIONS.items():
+    for motion, scenario in (MOTIONS | CAMERA_MOTIONS).items():
         for suffix in AT_SPEEDS:
             if run_name == f"{scenario}{suffix}":
                 return f"{motion}/{suffix.removeprefix(_SPEED)}"

@@ -8,14 +8,17 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from feasigrasp.evaluation.protocols.speed import MOTIONS
+from feasigrasp.evaluation.protocols.speed import CAMERA_MOTIONS, MOTIONS
 from feasigrasp.evaluation.report.table_2 import Rows, figure_text
 from feasigrasp.outputs import save_figure
 from feasigrasp.results.markdown import markdown_table
 
 FIGURE = "speed_curve.png"
 #: What the curves are drawn over, by the curves.
-_AXES = {"speed on the path [m/s]": tuple(MOTIONS), "speed of the rotation [rad/s]": ("spin",)}
+_AXES = {
+    "speed on the path [m/s]": tuple(MOTIONS | CAMERA_MOTIONS),
+    "speed of the rotation [rad/s]": ("spin",),
+}
 _COLORS = {"circle": "#238b45", "line": "#2171b5", "bezier": "#d94801", "spin": "#6a51a3"}
 _COLUMNS = (
     ("held_percent", "held [%]", 1),

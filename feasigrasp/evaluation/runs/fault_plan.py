@@ -26,7 +26,7 @@ from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
 
 #: The object moves as in these, in turn.
-MOTIONS = STUDIES["reach"].scenarios
+MOTIONS = STUDIES["mocap"].scenarios
 #: Metrics that say that a limit was broken: their share of samples or ticks [%].
 _LIMITS = (
     "joint_limit_violation_percent",

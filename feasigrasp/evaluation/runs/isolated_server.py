@@ -23,7 +23,7 @@ from feasigrasp.scenario.files import load_scenario  # noqa: E402
 
 git_revision()  # remembered: that of the code which has just been loaded
 file = diagram_path("dynamic.scenarios.yaml")
-run(load_scenario(file, "ReachLinear", "{simulation_duration: 0.1}"))
+run(load_scenario(file, "ReachLinearMocap", "{simulation_duration: 0.1}"))
 # What is left of that run goes, with the threads of its renderer: a forked process has none of
 # them, and would wait for them at its first image. (Tracebacks of compiling keep it alive.)
 gc.unfreeze()

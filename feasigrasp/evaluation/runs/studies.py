@@ -13,7 +13,13 @@ from feasigrasp.evaluation.protocols.degradations import (
     motion_capture,
     perfect_sensors,
 )
-from feasigrasp.evaluation.protocols.speed import AT_SPEEDS, AT_SPINS, MOTIONS, at_speed
+from feasigrasp.evaluation.protocols.speed import (
+    AT_SPEEDS,
+    AT_SPINS,
+    CAMERA_MOTIONS,
+    MOTIONS,
+    at_speed,
+)
 
 #: Object of the size of the paper's, 5.8 x 5.4 x 4.1 cm.
 PAPER_OBJECT = "duck"
@@ -48,22 +54,25 @@ class Study:
 
 
 _REACH = ("ReachCircular", "ReachLinear", "ReachSinusoidal")
+_MOCAP = tuple(f"{name}Mocap" for name in _REACH)
 _PAPER = ("PaperCircular", "PaperLinear", "PaperSinusoidal")
 _CLUTTER = ("ReachLinearCarried", "ReachLinearBelt", "ReachLinearBeside", "ReachLinearAlong")
 
-#: ``reach`` grasps and lifts moving objects of all kinds, as the scenarios have them; ``ideal`` is
-#: the same with perfect sensors, ``tracking`` with the errors of motion capture; ``obstacle``
-#: grasps beside a wall; ``clutter`` sees with the wrist camera alone what carries the object, or
-#: another one beside it; ``paper`` is the paper's dynamic test, slowly and four times as fast;
-#: ``speed`` and ``spin`` are the curves of success over how fast the object moves and turns;
-#: ``degradations`` is what errors of sensors and other objects cost, each alone and all together;
-#: ``ablation`` what each part of the system is worth.
+#: ``reach`` grasps and lifts moving objects of all kinds with the wrist camera alone, and
+#: ``clutter`` where it also sees what carries the object, or another one beside it; in ``mocap``
+#: the object's pose and pixels are given, as in all others: ``ideal`` with perfect sensors,
+#: ``tracking`` with the errors of motion capture, ``obstacle`` beside a wall; ``paper`` is the
+#: paper's dynamic test, slowly and four times as fast; ``speed`` and ``spin`` are the curves of
+#: success over how fast the object moves and turns, ``speed-camera`` the first with the camera
+#: alone; ``degradations`` is what errors of sensors and other objects cost, each alone and all
+#: together; ``ablation`` what each part of the system is worth.
 STUDIES = {
-    "reach": Study(_REACH, seeds=3),
-    "ideal": Study(_REACH, variants={"-ideal": perfect_sensors}),
-    "tracking": Study(_REACH, variants={"-tracking": motion_capture}),
-    "obstacle": Study(("ReachObstacle",), f"{PAPER_OBJECT},soup_can,small_box", 3),
+    "reach": Study(_REACH, seeds=2),
     "clutter": Study(_CLUTTER),
+    "mocap": Study(_MOCAP, seeds=3),
+    "ideal": Study(_MOCAP, variants={"-ideal": perfect_sensors}),
+    "tracking": Study(_MOCAP, variants={"-tracking": motion_capture}),
+    "obstacle": Study(("ReachObstacleMocap",), f"{PAPER_OBJECT},soup_can,small_box", 3),
     "paper": Study(
         _PAPER + tuple(f"{name}Fast" for name in _PAPER),
         PAPER_OBJECT,
@@ -72,9 +81,10 @@ STUDIES = {
         generated=False,
     ),
     "speed": Study(tuple(MOTIONS.values()), variants=AT_SPEEDS),
+    "speed-camera": Study(tuple(CAMERA_MOTIONS.values()), variants=AT_SPEEDS),
     "spin": Study((MOTIONS["circle"],), variants=AT_SPINS),
     "degradations": Study((MOTIONS["circle"],), variants=_DEGRADED),
-    "ablation": Study(_REACH, variants=ABLATIONS, task_only=(NO_DENSITY,)),
+    "ablation": Study(_MOCAP, variants=ABLATIONS, task_only=(NO_DENSITY,)),
 }
 
 

@@ -1,6 +1,6 @@
 """``feasigrasp evaluate hardware-loop``: grasps over the messages of the real drivers.
 
-A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study reach``,
+A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study mocap``,
 and the same with a controller that is killed or stopped at random instants, or with a bad network;
 beside them the same runs in one process. Judged in the simulator's process.
 """
@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--networks", type=positive, default=6, help="runs for everything that is wrong with one"
     )
     add_scenario_arguments(parser)
-    parser.set_defaults(study="reach", split=Split.DEVELOPMENT, scenarios=None, mode=["safe"])
+    parser.set_defaults(study="mocap", split=Split.DEVELOPMENT, scenarios=None, mode=["safe"])
 
 
 def main(args: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ from feasigrasp.results.rows import Row, report_rows, write_csv
 from feasigrasp.results.statistics import grouped
 from feasigrasp.scenario.files import load_scenario
 
-SCENARIOS = "ReachCircularCamera,ReachLinearCamera,ReachSinusoidalCamera"
+SCENARIOS = "ReachCircular,ReachLinear,ReachSinusoidal"
 #: Bottles, cans, tools, thin walls, fruit: of each kind of the built-in objects.
 OBJECTS = (
     "mustard_bottle,soup_can,small_box,mug,drill,bowl,banana,screwdriver,hammer,apple,cup,l_block"

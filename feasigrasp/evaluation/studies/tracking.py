@@ -39,7 +39,7 @@ OBJECTS = (
     "mustard_bottle,mug,soup_can,small_box,drill,banana,bowl,hammer,spray_can,water_bottle,"
     "l_block,duck"
 )
-SCENARIOS = ("ReachLinear", "ReachCircular", "ReachSinusoidal")
+SCENARIOS = ("ReachLinearMocap", "ReachCircularMocap", "ReachSinusoidalMocap")
 #: How the arm moves: what is changed of the scenario, and how long is recorded [s].
 KINDS = {
     # As it grasps, until it lets go of the object's motion.

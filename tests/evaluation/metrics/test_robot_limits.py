@@ -18,7 +18,7 @@ FOLDED = np.array([0.0, 0.0, 0.0, -3.1, 0.0, 0.0, 0.0])
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear")
+    return load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap")
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def twin(scenario):
 
 
 def test_it_is_made_once(scenario, twin):
-    again = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachCircular")
+    again = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachCircularMocap")
     assert robot_twin(again.directives) is twin
 
 

@@ -22,7 +22,7 @@ G = 9.81
 @pytest.fixture(scope="module")
 def twin():
     return RobotTwin(
-        load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear").directives
+        load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap").directives
     )
 
 

@@ -20,17 +20,17 @@ def record(name, thing, held, time=None, controller="task", seed=0):
 
 
 RECORDS = [
-    record("ReachLinear-full", "mug", True, 3.0),
-    record("ReachLinear-full", "mug", True, 4.0, seed=1),
-    record("ReachLinear-full", "ball", True, 2.0),
-    record("ReachLinear-full", "ball", True, 6.0, controller="joint"),
-    record("ReachLinear-no-score", "mug", False),
-    record("ReachLinear-no-score", "mug", True, 5.0, seed=1),
-    record("ReachLinear-no-score", "ball", True, 2.5),
-    record("ReachLinear-no-score", "ball", True, 5.0, controller="joint"),
+    record("ReachLinearMocap-full", "mug", True, 3.0),
+    record("ReachLinearMocap-full", "mug", True, 4.0, seed=1),
+    record("ReachLinearMocap-full", "ball", True, 2.0),
+    record("ReachLinearMocap-full", "ball", True, 6.0, controller="joint"),
+    record("ReachLinearMocap-no-score", "mug", False),
+    record("ReachLinearMocap-no-score", "mug", True, 5.0, seed=1),
+    record("ReachLinearMocap-no-score", "ball", True, 2.5),
+    record("ReachLinearMocap-no-score", "ball", True, 5.0, controller="joint"),
     # Without a counterpart, and of another study.
-    record("ReachLinear-no-score", "cup", False),
-    record("ReachLinear", "mug", False),
+    record("ReachLinearMocap-no-score", "cup", False),
+    record("ReachLinearMocap", "mug", False),
 ]
 
 

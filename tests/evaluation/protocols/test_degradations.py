@@ -11,7 +11,7 @@ FILE = diagram_path("dynamic.scenarios.yaml")
 
 
 def degraded(name, seed=0):
-    scenario = load_scenario(FILE, "ReachCircular", f"{{random_seed: {seed}}}")
+    scenario = load_scenario(FILE, "ReachCircularMocap", f"{{random_seed: {seed}}}")
     DEGRADATIONS[name](scenario)
     check_scenario(scenario)
     return scenario

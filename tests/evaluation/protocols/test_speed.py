@@ -32,13 +32,13 @@ def test_the_largest_speed_is_the_one_asked_for(name, speed):
     at_speed(speed)(scenario)
     speeds = speeds_of(scenario)
     assert speeds.max() == pytest.approx(speed, rel=5e-3)
-    if name == "ReachCircular":
+    if name == "ReachCircularMocap":
         assert speeds.min() == pytest.approx(speed, rel=1e-6)
 
 
 @pytest.mark.parametrize(("spin", "change"), [*zip(SPINS, AT_SPINS.values(), strict=True)])
 def test_the_object_turns_as_fast_as_asked_for(spin, change):
-    scenario = load_scenario(FILE, "ReachCircular")
+    scenario = load_scenario(FILE, "ReachCircularMocap")
     change(scenario)
     V = make_motion(scenario).velocity(1.0)
     np.testing.assert_allclose(np.linalg.norm(V.reshape(2, 3), axis=1), [spin, 0.15])
@@ -46,7 +46,9 @@ def test_the_object_turns_as_fast_as_asked_for(spin, change):
 
 def test_runs_are_points_of_curves():
     ends = list(AT_SPEEDS), list(AT_SPINS)
-    assert curve_point(f"ReachCircular{ends[0][1]}") == "circle/0.15"
-    assert curve_point(f"ReachBezier{ends[0][4]}") == "bezier/0.6"
-    assert curve_point(f"ReachCircular{ends[1][1]}") == "spin/0.5"
-    assert curve_point("ReachCircular") is None and curve_point("ReachLinear-ideal") is None
+    assert curve_point(f"ReachCircularMocap{ends[0][1]}") == "circle/0.15"
+    assert curve_point(f"ReachBezierMocap{ends[0][4]}") == "bezier/0.6"
+    assert curve_point(f"ReachCircularMocap{ends[1][1]}") == "spin/0.5"
+    assert (
+        curve_point("ReachCircularMocap") is None and curve_point("ReachLinearMocap-ideal") is None
+    )

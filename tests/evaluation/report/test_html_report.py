@@ -22,7 +22,7 @@ def row(name, preset, value, low=None, high=None, n=12):
 
 
 def run_record(model, seed, held, **metrics):
-    made = crash_record(Scenario(), "ReachCircular-at-0.3", "") | {"error": None, "seed": seed}
+    made = crash_record(Scenario(), "ReachCircularMocap-at-0.3", "") | {"error": None, "seed": seed}
     made["object"] = model
     made["metrics"] |= {"grasp_held": held, "cause": None if held else "slipped"} | metrics
     return made

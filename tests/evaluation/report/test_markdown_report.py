@@ -36,7 +36,7 @@ def write(folder, rows, **more):
 
 CONDITIONS = {
     "split": "test",
-    "speeds": {"ReachLinear": {"path_m_s": 0.1131, "spin_rad_s": 0.2}},
+    "speeds": {"ReachLinearMocap": {"path_m_s": 0.1131, "spin_rad_s": 0.2}},
     "camera": "wrist_camera, 424 x 240, noise of a D435",
     "perception_latency_s": [0.1, 0.0],
     "tracking": "true pose",
@@ -56,7 +56,7 @@ def dynamic(tmp_path):
     rows += dynamic_rows("PaperCircular/task/paper", 7.0, 80.0, 0.08, 1.5)
     rows += dynamic_rows("PaperCircularFast/task/corrected", 9.0, 60.0, 0.07, 2.5)
     rows += [row("dynamic.tracked_percent", "PaperCircular/task/safe", 51.4)]
-    reach = "ReachLinear/joint/safe"
+    reach = "ReachLinearMocap/joint/safe"
     rows += [
         row("dynamic.held_percent", reach, 95.0, 80.0, 99.0, "%", 30),
         row("dynamic.pushed_mm_max", reach, 890.4, n=30),
@@ -115,20 +115,20 @@ def test_what_happened_to_the_objects_is_told(dynamic):
     text = (dynamic / "report.md").read_text()
     heads, _, line = lines_of(section(text, "Grasping moving objects"))
     assert dict(zip(heads, line, strict=True)) == {
-        "": "ReachLinear/joint/safe", "held [%]": "95.0 [80.0, 99.0]",
+        "": "ReachLinearMocap/joint/safe", "held [%]": "95.0 [80.0, 99.0]",
         "pushed at most [mm]": "890", "touched before closing [%]": "3.0 [0.0, 8.0]",
         "slowest planning [ms]": "31", "runs": "30",
     }  # fmt: skip
     heads, _, line = lines_of(section(text, "Why runs did not hold"))
     assert (heads[1], line[1]) == ("pushed away [%]", "5.0 [0.0, 9.0]")
     heads, _, line = lines_of(section(text, "Held, object by object"))
-    assert (heads, line) == (["", "ReachLinear/joint/safe"], ["mug", "67"])
+    assert (heads, line) == (["", "ReachLinearMocap/joint/safe"], ["mug", "67"])
 
 
 def test_conditions_stand_under_every_table(dynamic):
     cli.main(["report", str(dynamic)])
     text = (dynamic / "report.md").read_text()
-    told = "Conditions: test split; largest speed of the object: ReachLinear 0.11 m/s and 0.2 rad/s"
+    told = "Conditions: test split; largest speed of the object: ReachLinearMocap 0.11 m/s and 0.2"
     tables = [line for line in text.splitlines() if line.startswith("| ---")]
     assert len(tables) == text.count(told) == 6
     for part in ("friction 0.6", "2 objects: mug, cup", "seeds 0 to 2", "0.1 s or 0 s"):
@@ -197,7 +197,7 @@ def test_a_table_in_markdown():
 def test_ablations_have_a_table_of_their_own(tmp_path):
     rows = [
         row("dynamic.held_percent", "all-full/task/safe", 97.0, 90.0, 100.0),
-        row("dynamic.held_percent", "ReachLinear-full/task/safe", 96.0),
+        row("dynamic.held_percent", "ReachLinearMocap-full/task/safe", 96.0),
         row("dynamic.held_percent", "all-no-density/task/safe", 91.0, 85.0, 96.0),
         row("dynamic.held_change_percent", "all-no-density/task/safe", -6.0, -9.0, -2.0),
         row("dynamic.held_after_s", "all-no-density/task/safe", 4.25),
@@ -209,4 +209,4 @@ def test_ablations_have_a_table_of_their_own(tmp_path):
     assert (
         "| no density | task | 91.0 [85.0, 96.0] | -6.0 [-9.0, -2.0] | 4.25 | - | - | 5 |" in text
     )
-    assert "ReachLinear-full" not in text and "Grasping moving objects" not in text
+    assert "ReachLinearMocap-full" not in text and "Grasping moving objects" not in text

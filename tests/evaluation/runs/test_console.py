@@ -40,7 +40,7 @@ class Terminal(io.StringIO):
 
 
 def record(**metrics):
-    made = crash_record(load_scenario(FILE, "ReachLinear"), "ReachLinear", None)
+    made = crash_record(load_scenario(FILE, "ReachLinearMocap"), "ReachLinearMocap", None)
     return made | {"metrics": made["metrics"] | metrics}
 
 
@@ -108,7 +108,7 @@ def test_progress_says_time_speed_and_status():
 
 
 def test_the_line_changes_nothing_that_is_computed():
-    scenario = load_scenario(FILE, "ReachLinear", TEXT)
+    scenario = load_scenario(FILE, "ReachLinearMocap", TEXT)
     terminal = Terminal()
     said, silent = run(scenario, line=StatusLine(terminal)), run(scenario)
     np.testing.assert_array_equal(said.samples, silent.samples)

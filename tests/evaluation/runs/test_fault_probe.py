@@ -14,7 +14,7 @@ FILE = diagram_path("dynamic.scenarios.yaml")
 
 
 def test_the_runs_of_a_blind_pair_differ_in_what_no_sensor_tells():
-    for name, pair in blind_pairs(load_scenario(FILE, "ReachLinear")).items():
+    for name, pair in blind_pairs(load_scenario(FILE, "ReachLinearMocap")).items():
         texts = [dump_scenario(parse_scenario(dump_scenario(each))) for each in pair]
         assert texts[0] != texts[1], name
 
@@ -35,7 +35,7 @@ def test_a_leak_is_any_bit_of_the_commands(monkeypatch):
 
 
 def test_rest_is_counted_from_the_end_of_the_silence(monkeypatch):
-    scenario = load_scenario(FILE, "ReachLinear", "{tracker: {silence: 0.25}}")
+    scenario = load_scenario(FILE, "ReachLinearMocap", "{tracker: {silence: 0.25}}")
     times = np.arange(0.0, 5.0, 0.01)
     measured = np.zeros((500, 7))
     measured[times < 2.6, 5] = -0.3

@@ -14,7 +14,7 @@ from feasigrasp.scenario.schema import Scenario
 
 def test_an_exception_in_the_process_becomes_its_record(tmp_path):
     scenario = load_scenario(
-        diagram_path("dynamic.scenarios.yaml"), "ReachLinear", "{object: {model: teapot}}"
+        diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", "{object: {model: teapot}}"
     )
     file = tmp_path / "run.json"
     record = isolated.run_isolated(scenario, "Mine", file)
@@ -39,7 +39,7 @@ def test_a_killed_process_becomes_its_record(tmp_path, monkeypatch):
 
 def test_a_process_repeats_what_a_run_in_this_one_gives(tmp_path):
     text = "{simulation_duration: 0.3, object: {model: ball}}"
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", text)
     record = isolated.run_isolated(scenario, "Mine", tmp_path / "run.json")
     here = run_module.run(scenario, "Mine").record["metrics"]
     timed = {name for name in here if "_ms_" in name}

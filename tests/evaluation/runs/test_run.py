@@ -63,7 +63,7 @@ def test_every_scenario_runs_with_either_controller(name, controller, validator,
 
 
 def test_the_same_seed_gives_the_same_samples_bit_for_bit():
-    first, again = (run(short("ReachCircular", duration=0.8)) for _ in range(2))
+    first, again = (run(short("ReachCircularMocap", duration=0.8)) for _ in range(2))
     assert np.isfinite(first.samples[SAMPLE_NAMES.index("grasp_position_error"), -1])
     np.testing.assert_array_equal(first.samples, again.samples)
     metrics = [result.record["metrics"] for result in (first, again)]
@@ -73,13 +73,13 @@ def test_the_same_seed_gives_the_same_samples_bit_for_bit():
 
 
 def test_another_seed_gives_another_run():
-    starts = [run(short("ReachLinear", duration=0.02, seed=k)).samples[:, 0] for k in (3, 4)]
+    starts = [run(short("ReachLinearMocap", duration=0.02, seed=k)).samples[:, 0] for k in (3, 4)]
     moved = SAMPLE_NAMES.index("p_WO_y")
     assert abs(starts[0][moved] - starts[1][moved]) > 1e-3
 
 
 def test_metrics_of_the_record_are_those_of_the_samples():
-    result = run(short("ReachLinear"))
+    result = run(short("ReachLinearMocap"))
     of_samples = summarize(result.samples, closes=True)
     record = result.record["metrics"]
     assert {name for name in METRICS if record[name] != of_samples[name]} <= {
@@ -109,9 +109,9 @@ def test_a_drive_that_clips_nothing_shows_in_the_record():
     """The law without limits is not stopped by the drive; with them, the same metric is zero."""
     shares = {}
     for mode in ("safe", "corrected"):
-        config = short("ReachLinear", duration=0.6)
+        config = short("ReachLinearMocap", duration=0.6)
         config = replace(config, control=replace(config.control, mode=mode))
-        metrics = run(config, "ReachLinear").record["metrics"]
+        metrics = run(config, "ReachLinearMocap").record["metrics"]
         assert metrics["grasp_position_error_mm_median"] > 0.0  # there was something to go to
         shares[mode] = metrics["acceleration_limit_violation_percent"]
     assert shares["safe"] == 0.0
@@ -135,7 +135,7 @@ def test_a_drive_that_clips_nothing_shows_in_the_record():
 def test_every_choice_moves_the_arm_towards_grasps(choice):
     # So long that a way that begins by leading round is nearer in the end.
     text = f"{{simulation_duration: 1.6, object: {{model: soup_can}}, {choice}}}"
-    result = run(load_scenario(FILE, "ReachLinear", text))
+    result = run(load_scenario(FILE, "ReachLinearMocap", text))
     metrics = result.record["metrics"]
     assert result.record["error"] is None
     assert metrics["no_grasp_percent"] < 90.0
@@ -154,7 +154,7 @@ def test_a_failing_simulation_is_reported(monkeypatch, validator):
         return self.state(context)
 
     monkeypatch.setattr(GripperSequencer, "_advance", breaks)
-    record = run(short("ReachLinear", duration=0.5), "ReachLinear").record
+    record = run(short("ReachLinearMocap", duration=0.5), "ReachLinearMocap").record
     validator.validate(record)
     assert "did not converge" in record["error"]
     assert record["metrics"]["grasp_held"] is False
@@ -164,16 +164,16 @@ def test_a_failing_simulation_is_reported(monkeypatch, validator):
 
 def test_a_run_is_over_when_its_object_has_fallen(validator):
     """An object that falls for ever, and spins, would end the simulation with an error."""
-    scenario = short("ReachLinear", duration=5.0)
+    scenario = short("ReachLinearMocap", duration=5.0)
     scenario.faults = [ObjectMoved(to=[6.0, 0.0, -2.0], ramp=3.0)]  # past the table
-    result = run(scenario, "ReachLinear")
+    result = run(scenario, "ReachLinearMocap")
     validator.validate(result.record)
     assert result.record["error"] is None
     assert result.record["metrics"]["grasp_held"] is False
     assert 1.0 < result.record["timings"]["simulated_s"] < 3.0
 
 
-@pytest.mark.parametrize(("name", "held"), [("ReachLinear", False), ("PaperLinear", None)])
+@pytest.mark.parametrize(("name", "held"), [("ReachLinearMocap", False), ("PaperLinear", None)])
 def test_a_crash_leaves_a_valid_record(name, held, validator):
     record = crash_record(short(name), name, "the process ended with status -11")
     validator.validate(record)
@@ -199,7 +199,7 @@ def test_the_schema_knows_exactly_the_words(validator):
 
 
 def test_the_schema_can_fail(validator):
-    record = crash_record(short("ReachLinear"), "ReachLinear", "crashed")
+    record = crash_record(short("ReachLinearMocap"), "ReachLinearMocap", "crashed")
     for broken in (
         record | {"controller": "magic"},
         record | {"status": [[0.0, "bored", ""]]},
@@ -221,7 +221,7 @@ def test_nothing_of_a_run_stays_alive(monkeypatch):
         return simulator
 
     monkeypatch.setattr("feasigrasp.evaluation.runs.run.Simulator", simulator_of)
-    run(load_scenario(FILE, "ReachLinear", "{simulation_duration: 0.1}"))
+    run(load_scenario(FILE, "ReachLinearMocap", "{simulation_duration: 0.1}"))
     gc.unfreeze()
     gc.collect()
     assert [simulator() for simulator in alive] == [None]

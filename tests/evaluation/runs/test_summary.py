@@ -21,10 +21,10 @@ def record(scenario, controller, held, *, limits=0.0, distance=5.0, slip=None, e
 
 
 RECORDS = [
-    record("ReachLinear", "task", True, distance=4.0, slip=0.5),
-    record("ReachLinear", "task", False, distance=6.0, limits=10.0),
-    record("ReachLinear", "joint", True, distance=3.0, slip=1.5),
-    record("ReachCircular", "task", True, distance=8.0),
+    record("ReachLinearMocap", "task", True, distance=4.0, slip=0.5),
+    record("ReachLinearMocap", "task", False, distance=6.0, limits=10.0),
+    record("ReachLinearMocap", "joint", True, distance=3.0, slip=1.5),
+    record("ReachCircularMocap", "task", True, distance=8.0),
     record("PaperLinear", "task", None, distance=2.0),
     record("PaperLinear", "joint", None, distance=None, error="broke"),
 ]
@@ -38,12 +38,12 @@ def found():
 @pytest.mark.parametrize(
     ("preset", "name", "value", "n"),
     [
-        ("ReachLinear/task/safe", "held_percent", 50.0, 2),
-        ("ReachLinear/joint/safe", "held_percent", 100.0, 1),
+        ("ReachLinearMocap/task/safe", "held_percent", 50.0, 2),
+        ("ReachLinearMocap/joint/safe", "held_percent", 100.0, 1),
         ("all/task/safe", "held_percent", 200.0 / 3.0, 3),
         ("all/joint/safe", "held_percent", 100.0, 1),
         ("all/all/safe", "held_percent", 75.0, 4),
-        ("ReachLinear/task/safe", "joint_limit_violation_percent", 5.0, 2),
+        ("ReachLinearMocap/task/safe", "joint_limit_violation_percent", 5.0, 2),
         ("all/all/safe", "joint_limit_violation_percent", 10.0 / 6.0, 6),
         ("all/task/safe", "gripper_object_distance_cm_mean", 5.0, 4),
         ("all/all/safe", "gripper_object_distance_cm_mean", 23.0 / 5.0, 5),
@@ -78,15 +78,15 @@ def test_intervals_are_in_the_unit_of_the_row(found):
     assert (row.low, row.high, row.unit) == (100 * expected.low, 100 * expected.high, "%")
     # 10/6 +- t would go below 0.
     assert found["all/all/safe", "joint_limit_violation_percent"].low == 0.0
-    assert found["ReachLinear/joint/safe", "slip_mm"].low is None
+    assert found["ReachLinearMocap/joint/safe", "slip_mm"].low is None
 
 
 def test_presets_go_from_single_to_all(found):
     presets = list(dict.fromkeys(preset for preset, _ in found))
     assert presets == [
-        "ReachLinear/task/safe",
-        "ReachLinear/joint/safe",
-        "ReachCircular/task/safe",
+        "ReachLinearMocap/task/safe",
+        "ReachLinearMocap/joint/safe",
+        "ReachCircularMocap/task/safe",
         "PaperLinear/task/safe",
         "PaperLinear/joint/safe",
         "all/task/safe",
@@ -111,7 +111,7 @@ def test_objects_have_rows_of_their_own_if_there_are_several(found):
 
 
 def measured(model, held, **metrics):
-    made = record("ReachLinear", "task", held) | {"object": model}
+    made = record("ReachLinearMocap", "task", held) | {"object": model}
     made["metrics"] |= metrics
     return made
 
@@ -158,15 +158,18 @@ def test_intervals_come_from_the_objects():
     runs = [measured(model, model != "ball") for model in ("mug", "ball", "cup") for _ in range(2)]
     rows = {row.preset: row for row in summary_rows(runs) if row.name == "dynamic.held_percent"}
     assert (rows["all/all/safe"].low, rows["all/all/safe"].high) == (0.0, 100.0)
-    one = rows["ReachLinear/task/safe/ball"]
+    one = rows["ReachLinearMocap/task/safe/ball"]
     assert (one.value, one.high) == (0.0, pytest.approx(100 * proportion(0, 2).high))
 
 
 def test_a_study_that_changes_its_scenarios_has_rows_of_its_own():
-    both = [record("ReachLinear", "task", True), record("ReachLinear-ideal", "task", False)]
+    both = [
+        record("ReachLinearMocap", "task", True),
+        record("ReachLinearMocap-ideal", "task", False),
+    ]
     held = {row.preset: row.value for row in summary_rows(both) if "held" in row.name}
-    assert held["ReachLinear/task/safe"] == held["all/all/safe"] == 100.0
-    assert held["ReachLinear-ideal/task/safe"] == held["all-ideal/all/safe"] == 0.0
+    assert held["ReachLinearMocap/task/safe"] == held["all/all/safe"] == 100.0
+    assert held["ReachLinearMocap-ideal/task/safe"] == held["all-ideal/all/safe"] == 0.0
 
 
 def test_the_table_has_a_line_per_preset():

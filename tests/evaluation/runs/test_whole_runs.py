@@ -14,7 +14,7 @@ FILE = diagram_path("dynamic.scenarios.yaml")
 
 def whole_run(friction):
     text = f"{{random_seed: 1, object: {{model: soup_can, friction: {friction}}}}}"
-    return run(load_scenario(FILE, "ReachLinear", text), "ReachLinear")
+    return run(load_scenario(FILE, "ReachLinearMocap", text), "ReachLinearMocap")
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ def rows_of(out):
 
 
 def test_it_runs_every_combination_and_sums_up(fake_runs, tmp_path):
-    scenarios = ("--scenarios", "ReachLinear,PaperLinear", "--mode", "safe", "--seeds", "3")
+    scenarios = ("--scenarios", "ReachLinearMocap,PaperLinear", "--mode", "safe", "--seeds", "3")
     assert evaluate(tmp_path, *scenarios) == 0
     assert len(set(fake_runs)) == len(fake_runs) == 2 * 2 * 2 * 3
     assert "PaperLinear-ball-joint-safe-2" in fake_runs
@@ -55,9 +55,9 @@ def test_it_runs_every_combination_and_sums_up(fake_runs, tmp_path):
 
 
 def test_the_seed_option_shifts_the_repeats(fake_runs, tmp_path):
-    evaluate(tmp_path, "--scenarios", "ReachLinear", "--controllers", "task", "--seed", "10")
+    evaluate(tmp_path, "--scenarios", "ReachLinearMocap", "--controllers", "task", "--seed", "10")
     assert sorted(fake_runs) == [
-        f"ReachLinear-{o}-task-safe-{k}" for o in ("ball", "mug") for k in (10, 11, 12)
+        f"ReachLinearMocap-{o}-task-safe-{k}" for o in ("ball", "mug") for k in (10, 11, 12)
     ]
 
 
@@ -73,7 +73,7 @@ def test_a_mesh_that_cannot_be_used_is_left_out_with_the_reason(fake_runs, tmp_p
     meshes.mkdir()
     (meshes / "good.obj").write_bytes(model_path("objects", "ball.obj").read_bytes())
     (meshes / "open.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n")
-    out, scenario = tmp_path / "out", ("--scenarios", "ReachLinear", "--seeds", "1")
+    out, scenario = tmp_path / "out", ("--scenarios", "ReachLinearMocap", "--seeds", "1")
     assert evaluate(out, "--objects", str(meshes), *scenario) == 0
     assert {name.split("-")[1] for name in fake_runs} == {"good"}
     found = json.loads((out / "summary.json").read_text())["conditions"]
@@ -84,14 +84,14 @@ def test_a_mesh_that_cannot_be_used_is_left_out_with_the_reason(fake_runs, tmp_p
 
 
 def test_conditions_are_printed_and_stored(fake_runs, tmp_path, capsys):
-    evaluate(tmp_path, "--scenarios", "ReachLinear", "--seeds", "1")
+    evaluate(tmp_path, "--scenarios", "ReachLinearMocap", "--seeds", "1")
     found = json.loads((tmp_path / "summary.json").read_text())["conditions"]
     assert found["objects"] == ["mug", "ball"] and found["seeds"] == [0]
     assert "Conditions: development split" in capsys.readouterr().out
 
 
 def test_finished_runs_are_not_repeated(fake_runs, tmp_path, capsys):
-    arguments = ("--scenarios", "ReachLinear", "--seeds", "1")
+    arguments = ("--scenarios", "ReachLinearMocap", "--seeds", "1")
     evaluate(tmp_path, *arguments)
     first = rows_of(tmp_path)
     fake_runs.clear()
@@ -100,13 +100,13 @@ def test_finished_runs_are_not_repeated(fake_runs, tmp_path, capsys):
     assert "4 of 4 are finished already" in capsys.readouterr().out
     assert rows_of(tmp_path) == first
 
-    evaluate(tmp_path, "--scenarios", "ReachLinear", "--seeds", "2")
+    evaluate(tmp_path, "--scenarios", "ReachLinearMocap", "--seeds", "2")
     assert sorted(name[-1] for name in fake_runs) == ["1"] * 4
 
 
 def test_a_commit_in_the_middle_is_told(fake_runs, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(run_module, "git_revision", lambda: "later")
-    evaluate(tmp_path, "--scenarios", "ReachLinear", "--seeds", "1")
+    evaluate(tmp_path, "--scenarios", "ReachLinearMocap", "--seeds", "1")
     assert "some runs are of later, not 57f3f21b0c4e" in capsys.readouterr().out
     assert json.loads((tmp_path / "summary.json").read_text())["git"] == "57f3f21b0c4e"
 
@@ -115,7 +115,7 @@ def test_uncommitted_changes_are_told(fake_runs, tmp_path, monkeypatch, capsys):
     for module in REVISION:
         monkeypatch.setattr(module, "git_revision", lambda: "57f3f21b0c4e-dirty")
     for _ in range(2):
-        evaluate(tmp_path, "--scenarios", "ReachLinear", "--seeds", "1")
+        evaluate(tmp_path, "--scenarios", "ReachLinearMocap", "--seeds", "1")
     assert len(fake_runs) == 4
     assert "uncommitted changes cannot be told apart" in capsys.readouterr().out
 
@@ -132,9 +132,9 @@ def test_uncommitted_changes_are_told(fake_runs, tmp_path, monkeypatch, capsys):
     ids=["revision", "versions", "scenario", "crashed", "half a file"],
 )
 def test_runs_of_another_state_are_repeated(fake_runs, tmp_path, capsys, change):
-    arguments = ("--scenarios", "ReachLinear", "--seeds", "1")
+    arguments = ("--scenarios", "ReachLinearMocap", "--seeds", "1")
     evaluate(tmp_path, *arguments)
-    file = tmp_path / "runs" / "ReachLinear-mug-task-safe-0.json"
+    file = tmp_path / "runs" / "ReachLinearMocap-mug-task-safe-0.json"
     text = file.read_text()
     file.write_text(text[:40] if change is None else json.dumps(json.loads(text) | change))
     fake_runs.clear()
@@ -144,7 +144,7 @@ def test_runs_of_another_state_are_repeated(fake_runs, tmp_path, capsys, change)
 
 
 def test_a_changed_setting_repeats_its_runs(fake_runs, tmp_path):
-    arguments = ("--scenarios", "ReachLinear", "--seeds", "1")
+    arguments = ("--scenarios", "ReachLinearMocap", "--seeds", "1")
     evaluate(tmp_path, *arguments)
     fake_runs.clear()
     evaluate(tmp_path, *arguments, "--scenario_text", "{object: {friction: 0.3}}")
@@ -160,7 +160,7 @@ def test_an_interruption_keeps_what_is_finished(fake_runs, tmp_path, monkeypatch
         return run(scenario, name, filename)
 
     monkeypatch.setattr(isolated, "run_isolated", interrupted)
-    arguments = ("--scenarios", "ReachLinear", "--seeds", "2")
+    arguments = ("--scenarios", "ReachLinearMocap", "--seeds", "2")
     assert evaluate(tmp_path, *arguments) == 130
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["partial"] is True and summary["rows"][0]["n"] <= 3
@@ -173,7 +173,7 @@ def test_an_interruption_keeps_what_is_finished(fake_runs, tmp_path, monkeypatch
 def test_real_runs_in_real_processes(tmp_path):
     text = "{simulation_duration: 0.06}"
     status = evaluate(
-        tmp_path, "--objects", "soup_can", "--scenarios", "ReachLinear", "--seeds", "1",
+        tmp_path, "--objects", "soup_can", "--scenarios", "ReachLinearMocap", "--seeds", "1",
         "--jobs", "2", "--scenario_text", text,
     )  # fmt: skip
     assert status == 0

@@ -152,8 +152,8 @@ def test_an_unknown_fault_is_refused():
 
 
 def came_of(status=(), fault="pose_nan", error=None, **metrics):
-    scenario = load_scenario(FILE, "ReachLinear")
-    run = FaultRun("ReachLinear", "ball", scenario, fault=fault, instant=1, start=3.0)
+    scenario = load_scenario(FILE, "ReachLinearMocap")
+    run = FaultRun("ReachLinearMocap", "ball", scenario, fault=fault, instant=1, start=3.0)
     made = record(scenario, **{"grasp_held": False} | metrics)
     made |= {"status": [list(entry) for entry in status], "error": error}
     return outcome(run, made)

@@ -24,7 +24,7 @@ def planned(*arguments):
 def test_there_is_one_run_for_every_row_of_the_tables():
     runs = planned()
     rows = {(r.name, r.scenario.control.controller, r.scenario.control.mode) for r in runs}
-    assert len(rows) == len(runs) == 6 * 2 * 3 + 3 * (3 * 2) + 2 + 4 * 2
+    assert len(rows) == len(runs) == 6 * 2 * 3 + 4 * (3 * 2) + 2 + 4 * 2
     for run in runs:
         assert run.scenario.random_seed == 0
         if not run.scenario.grasp.close:
@@ -55,25 +55,25 @@ def fake_runs(monkeypatch):
 
 
 def show(out):
-    return cli.main(["evaluate", "gallery", "--out", str(out), "--scenarios", "ReachLinear",
+    return cli.main(["evaluate", "gallery", "--out", str(out), "--scenarios", "ReachLinearMocap",
                      "--objects", "mug,ball", "--jobs", "1"])  # fmt: skip
 
 
 def test_the_page_links_every_replay(fake_runs, tmp_path):
     assert show(tmp_path) == 0
-    assert fake_runs == ["ReachLinear-mug-task-safe-0", "ReachLinear-mug-joint-safe-0"]
+    assert fake_runs == ["ReachLinearMocap-mug-task-safe-0", "ReachLinearMocap-mug-joint-safe-0"]
     page = (tmp_path / "index.html").read_text()
     links = re.findall(r'href="([^"]+)"', page)
     assert links == [f"{name}.html" for name in fake_runs]
     assert all((tmp_path / link).exists() for link in links)
-    assert re.findall(r'<img src="([^"]+)"', page) == ["ReachLinear-mug-task-safe-0.png"]
+    assert re.findall(r'<img src="([^"]+)"', page) == ["ReachLinearMocap-mug-task-safe-0.png"]
     assert "<dd>3.46</dd>" in page and "<dd>yes</dd>" in page
     assert "57f3f21b0c4e" in page and "$" not in page
 
 
 def test_finished_replays_are_kept(fake_runs, tmp_path):
     show(tmp_path)
-    (tmp_path / "ReachLinear-mug-joint-safe-0.html").unlink()
+    (tmp_path / "ReachLinearMocap-mug-joint-safe-0.html").unlink()
     fake_runs.clear()
     show(tmp_path)
-    assert fake_runs == ["ReachLinear-mug-joint-safe-0"]
+    assert fake_runs == ["ReachLinearMocap-mug-joint-safe-0"]

@@ -119,17 +119,21 @@ def test_a_recording_is_made_once_of_the_same(mug, tmp_path, monkeypatch):
     file, mesh = tmp_path / "a.npz", tmp_path / "mesh.obj"
     mesh.write_text("one")
     for _ in range(2):
-        again = recorded(file, "ReachLinear", ("{}",), 1.0, mesh)
+        again = recorded(file, "ReachLinearMocap", ("{}",), 1.0, mesh)
         assert np.array_equal(again.depths, recording.depths)
         assert again.depth(0).max() == pytest.approx(2.0)
     assert len(made) == 1
     for k, what in enumerate(
-        [("ReachCircular", ("{}",), 1.0), ("ReachLinear", ("{a: 1}",), 1.0), ("ReachLinear", (), 2)]
+        [
+            ("ReachCircularMocap", ("{}",), 1.0),
+            ("ReachLinearMocap", ("{a: 1}",), 1.0),
+            ("ReachLinearMocap", (), 2),
+        ]
     ):
         recorded(file, *what, mesh)
         assert len(made) == 2 + k
     mesh.write_text("another")
-    recorded(file, "ReachLinear", (), 2, mesh)
+    recorded(file, "ReachLinearMocap", (), 2, mesh)
     assert len(made) == 5
 
 

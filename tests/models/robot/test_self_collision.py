@@ -227,7 +227,7 @@ def test_an_unknown_configuration_is_not_free(joint, bad, model):
 def twin():
     """The visible robot: its distances owe nothing to the capsules."""
     return RobotTwin(
-        load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear").directives
+        load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap").directives
     )
 
 

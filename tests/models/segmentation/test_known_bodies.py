@@ -31,7 +31,7 @@ X_WC = RigidTransform([0.0, 0.0, -5.0]).GetAsMatrix4()
 @pytest.fixture(scope="module")
 def station():
     """A cell with a wall and a table."""
-    return make_station(load_scenario(FILE, "ReachObstacle", "{camera_noise: {}}"))
+    return make_station(load_scenario(FILE, "ReachObstacleMocap", "{camera_noise: {}}"))
 
 
 def kinds(bodies, points, q, opening, noise=0.0):
@@ -82,7 +82,7 @@ def test_points_in_the_hand_are_the_robots(station, opening):
 
 
 def test_the_boxes_of_the_cell_are_those_of_its_geometry(station):
-    config = station_config(load_scenario(FILE, "ReachObstacle"))
+    config = station_config(load_scenario(FILE, "ReachObstacleMocap"))
     rng = np.random.default_rng(1)
     points = rng.uniform([0.2, -0.6, -0.1], [0.9, 0.6, 0.6], (600, 3))
     q = np.zeros(7)

@@ -236,7 +236,7 @@ def test_commands_are_faulty_for_so_long_only(fixed_context):
 def scenario(text):
     few = "{n_candidates: 50, n_grasps: 8, sampler: antipodal, max_points: 120}"
     return load_scenario(
-        FILE, "ReachLinear", f"{{object: {{model: ball}}, perception: {few}}}", text
+        FILE, "ReachLinearMocap", f"{{object: {{model: ball}}, perception: {few}}}", text
     )
 
 

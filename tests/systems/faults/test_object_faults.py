@@ -16,7 +16,9 @@ FILE = diagram_path("dynamic.scenarios.yaml")
 
 def cell(faults, hold):
     """A cell without cameras whose arm stands still, and its scenario."""
-    scenario = load_scenario(FILE, "ReachLinear", f"{{object: {{model: ball}}, faults: {faults}}}")
+    scenario = load_scenario(
+        FILE, "ReachLinearMocap", f"{{object: {{model: ball}}, faults: {faults}}}"
+    )
     scenario.cameras = {}
     station = make_station(scenario)
     simulator = Simulator(station)

@@ -24,7 +24,9 @@ TRUTH = {"object.velocity", "contact_results", "query_object", "object.hold"}
 def wire():
     """What was sent on every channel in the first 1.5 s; cell; control; errors of the pose [m]."""
     inline = "{perception: {execution: inline}}"  # in lock-step, whatever takes how long
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None, inline)
+    scenario = load_scenario(
+        diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", None, inline
+    )
     lcm, sent = DrakeLcm("memq://"), {}
     simulator = Simulator(make_simulated_cell(scenario, lcm))
     loop, guard = ControlLoop(scenario, lcm), Guard(lcm)
@@ -63,7 +65,7 @@ def commands(wire, channel):
 
 
 def test_only_what_drivers_and_sensors_say_goes_over_the_wire(wire):
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", None)
     to_the_drivers = {channels.IIWA_REQUEST, channels.IIWA_COMMAND, channels.WSG_COMMAND}
     assert set(wire[0]) == {*channels.inbound(scenario), *to_the_drivers}
     assert set(channels.inbound(scenario)) == {
@@ -74,7 +76,7 @@ def test_only_what_drivers_and_sensors_say_goes_over_the_wire(wire):
 
 def test_where_depth_tells_the_object_no_mask_is_sent():
     text = "{perception: {segmentation: depth}}"
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", text)
     lcm, images = DrakeLcm("memq://"), []
     simulator = Simulator(make_simulated_cell(scenario, lcm))
     channel = channels.image_channel("wrist_camera")
@@ -144,7 +146,7 @@ def test_the_arm_does_what_is_asked_for(wire):
 def test_what_the_camera_saw_is_where_the_object_is(wire):
     """The field in O, seen by an arm that moves, of an object that moves: millimetres, all told."""
     loop = wire[2]
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", None)
     vertices = np.asarray(load_scenario_object(scenario).mesh.vertices)
     perception = loop.diagram.GetSubsystemByName("perception")
     context = perception.GetMyContextFromRoot(loop.simulator.get_context())
@@ -157,7 +159,7 @@ def test_what_the_camera_saw_is_where_the_object_is(wire):
 
 def mount(text):
     """Pose of the camera on the camera's stand, in the simulated cell and as believed."""
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None, text)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", None, text)
     cell = make_simulated_cell(scenario, DrakeLcm("memq://"))
     station = cell.GetSubsystemByName("station")
     sensor = station.GetSubsystemByName("rgbd_sensor_wrist_camera")

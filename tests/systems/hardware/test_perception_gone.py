@@ -27,7 +27,9 @@ class Bench:
 
     def __init__(self):
         text = "{grasp: {close: false}}"
-        scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", None, text)
+        scenario = load_scenario(
+            diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", None, text
+        )
         lcm = DrakeLcm("memq://")
         self.cell = Simulator(make_simulated_cell(scenario, lcm))
         self.loop, self.guard = ControlLoop(scenario, lcm), Guard(lcm)

@@ -162,7 +162,7 @@ def test_seen_side_has_the_colour_of_seen() -> None:
 def test_pipeline_draws_in_the_frame_of_the_moving_object(tmp_path: Path, read_animation) -> None:
     meshcat = start_recording()
     # Of this object, seen like this, the first view already tells of grasps.
-    scenario = load_scenario(SCENARIOS, "ReachCircular", "{object: {model: soup_can}}")
+    scenario = load_scenario(SCENARIOS, "ReachCircularMocap", "{object: {model: soup_can}}")
     diagram = make_dynamic_grasp(scenario, meshcat)
     simulator = Simulator(diagram)
     simulator.Initialize()
@@ -191,6 +191,6 @@ def test_pipeline_draws_in_the_frame_of_the_moving_object(tmp_path: Path, read_a
 
 
 def test_without_meshcat_nothing_is_drawn() -> None:
-    diagram = make_dynamic_grasp(load_scenario(SCENARIOS, "ReachCircular", None))
+    diagram = make_dynamic_grasp(load_scenario(SCENARIOS, "ReachCircularMocap", None))
     assert not diagram.HasSubsystemNamed("visualizer")
     assert not diagram.HasSubsystemNamed("scene")

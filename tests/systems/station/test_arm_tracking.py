@@ -20,7 +20,7 @@ SPEED = 0.8
 
 def velocity_peaks(joint: int, q_start: np.ndarray) -> np.ndarray:
     """Largest speeds, over the limits, of a joint sent up to `SPEED` and back."""
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear")
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap")
     config = StationConfig(scenario.plant_config, scenario.directives, cameras={}, q_start=q_start)
     builder = DiagramBuilder()
     station = builder.AddSystem(Station(config, load_object("mug"), make_motion(scenario)))
@@ -53,7 +53,7 @@ def test_no_joint_exceeds_its_limit_after_the_hardest_start(joint):
 
 def test_joints_are_damped_at_any_inertia():
     """Each by itself, by Drake's mass matrix, in which the rotors are."""
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear")
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap")
     config = StationConfig(
         scenario.plant_config, scenario.directives, cameras={}, q_start=np.zeros(7)
     )

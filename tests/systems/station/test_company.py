@@ -20,7 +20,7 @@ IDEAL = "{camera_noise: {}, object: {model: mug}}"
 @pytest.fixture(scope="module")
 def carried():
     text = "{carrier: {kind: hand}, distractor: {model: duck, offset: [-0.1, 0.15, -0.1]}}"
-    return Cell(load_scenario(FILE, "ReachLinear", IDEAL, text))
+    return Cell(load_scenario(FILE, "ReachLinearMocap", IDEAL, text))
 
 
 def shown(cell):
@@ -96,7 +96,7 @@ def hand_middle(cell):
 
 
 def test_the_object_moves_as_it_does_alone(carried):
-    alone = Cell(load_scenario(FILE, "ReachLinear", IDEAL))
+    alone = Cell(load_scenario(FILE, "ReachLinearMocap", IDEAL))
     poses = []
     for cell in (carried, alone):
         cell.start()

@@ -17,7 +17,7 @@ FILE = diagram_path("dynamic.scenarios.yaml")
 
 
 def scenario(gripper):
-    return load_scenario(FILE, "ReachLinear", f"{{gripper: {gripper}}}")
+    return load_scenario(FILE, "ReachLinearMocap", f"{{gripper: {gripper}}}")
 
 
 @pytest.fixture(scope="module")

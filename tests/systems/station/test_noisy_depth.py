@@ -51,7 +51,7 @@ def test_in_the_station_cloud_and_depth_image_carry_the_same_noise():
     """Along the optical axis the cloud is the noisy depth; the labels know nothing of it."""
     file, images = diagram_path("dynamic.scenarios.yaml"), {}
     for text in ("{camera_noise: {}}", "{camera_noise: {wrist_camera: {depth_step: 0}}}"):
-        station = make_station(load_scenario(file, "ReachLinear", text))
+        station = make_station(load_scenario(file, "ReachLinearMocap", text))
         context = station.CreateDefaultContext()
         cloud, depth, label, pose = (
             station.GetOutputPort(f"wrist_camera.{name}").Eval(context)
@@ -76,7 +76,7 @@ def test_a_calibration_error_moves_cloud_and_pose_alike():
     off = "{camera_noise: {wrist_camera: {hand_eye_position: 0.01, hand_eye_angle_deg: 1}}}"
     seen = []
     for text in ("{camera_noise: {wrist_camera: {}}}", off):
-        station = make_station(load_scenario(file, "ReachLinear", text))
+        station = make_station(load_scenario(file, "ReachLinearMocap", text))
         context = station.CreateDefaultContext()
         pose = station.GetOutputPort("wrist_camera.pose").Eval(context)
         cloud = station.GetOutputPort("wrist_camera.point_cloud").Eval(context).xyzs()
@@ -91,7 +91,7 @@ def test_a_calibration_error_moves_cloud_and_pose_alike():
 
 def test_the_camera_of_its_own_looks_towards_the_pads():
     file = diagram_path("dynamic.scenarios.yaml")
-    station = make_station(load_scenario(file, "ReachLinearCamera", "{camera_noise: {}}"))
+    station = make_station(load_scenario(file, "ReachLinear", "{camera_noise: {}}"))
     context = station.CreateDefaultContext()
     z_C = station.GetOutputPort("wrist_camera.pose").Eval(context).rotation().col(2)
     inside = station.plant.GetMyContextFromRoot(context)

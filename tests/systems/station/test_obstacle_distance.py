@@ -43,12 +43,12 @@ class Cell:
 
 @pytest.fixture(scope="module")
 def table():
-    return Cell("ReachLinear")
+    return Cell("ReachLinearMocap")
 
 
 @pytest.fixture(scope="module")
 def wall():
-    return Cell("ReachObstacle")
+    return Cell("ReachObstacleMocap")
 
 
 def test_ports_are_those_of_the_docstring(table, ports, documented_ports):
@@ -90,7 +90,7 @@ def test_the_wall_is_an_obstacle_and_the_arm_can_go_through_it(wall):
 
 
 def test_without_surroundings_it_is_infinite():
-    cell = Cell("ReachLinear", "{directives: [{add_model: {name: iiwa, file: "
+    cell = Cell("ReachLinearMocap", "{directives: [{add_model: {name: iiwa, file: "
                 "package://feasigrasp/iiwa/iiwa7.urdf}}, {add_weld: {parent: world, child: "
                 "iiwa::iiwa_link_0}}, {add_model: {name: gripper, file: "
                 "package://feasigrasp/iiwa/gripper.urdf}}, {add_weld: {parent: iiwa::iiwa_flange, "

@@ -168,6 +168,6 @@ def _config(of):
 
 def test_a_cell_that_cannot_be_loaded_is_a_clear_error():
     text = "{directives: [{add_directives: {file: package://nowhere/cell.dmd.yaml}}]}"
-    broken = load_scenario(FILE, "ReachLinear", text)
+    broken = load_scenario(FILE, "ReachLinearMocap", text)
     with pytest.raises(ScenarioError, match=r"(?s)cannot be loaded.*cell\.dmd\.yaml"):
         make_station(broken)

@@ -146,7 +146,7 @@ def test_before_the_first_view_nothing_is_known():
 def test_a_scenario_may_track_with_its_camera():
     """The pipeline starts on the camera's tracker alone, and comes to grasps."""
     text = "{object: {model: small_box}, tracker: {kind: camera}}"
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinear", text)
+    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", text)
     diagram = make_dynamic_grasp(scenario)
     tracker = diagram.GetSubsystemByName("tracker")
     assert isinstance(tracker, FieldTracker)
