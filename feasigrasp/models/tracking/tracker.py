@@ -75,6 +75,7 @@ class FieldTrack(Frozen):
 
     Attributes:
         image_time: Time of the last image [s]; -inf before the first.
+        X_WC: Pose of the camera at that time, shape (4, 4); None before.
         measured: Pose and twist at the last image that a pose was got from; None before.
         estimate: Pose and twist at that time, or where they are expected to be at that of the last
             image; None before the first view.
@@ -87,6 +88,7 @@ class FieldTrack(Frozen):
     """
 
     image_time: float = -np.inf
+    X_WC: Array | None = None
     measured: TwistFilter | None = None
     estimate: TwistFilter | None = None
     model: TrackedModel | None = None
@@ -113,7 +115,13 @@ class FieldTrack(Frozen):
 
 
 def track(
-    before: FieldTrack, view: ObjectView, time: float, gpdf: Gpdf | None, views: ViewRecord
+    before: FieldTrack,
+    view: ObjectView,
+    time: float,
+    gpdf: Gpdf | None,
+    views: ViewRecord,
+    *,
+    held: bool = False,
 ) -> FieldTrack:
     """Takes in one image.
 
@@ -123,6 +131,8 @@ def track(
         time: When it was taken [s]; one not later than the last is ignored.
         gpdf: The field of what was merged so far, in O; None until there is one.
         views: From where the merged views were taken.
+        held: Whether the hand that carries the camera has the object: it moves with both, and is
+            not learnt from, since fingers hide a part of it.
     """
     if not time > before.image_time or not np.isfinite(view.X_WC).all():
         return before
@@ -131,10 +141,13 @@ def track(
         return _begun(before, view, time)
     if gpdf is not None and (model is None or model.gpdf is not gpdf):
         model = TrackedModel(gpdf)
-    before = replace(before, image_time=time, model=model)
+    X_WC_before = before.X_WC
+    before = replace(before, image_time=time, model=model, X_WC=view.X_WC)
     gap = time - before.measured_at
     coasting = gap > COASTING_AFTER
     expected = estimate.predicted(time, coasting=coasting)
+    if held and X_WC_before is not None:
+        expected = expected.put(estimate, view.X_WC @ se3.inverse(X_WC_before) @ estimate.X_WO)
     found: Registration | None = None
     if model is not None and len(view.points_W) >= _LEAST_POINTS:
         found = register(model, view, expected.X_WO, expected.pose_covariance)
@@ -161,7 +174,7 @@ def track(
         in_view=found.in_view,
         deviation=deviation,
     )
-    if _is_key(after, found, view, views):
+    if not held and _is_key(after, found, view, views):
         after = replace(after, keyframe=_keyframe(view, estimate.X_WO, time))
     return _passed_on(after)
 
@@ -176,6 +189,7 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
         replace(
             before,
             image_time=time,
+            X_WC=view.X_WC,
             measured=estimate,
             estimate=estimate,
             in_view=1.0,

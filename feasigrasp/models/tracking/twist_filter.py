@@ -101,6 +101,11 @@ class TwistFilter(Frozen):
             F @ self.covariance @ F.T + Q,
         )
 
+    def put(self, before: TwistFilter, X_WO: Array) -> TwistFilter:
+        """The same estimate at another pose, that it has come to from an earlier one."""
+        V_WO = pose_error(before.X_WO, X_WO) / (self.time - before.time)
+        return replace(self, X_WO=X_WO, V_WO=V_WO)
+
     def measured(self, X_WO: Array, information: Array) -> TwistFilter:
         """The estimate after a registration that started from this one.
 

@@ -77,6 +77,8 @@ def add_control(
         gripper_state=station.GetOutputPort("gripper.state_measured"),
         **given(lapsed=lapsed(cell)),
     )
+    if sees and tracker.HasInputPort("phase"):
+        cell.connect(tracker, phase=sequencer.GetOutputPort("phase"))
     sense = cell.add(
         "contact_sense",
         ContactSense(scenario.plant_config.time_step),

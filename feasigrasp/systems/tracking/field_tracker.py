@@ -13,6 +13,7 @@ from pydrake.systems.sensors import ImageDepth32F
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracker_config import TrackerConfig
@@ -34,6 +35,7 @@ class FieldTracker(LeafSystem):
         - depth_image
         - image_time
         - perceived
+        - phase
         output_ports:
         - object_pose
         - object_velocity
@@ -45,7 +47,8 @@ class FieldTracker(LeafSystem):
     it was taken, ``depth_image`` the whole image that it is a part of, from which the tracker knows
     where the object is not. ``image_time`` is when it was taken [s] (V1). The last two are
     optional; without a time an image is taken when it is read. ``perceived`` is a `Perceived`, from
-    `KeyframesToGPDF`: the field by which is tracked.
+    `KeyframesToGPDF`: the field by which is tracked. ``phase`` (V1, see `GripperSequencer`), of a
+    gripper that carries the camera, is optional: what it lifts moves with it.
 
     The first four outputs are those of `ObjectTracker`. The frame O is that of the first view: its
     origin is the middle of what was seen, its axes are the world's. ``keyframe`` is the last
@@ -63,6 +66,7 @@ class FieldTracker(LeafSystem):
         self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1))
         self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._perceived = declare_input(self, "perceived")
+        self._phase = self.DeclareVectorInputPort("phase", 1)
         self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._look)
         state, now = {self._track.ticket()}, {self._track.ticket(), self.time_ticket()}
         declare_output(self, "object_pose", self._calc_pose, now, model=RigidTransform())
@@ -101,7 +105,9 @@ class FieldTracker(LeafSystem):
         time = context.get_time()
         if self._image_time.HasValue(context):
             time = float(self._image_time.Eval(context)[0])
-        return track(self._track.Eval(context), view, time, perceived.gpdf, perceived.views)
+        held = self._phase.HasValue(context) and self._phase.Eval(context)[0] > Phase.CLOSE
+        before: FieldTrack = self._track.Eval(context)
+        return track(before, view, time, perceived.gpdf, perceived.views, held=bool(held))
 
     def _pose_and_twist(self, context: Context) -> tuple[Array, Array]:
         """Pose and twist now; NaN before the first view, and at rest once it is lost."""

@@ -9,6 +9,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.tracking.sequence import SequenceTracker
+from feasigrasp.models.tracking.tracker import track
 from feasigrasp.models.tracking.view import ObjectView
 from tests.object_views import look
 from tests.tracked_block import MESH, SURFACE
@@ -95,6 +96,29 @@ def test_a_side_that_is_known_gives_fewer_keyframes():
     assert between[:2].max() < 0.15
     assert between[2:].min() > 0.39
     assert len(between) >= 4
+
+
+@pytest.mark.parametrize("slips", [False, True])
+def test_what_is_held_moves_with_the_hand(slips):
+    """Camera and object are shaken together; in 0.3 s of it the object is out of sight."""
+    rng, tracker, X_BO, keyframe = np.random.default_rng(3), SequenceTracker(), None, None
+    for k in range(75):
+        t = k * PERIOD
+        held = t > 0.5
+        way = 0.04 * (1.0 - np.cos(2.0 * np.pi * 1.5 * (t - 0.5))) if held else 0.0
+        shaken = se3.make_pose(se3.so3_exp([0.0, 0.0, 5.0 * way]), [0.0, way, 0.5 * way])
+        slid = 0.04 * np.clip(t - 1.5, 0.0, 0.25) if slips else 0.0
+        X_WB = shaken @ se3.make_pose(np.eye(3), [0.0, 0.0, -slid]) @ X0
+        view = look(SURFACE, X_WB, shaken @ CAMERA, rng)
+        if 0.8 < t < 1.1:
+            view = replace(view, points_W=np.zeros((0, 3)), depth=None)
+        track_ = track(tracker.track, view, t, tracker.shape.gpdf, tracker.shape.views, held=held)
+        tracker = replace(tracker, track=track_).learnt()
+        X_BO = se3.inverse(X_WB) @ track_.estimate.X_WO if X_BO is None else X_BO
+        if held and not 1.5 < t < 1.9:
+            assert surface_error(track_.estimate.X_WO @ se3.inverse(X_BO), X_WB) < 1.5e-3
+        keyframe = track_.keyframe if not held else keyframe
+    assert track_.keyframe is keyframe, "what is in the hand is not learnt from"
 
 
 def test_its_motion_predicts(followed):
