@@ -2,7 +2,7 @@
 
 For example::
 
-    python tools/animate_replay.py out/demo/replay.html docs/images/demo.webp --until 9.2
+    python tools/animate_replay.py out/demo/replay.html docs/images/demo.webp --until 7.4
 """
 
 import argparse
