@@ -55,7 +55,7 @@ def in_a_process(*arguments, **environment):
     ).stdout.splitlines()
 
 
-@pytest.mark.parametrize(("run", "group"), zip(RUNS, GROUPS, strict=True))
+@pytest.mark.parametrize(("run", "group"), [*zip(RUNS, GROUPS, strict=True)])
 def test_runs_call_what_is_compiled_ahead(run, group):
     """If this fails: ``python tools/make_kernels.py``."""
     ahead = {(kernel.module, kernel.name, kernel.signature) for kernel in load_kernels([group])}
