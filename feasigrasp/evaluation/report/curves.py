@@ -20,6 +20,8 @@ _AXES = {
     "speed of the rotation [rad/s]": ("spin",),
 }
 _COLORS = {"circle": "#238b45", "line": "#2171b5", "bezier": "#d94801", "spin": "#6a51a3"}
+#: Those with the camera alone are dashed, in the colours of the others.
+_COLORS |= {camera: _COLORS[given] for camera, given in zip(CAMERA_MOTIONS, MOTIONS, strict=True)}
 _COLUMNS = (
     ("held_percent", "held [%]", 1),
     ("closing_speed_m_s", "speed at closing [m/s]", 3),
@@ -92,4 +94,5 @@ def _draw_curve(axis: Axes, found: Rows, curve: str) -> None:
     high = [row.value if row.high is None else row.high for row in rows]
     color = _COLORS[curve]
     axis.fill_between(speeds, low, high, color=color, alpha=0.15, linewidth=0.0)
-    axis.plot(speeds, held, "o-", color=color, label=curve)
+    style = "o--" if curve in CAMERA_MOTIONS else "o-"
+    axis.plot(speeds, held, style, color=color, label=curve)

@@ -48,6 +48,7 @@ def test_runs_are_points_of_curves():
     ends = list(AT_SPEEDS), list(AT_SPINS)
     assert curve_point(f"ReachCircularMocap{ends[0][1]}") == "circle/0.15"
     assert curve_point(f"ReachBezierMocap{ends[0][4]}") == "bezier/0.6"
+    assert curve_point(f"ReachBezier{ends[0][4]}") == "bezier-camera/0.6"
     assert curve_point(f"ReachCircularMocap{ends[1][1]}") == "spin/0.5"
     assert (
         curve_point("ReachCircularMocap") is None and curve_point("ReachLinearMocap-ideal") is None

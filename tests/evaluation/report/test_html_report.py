@@ -31,7 +31,8 @@ def run_record(model, seed, held, **metrics):
 @pytest.fixture
 def folder(tmp_path):
     rows = []
-    for preset, held in {"circle/0.15": 100.0, "circle/0.6": 40.0, "bezier/0.3": 80.0}.items():
+    points = {"circle/0.15": 100.0, "circle/0.6": 40.0, "bezier/0.3": 80.0, "line-camera/0.3": 70.0}
+    for preset, held in points.items():
         rows += [
             row("dynamic.held_percent", preset, held, held - 10, min(100.0, held + 9)),
             row("dynamic.closing_speed_m_s", preset, 0.123),
@@ -104,10 +105,13 @@ def test_curves_are_in_order_of_speed_and_drawn(folder):
     rows = json.loads((folder / "summary.json").read_text())["rows"]
     found = {(r["preset"], r["name"].removeprefix("dynamic.")): Row(**r) for r in rows}
     assert curve_points(found, "circle") == [(0.15, "circle/0.15"), (0.6, "circle/0.6")]
-    assert curve_points(found, "spin") == []
+    assert curve_points(found, "line-camera") == [(0.3, "line-camera/0.3")]
+    assert curve_points(found, "line") == curve_points(found, "spin") == []
     picture = imread(folder / FIGURE)[..., :3]
     green = np.abs(picture - np.array([0x23, 0x8B, 0x45]) / 255.0).max(axis=2) < 0.02
     assert green.sum() > 100
+    blue = np.abs(picture - np.array([0x21, 0x71, 0xB5]) / 255.0).max(axis=2) < 0.02
+    assert blue.sum() > 20
 
 
 def test_markdown_becomes_html():
