@@ -147,7 +147,7 @@ def track(
     coasting = gap > COASTING_AFTER
     expected = estimate.predicted(time, coasting=coasting)
     if held and X_WC_before is not None:
-        expected = expected.put(estimate, view.X_WC @ se3.inverse(X_WC_before) @ estimate.X_WO)
+        expected = expected.carried(estimate, view.X_WC @ se3.inverse(X_WC_before) @ estimate.X_WO)
     found: Registration | None = None
     if model is not None and len(view.points_W) >= _LEAST_POINTS:
         found = register(model, view, expected.X_WO, expected.pose_covariance)

@@ -101,8 +101,8 @@ class TwistFilter(Frozen):
             F @ self.covariance @ F.T + Q,
         )
 
-    def put(self, before: TwistFilter, X_WO: Array) -> TwistFilter:
-        """The same estimate at another pose, that it has come to from an earlier one."""
+    def carried(self, before: TwistFilter, X_WO: Array) -> TwistFilter:
+        """The same estimate at the pose that something has carried it to from an earlier one."""
         V_WO = pose_error(before.X_WO, X_WO) / (self.time - before.time)
         return replace(self, X_WO=X_WO, V_WO=V_WO)
 
