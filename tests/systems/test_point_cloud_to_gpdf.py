@@ -5,7 +5,6 @@ import pytest
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.perception import PointCloud
-from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.clouds.edges import Outline
@@ -13,61 +12,7 @@ from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.usable import ViewFault
 from feasigrasp.systems import point_cloud_to_gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
-
-RADIUS = 0.04
-CAMERA = np.array([0.0, 0.0, 0.5])
-POSES = [
-    RigidTransform(),
-    RigidTransform(RollPitchYaw(0.3, -1.2, 2.0), [0.5, -0.2, 0.6]),
-    RigidTransform(RollPitchYaw(-2.0, 0.4, 0.9), [-1.0, 2.0, 0.1]),
-]
-
-
-def sphere(n=900, seed=0):
-    """Points on a sphere about the origin, at random, so that none lies on a voxel's border."""
-    p = np.random.default_rng(seed).normal(size=(n, 3))
-    return RADIUS * p / np.linalg.norm(p, axis=1, keepdims=True)
-
-
-def seen_from(points, camera):
-    """The part of the sphere that faces the camera."""
-    return points[points @ camera > RADIUS**2]
-
-
-def cloud_of(points):
-    cloud = PointCloud(len(points))
-    cloud.mutable_xyzs()[:] = np.asarray(points).T
-    return cloud
-
-
-class Perception:
-    """A perception system with a simulator whose inputs can be changed."""
-
-    def __init__(self, **kwargs):
-        self.dut = PointCloudToGPDF(**kwargs)
-        self.simulator = Simulator(self.dut)
-        self.context = self.simulator.get_mutable_context()
-
-    def look(self, t, points_W, X_WO=POSES[0], p_WC=CAMERA):
-        """Fixes what is seen and advances to t; what has been perceived by then."""
-        fix = {"point_cloud": cloud_of(points_W), "object_pose": X_WO}
-        X_WC = p_WC if isinstance(p_WC, RigidTransform) else RigidTransform(np.asarray(p_WC, float))
-        fix["camera_pose"] = X_WC
-        for name, value in fix.items():
-            self.dut.GetInputPort(name).FixValue(self.context, value)
-        self.simulator.AdvanceTo(t)
-        return self.dut.GetOutputPort("perceived").Eval(self.context)
-
-    def gpdf(self):
-        return self.dut.GetOutputPort("gpdf").Eval(self.context)
-
-    def view_faults(self):
-        return self.dut.GetOutputPort("view_faults").Eval(self.context)[0]
-
-    def see_object(self, t, X_WO, p_OC=CAMERA):
-        """Looks at the sphere at some pose from a camera that is fixed to the object."""
-        visible = seen_from(sphere(), p_OC)
-        return self.look(t, (X_WO @ visible.T).T, X_WO, X_WO @ p_OC)
+from tests.perception_bench import CAMERA, POSES, RADIUS, Perception, seen_from, sphere
 
 
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
@@ -155,19 +100,6 @@ def test_a_view_that_cannot_be_used_changes_nothing_and_is_counted(case):
     assert perception.gpdf() is field
     assert perception.view_faults() == 2 * (fault is not None)
     assert after.last_fault.startswith(fault or "")
-
-
-def test_a_view_far_from_the_others_is_a_contradiction_and_not_the_end():
-    """A tracked pose that is metres off: the merged cloud would be too wide for any field."""
-    perception = Perception()
-    perception.see_object(0.1, POSES[1])
-    field = perception.gpdf()
-    off = POSES[1] @ RigidTransform([2.5, 0.0, 0.0])
-    after = perception.look(0.6, (off @ seen_from(sphere(), CAMERA).T).T, POSES[1], off @ CAMERA)
-    assert after.contradicted
-    assert perception.gpdf() is field
-    back = perception.see_object(1.1, POSES[1])
-    assert back.cloud.views == 2 and not back.contradicted
 
 
 def test_whatever_the_fit_raises_is_counted(monkeypatch):
@@ -272,40 +204,6 @@ def test_what_brings_nothing_new_is_not_even_rendered():
     assert perception.dut.GetOutputPort("perceived").Eval(perception.context) is seen
 
 
-def test_a_view_that_contradicts_the_earlier_ones_is_noticed_and_not_merged():
-    """The object moves on and its tracked pose does not; later the pose is right again."""
-    perception = Perception(period=0.5, views_per_side=1, check=1.0)
-    first = perception.see_object(0.1, POSES[0])
-    visible, aside = seen_from(sphere(), CAMERA), np.array([0.0, 0.1, 0.0])
-    states = []
-    for k in range(1, 5):  # views at 0.5, 1.0, 1.5, 2.0, of which every other one is taken
-        states.append(perception.look(0.5 * k + 0.1, visible + aside))
-    assert [state.contradicted for state in states] == [False, True, True, True]
-    assert [state.looked for state in states] == [0.0, 1.0, 1.0, 2.0]
-    assert all(state.gpdf is first.gpdf for state in states)
-    # From another side, where a view is always welcome.
-    other = perception.look(2.6, visible + aside, p_WC=np.array([0.3, 0.1, 0.3]))
-    assert other.contradicted and other.cloud.views == 1
-    again = perception.see_object(3.6, POSES[1])
-    assert not again.contradicted and again.cloud.views == 1
-
-
-def test_a_contradiction_is_forgotten_when_nothing_is_seen_for_a_while():
-    perception = Perception(period=0.5, views_per_side=1, check=1.0)
-    perception.see_object(0.1, POSES[0])
-    visible = seen_from(sphere(), CAMERA)
-    assert perception.look(1.1, visible + [0.0, 0.1, 0.0]).contradicted  # looked at 1.0
-    assert perception.look(2.6, np.zeros((0, 3))).contradicted
-    assert not perception.look(3.1, np.zeros((0, 3))).contradicted
-
-
-def test_a_badly_tracked_view_is_no_contradiction():
-    perception = Perception(period=0.5, views_per_side=9)
-    perception.see_object(0.1, POSES[0])
-    off = perception.look(0.6, seen_from(sphere(), CAMERA) + [0.003, 0.003, 0.0])
-    assert not off.contradicted and off.cloud.views == 2
-
-
 def test_the_options_reach_the_fit():
     perception = Perception(max_points=100, length_scale=0.2)
     perception.look(0.1, sphere())
@@ -354,26 +252,3 @@ def test_the_outline_is_turned_into_the_frame_of_the_object(X_WO):
     row, column, _, inside = image.project(whole[band])
     assert inside.all() and (image.unclear | image.mask)[row, column].all()
     assert image.unclear.any()
-
-
-def test_first_views_at_a_wrong_pose_are_outvoted_by_later_ones_that_agree():
-    perception = Perception(period=0.5, check=0.5)
-    visible = seen_from(sphere(3000), CAMERA)
-    assert not perception.look(0.6, visible + [0.0, 0.1, 0.0]).contradicted
-    states = [perception.look(0.6 + 0.5 * k, visible) for k in range(1, 5)]
-    assert [state.contradicted for state in states] == [True, True, True, False]
-    last = states[-1]
-    assert last.cloud.views == 4 and last.gpdf is not None
-    assert last.faults[ViewFault.OUTVOTED] == states[0].cloud.views
-    np.testing.assert_allclose(last.cloud.points.mean(axis=0)[:2], 0.0, atol=0.003)
-    assert not perception.look(3.6, visible).contradicted
-
-
-def test_views_that_contradict_each_other_outvote_nothing():
-    """As while the measured pose stands still and the object moves on."""
-    perception = Perception(period=0.5, check=0.5)
-    visible = seen_from(sphere(3000), CAMERA)
-    first = perception.look(0.1, visible)
-    for k in range(1, 9):
-        seen = perception.look(0.1 + 0.5 * k, visible + [0.0, 0.06 * k, 0.0])
-        assert seen.contradicted and seen.cloud is first.cloud
