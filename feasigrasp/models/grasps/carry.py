@@ -20,7 +20,7 @@ from feasigrasp.models.shape.mass import estimate_mass
 #: completed surface, not quite opposite each other, and what they press beside takes friction.
 FRICTION, MOMENT_SHARE = 0.6, 0.35
 #: A grasp is sure to carry if it is so likely, or nearly as likely as the best one.
-SURE, NEARLY_BEST = 0.7, 0.75
+SURE, NEARLY_BEST = 0.7, 0.92
 #: One that is by this factor less likely than what is asked of it does not carry.
 _HOPELESS = 0.2
 
