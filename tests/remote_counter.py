@@ -2,15 +2,22 @@
 
 import os
 import time
+from dataclasses import dataclass
 
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
+from feasigrasp.models.arrays import Frozen
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
 #: A number that ends the process, and one that keeps it busy for `NAP` seconds.
 DIE, SLEEP, NAP = -1.0, 1000.0, 1.0
 PERIOD = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Sentence(Frozen):
+    text: str
 
 
 class Counter(LeafSystem):
@@ -30,6 +37,7 @@ class Counter(LeafSystem):
         if number == SLEEP:
             time.sleep(NAP)
         word = self._word.Eval(context) if self._word.HasValue(context) else ""
+        word = word.text if isinstance(word, Sentence) else word
         return (*self._said.Eval(context), (context.get_time(), number, word))
 
     def _calc_total(self, context, output):

@@ -128,7 +128,7 @@ class PerceptionConfig:
         camera: Name of the camera that is used.
         segmentation: By what its pixels of the object are told: ``labels``, the label image of the
             simulation, or ``depth``, its depth image alone, see `ForegroundSegmentation`.
-        execution: Where it works: ``inline``, between two ticks of the controller, or
+        execution: Where it works, and planning: ``inline``, between two ticks of the controller, or
             ``processes``, in a process of its own, for which no tick waits; so does what is made of
             the surroundings; ``auto``, the latter where an arm is commanded by its driver's
             messages, else the former.

@@ -17,12 +17,12 @@ from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.from_scenario import make_part, make_station
+from feasigrasp.systems.from_scenario import looks_for_itself, make_part, make_station
 from feasigrasp.systems.stages.cell import Cell, given
 from feasigrasp.systems.stages.control import add_control
 from feasigrasp.systems.stages.measurement import add_measurement, add_status
 from feasigrasp.systems.stages.perception import add_perception
-from feasigrasp.systems.stages.remote import remote_object
+from feasigrasp.systems.stages.remote import remote_object, remote_planner
 from feasigrasp.systems.stages.visualization import add_visualization
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.station import Station
@@ -93,7 +93,8 @@ def make_dynamic_grasp(
     ``visualizer`` and ``camera_pictures`` as well; with a scene field ``scene_perception``,
     ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth`` ``foreground``; with a
     tracker of ``kind: camera`` ``true_frame``, and ``in_view`` if the arm carries that camera;
-    where images have a stamp ``pose_at_view``; with faults systems that `FaultInjection` adds.
+    where images have a stamp ``pose_at_view``; with ``execution: processes`` ``planner``, and
+    ``looking`` if it also tracks; with faults systems that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log of one's own when it has
     run::
@@ -143,24 +144,27 @@ def make_dynamic_grasp(
                 "perception.execution: processes builds sampler and perception elsewhere; name "
                 "them in parts, or give perception: {execution: inline}"
             )
-        gpdf = add_perception(cell, remote_object(cell))
+        # A fault of the mask has no place over there.
+        tracks = not tracker and not scenario.faults and looks_for_itself(scenario)
+        gpdf = add_perception(cell, remote_object(cell), tracks_elsewhere=tracks)
     else:
         gpdf = add_perception(
             cell,
             perception or make_part(Part.PERCEPTION, scenario, reachability),
             sampler or make_part(Part.SAMPLER, scenario, reachability),
         )
-    controller = controller or make_part(Part.CONTROLLER, scenario, reachability)
-    add_control(cell, reachability, controller, gpdf)
+    made = controller or make_part(Part.CONTROLLER, scenario, reachability)
+    elsewhere = cell.remote and not controller and made.HasInputPort("plan")
+    add_control(cell, reachability, made, gpdf, remote_planner(cell) if elsewhere else None)
     add_status(cell)
     if isinstance(station, Station):
         add_measurement(cell)
     if meshcat is not None:
         add_visualization(cell, meshcat)
     # In a process of its own perception samples as well.
-    elsewhere = {"sampler": "perception"} if cell.remote else {}
+    other = {"sampler": "perception"} if cell.remote else {}
     subsystems = Subsystems(
-        **{name: cell[elsewhere.get(name, name)] for name in Subsystems.__annotations__}
+        **{name: cell[other.get(name, name)] for name in Subsystems.__annotations__}
     )
     if connect is not None:
         connect(builder, subsystems)

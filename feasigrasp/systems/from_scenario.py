@@ -30,6 +30,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.parts import Part, load_part
@@ -42,7 +43,7 @@ from feasigrasp.scenario.sampling import (
     make_hand_eye,
     make_motion,
 )
-from feasigrasp.scenario.schema import ControlConfig, Scenario
+from feasigrasp.scenario.schema import ControlConfig, Scenario, Segmentation
 from feasigrasp.systems.baselines.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
@@ -53,6 +54,7 @@ from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
+from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_boxes import cell_boxes
 from feasigrasp.systems.station.cell_models import StationConfig
@@ -109,7 +111,14 @@ def make_foreground_segmentation(
     # A perfect camera's pixels are told apart no more finely than those of a real one.
     camera = make_camera(scenario, without_noise=DepthNoise())
     bodies = KnownBodies(gripper, cell_boxes(station_config(scenario)))
-    return ForegroundSegmentation(camera, bodies, scenario.carrier.hue)
+    period = scenario.tracker.image_period
+    return ForegroundSegmentation(camera, bodies, scenario.carrier.hue, period=period)
+
+
+def make_object_pixels(scenario: Scenario) -> SegmentPointCloud:
+    """The object's points, of those that `make_foreground_segmentation` has labelled."""
+    hiding = {Label.ROBOT, Label.CARRIER}
+    return SegmentPointCloud(Label.OBJECT, camera=make_camera(scenario), hiding=hiding)
 
 
 def make_field_tracker(scenario: Scenario) -> FieldTracker:
@@ -120,6 +129,12 @@ def make_field_tracker(scenario: Scenario) -> FieldTracker:
 def led_by_its_camera(scenario: Scenario) -> bool:
     """Whether the object is tracked with a camera that the arm carries."""
     return scenario.tracker.kind == TrackerKind.CAMERA and carries_its_camera(scenario)
+
+
+def looks_for_itself(scenario: Scenario) -> bool:
+    """Whether the object is found and tracked in depth images, by the scenario's own tracker."""
+    camera = scenario.tracker.kind == TrackerKind.CAMERA and Part.TRACKER not in scenario.parts
+    return camera and scenario.perception.segmentation == Segmentation.DEPTH
 
 
 def carries_its_camera(scenario: Scenario) -> bool:

@@ -10,7 +10,13 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import CacheEntry, Context, InputPort, LeafSystem
+from pydrake.systems.framework import (
+    CacheEntry,
+    Context,
+    DependencyTicket,
+    InputPort,
+    LeafSystem,
+)
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
@@ -39,7 +45,7 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs, optional
-from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
+from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
 _REHEARSAL_STEP = 0.04
@@ -66,8 +72,10 @@ class GraspController(LeafSystem):
         - sought
         - look_from
         - tracking
+        - plan
         output_ports:
         - commanded_velocity
+        - plan
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
@@ -80,6 +88,9 @@ class GraspController(LeafSystem):
     the object in its image in that mode, as long as there is a ``gpdf``; while there is a
     ``sought``, a `Sought` or None, it looks for that instead, and while there is a ``look_from``,
     a configuration (7,) or None, it goes there to see the object from another side.
+
+    The output ``plan`` is the memory; where the input ``plan`` is connected, `update` is left to
+    whoever tells it, such as a controller of the same kind in another process.
 
     A controller of your own is two functions: `update`, called every ``period`` seconds, returns
     what to remember of the grasps, and `velocity` the command, at whatever rate it is asked for.
@@ -150,10 +161,12 @@ class GraspController(LeafSystem):
         self._sought = declare_input(self, "sought")
         self._look_from = declare_input(self, "look_from")
         self._tracking = declare_input(self, "tracking")
+        self._plan = declare_input(self, "plan")
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
         self._surface = self._declare_grid("surface of the object", self._gpdf, object_grid)
         self._memory = PeriodicState(self, memory, period, self._updated)
         self._lookout = PeriodicState(self, None, period, self._look_out)
+        declare_output(self, "plan", self.memory, self.memory_tickets)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
 
     @cached_property
@@ -182,8 +195,14 @@ class GraspController(LeafSystem):
         raise NotImplementedError
 
     def memory(self, context: Context) -> Any:
-        """What the last `update` returned."""
-        return self._memory.Eval(context)
+        """What the last `update` returned, here or where the ``plan`` comes from."""
+        planned = optional(self._plan, context)
+        return self._memory.Eval(context) if planned is None else planned
+
+    @property
+    def memory_tickets(self) -> set[DependencyTicket]:
+        """What an output that follows from the memory depends on."""
+        return {self._memory.ticket(), self._plan.ticket()}
 
     def enforced(
         self,
@@ -289,7 +308,10 @@ class GraspController(LeafSystem):
         return MovingObject(inputs.surface, inputs.X_WO, inputs.V_WO)
 
     def _updated(self, context: Context) -> Any:
-        return self.update(self.memory(context), ControllerInputs(self, context))
+        memory = self.memory(context)
+        if self._plan.HasValue(context):
+            return memory
+        return self.update(memory, ControllerInputs(self, context))
 
     def _look_out(self, context: Context) -> Array | None:
         """The configuration from which the arm looks for the object; None if it does not."""

@@ -47,8 +47,9 @@ def test_building_leaves_the_scenario_as_it_is():
 
 #: Inputs that are for a controller with grasps of its own, for scenes that are looked at, for
 #: measurements with a time stamp, for a tracker that looks through the camera on the arm, and for
-#: perception in a process of its own.
+#: perception and planning in processes of their own.
 OPEN = {
+    ("controller", "plan"),
     ("controller", "scene"),
     ("sequencer", "arrival"),
     ("sequencer", "lapsed"),

@@ -74,8 +74,9 @@ class GraspDiffusionController(GraspController):
         self._options = options or DiffusionControlOptions()
         self._diffusion = diffusion or load_grasp_diffusion()
         torch.set_num_threads(1)
-        memory = {self._memory.ticket()}
-        declare_output(self, "arrival", lambda context: self.memory(context).arrival, memory)
+        declare_output(
+            self, "arrival", lambda context: self.memory(context).arrival, self.memory_tickets
+        )
         self.rehearse()
 
     def update(self, memory: DiffusedField, inputs: ControllerInputs) -> DiffusedField:

@@ -1,1 +1,1 @@
-"""Stages of perception in processes of their own: control never waits for them."""
+"""Perception and planning in processes of their own: control never waits for them."""

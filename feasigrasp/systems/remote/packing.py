@@ -11,9 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.perception import PointCloud
-from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
-_IMAGES: dict[str, Any] = {"depth": ImageDepth32F, "label": ImageLabel16I}
+_IMAGES: dict[str, Any] = {
+    "depth": ImageDepth32F,
+    "label": ImageLabel16I,
+    "color": ImageRgba8U,
+}
 #: With this protocol arrays stay read-only or writeable, which compiled functions tell apart.
 _PROTOCOL = 5
 
@@ -51,5 +55,6 @@ class _Pickler(pickle.Pickler):
         PointCloud: lambda cloud: (_cloud, (cloud.xyzs(),)),
         ImageDepth32F: lambda image: (_image, ("depth", image.data)),
         ImageLabel16I: lambda image: (_image, ("label", image.data)),
+        ImageRgba8U: lambda image: (_image, ("color", image.data)),
         MappingProxyType: lambda mapping: (_read_only, (dict(mapping),)),
     }

@@ -1,4 +1,4 @@
-"""A stage of perception whose work another process does."""
+"""A stage of perception or planning whose work another process does."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ class RemoteStage(LeafSystem):
     does or another one is there in its place, which remembers what the first one did; meanwhile the
     outputs stay what they are.
 
-    What is on its way is no part of the context.
+    What is on its way is no part of the context, nor is what the process has been told: a `Frozen`
+    value that it knows is not posted again.
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class RemoteStage(LeafSystem):
         self._given = [self._mirrored(port, stage) for port in inputs_of(stage)]
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         self._posted: deque[tuple[float, float]] = deque()  # when, and when the image was taken
+        self._known: dict[str, Any] = {}  # what was last posted, as far as the process knows it
         self._last_stamp = 0.0
         arrived = _Arrived(Served(stage).outputs())
         index = self.DeclareAbstractState(AbstractValue.Make(arrived))
@@ -100,6 +102,8 @@ class RemoteStage(LeafSystem):
         latencies = []
         for answer in self.worker.answers():
             _, taken_at = self._posted.popleft()
+            if answer is None:
+                self._known = {}
             if answer:
                 arrived = replace(arrived, outputs=arrived.outputs | answer)
                 latencies += [time - taken_at] if "grasps" in answer else []
@@ -146,8 +150,12 @@ class RemoteStage(LeafSystem):
             return EventStatus.DidNothing()
         self._last_stamp = stamp
         self._posted.append((time, stamp))
-        known = [port for port in self._given if port.HasValue(context)]
-        self.worker.post(time, {port.get_name(): port.Eval(context) for port in known})
+        there = [port for port in self._given if port.HasValue(context)]
+        values = {port.get_name(): port.Eval(context) for port in there}
+        # Fields are large, and the same for many posts.
+        same = {k for k, v in values.items() if isinstance(v, Frozen) and v is self._known.get(k)}
+        self.worker.post(time, {k: v for k, v in values.items() if k not in same})
+        self._known = values
         return EventStatus.Succeeded()
 
     def _await(self, context: Context, state: State) -> EventStatus:

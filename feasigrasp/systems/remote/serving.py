@@ -6,6 +6,7 @@ import signal
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.systems.remote.packing import packed, unpacked
@@ -13,6 +14,8 @@ from feasigrasp.systems.remote.served import Served
 
 #: What is said when the stage is built and compiled.
 READY = b"ready"
+#: What is remembered is handed over, for whoever takes its place, no more often than this [s].
+HANDED_OVER = 0.5
 
 
 def main(descriptor: int) -> None:
@@ -30,6 +33,10 @@ def _serve(connection: Connection) -> None:
         if state is not None:
             served.remember(state)
         connection.send_bytes(READY)
+        handed_over = -np.inf
         while True:
-            new = served.looked(*unpacked(connection.recv_bytes()))
-            connection.send_bytes(packed((new, served.state() if new else None)))
+            time, inputs = unpacked(connection.recv_bytes())
+            new, state = served.looked(time, inputs), None
+            if new and time >= handed_over + HANDED_OVER:
+                handed_over, state = time, served.state()
+            connection.send_bytes(packed((new, state)))

@@ -30,9 +30,9 @@ class Worker:
     """A stage in a process of its own.
 
     Nothing here waits but `next_answer` and `wait_until_ready`. A process that dies is started
-    anew, as soon as something is asked of it, and remembers what the one before it knew when it
-    last answered. One that hangs has to be looked for, by `end_if_stuck`. It ends with this
-    process, however that ends.
+    anew, as soon as something is asked of it, and remembers what the one before it knew, at most
+    half a second before it last answered. One that hangs has to be looked for, by `end_if_stuck`.
+    It ends with this process, however that ends.
 
     Attributes:
         ready: Set while the process is there to work.

@@ -34,9 +34,21 @@ def _clear_of_scene(cell: Cell, name: str, grasps: OutputPort, **options: bool) 
 
 
 def add_control(
-    cell: Cell, reachability: Reachability, controller: LeafSystem, gpdf: OutputPort
+    cell: Cell,
+    reachability: Reachability,
+    controller: LeafSystem,
+    gpdf: OutputPort,
+    planner: LeafSystem | None = None,
 ) -> None:
-    """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper."""
+    """Grasps -> those in reach -> sequencer -> controller -> drive -> arm and gripper.
+
+    Args:
+        cell: The cell.
+        reachability: What the arm can reach.
+        controller: The arm's velocity.
+        gpdf: The object's field.
+        planner: What plans for the controller; None where it does that itself.
+    """
     station, tracker, scenario = cell.station, cell["tracker"], cell.scenario
     config, safe = scenario.reachability, scenario.control.safe
     sees = carries_its_camera(scenario) and controller.HasInputPort("camera_pose")
@@ -60,6 +72,8 @@ def add_control(
     reachable = ZeroOrderHold(config.period, AbstractValue.Make(GraspSet.empty()))
     cell.add("reachable", reachable, u=hand_poses)
 
+    if planner:
+        cell.builder.AddNamedSystem("planner", planner)
     sequencer = cell.add(
         "sequencer",
         GripperSequencer(
@@ -78,7 +92,9 @@ def add_control(
         **given(lapsed=lapsed(cell)),
     )
     if sees and tracker.HasInputPort("phase"):
-        cell.connect(tracker, phase=sequencer.GetOutputPort("phase"))
+        elsewhere = [cell["looking"]] if cell.builder.HasSubsystemNamed("looking") else []
+        for system in (tracker, *elsewhere):
+            cell.connect(system, phase=sequencer.GetOutputPort("phase"))
     sense = cell.add(
         "contact_sense",
         ContactSense(scenario.plant_config.time_step),
@@ -87,8 +103,14 @@ def add_control(
     )
     drive = VelocityDrive(scenario.control.period, enforce_limits=safe)
     cell.builder.AddNamedSystem("drive", drive)
-    scene = [cell["scene_perception"]] if scenario.scene.enabled else []
-    cell.add("controller", controller, sequencer, tracker, drive, sense, *scene, **own_camera)
+    sources = [sequencer, tracker, drive, sense]
+    if scenario.scene.enabled:
+        sources.append(cell["scene_perception"])
+    cell.builder.AddNamedSystem("controller", controller)
+    for system in filter(None, (planner, controller)):
+        cell.connect(system, *sources, **own_camera)
+    if planner:
+        cell.connect(controller, planner)
     if controller.HasOutputPort("arrival"):
         cell.connect(sequencer, arrival=controller.GetOutputPort("arrival"))
     cell.connect(drive, velocity=cell.faults.command(controller), position=position)

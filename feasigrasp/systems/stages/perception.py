@@ -13,16 +13,21 @@ from feasigrasp.systems.from_scenario import (
     make_camera,
     make_foreground_segmentation,
     make_grasp_sampler,
+    make_object_pixels,
     make_scene,
 )
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.stages.cell import Cell, given
-from feasigrasp.systems.stages.remote import remote_scene
+from feasigrasp.systems.stages.remote import remote_looking, remote_scene
 from feasigrasp.systems.station.pose_at import PoseAt
 
 
 def add_perception(
-    cell: Cell, field: LeafSystem, sampler: GraspSamplerFn | None = None
+    cell: Cell,
+    field: LeafSystem,
+    sampler: GraspSamplerFn | None = None,
+    *,
+    tracks_elsewhere: bool = False,
 ) -> OutputPort:
     """Camera -> object's points -> distance field, which it returns -> grasps, all in O.
 
@@ -30,6 +35,8 @@ def add_perception(
         cell: The cell.
         field: What fits a field to the points.
         sampler: From the field to grasps; None where ``field`` tells grasps as well.
+        tracks_elsewhere: Whether the tracker, which looks at images that are segmented by their
+            depth, does so in another process.
     """
     station, config, scene_config = cell.station, cell.scenario.perception, cell.scenario.scene
     cloud, labels, camera_pose = (
@@ -37,18 +44,17 @@ def add_perception(
         for name in ("point_cloud", "label_image", "pose")
     )
     label, no_scene = station.object_label, station.robot_and_object_labels()
-    hiding = set(no_scene)
     cloud = cell.faults.cloud(cloud, labels, camera_pose, label)
     if config.segmentation == Segmentation.DEPTH:
-        label, no_scene = Label.OBJECT, [Label.OBJECT, Label.ROBOT, Label.UNCLEAR, Label.CARRIER]
-        hiding = {Label.ROBOT, Label.CARRIER}
+        no_scene = [Label.OBJECT, Label.ROBOT, Label.UNCLEAR, Label.CARRIER]
         foreground = make_foreground_segmentation(cell.scenario, cell.gripper)
         labels = cell.builder.AddNamedSystem("foreground", foreground).get_output_port()
-    images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, label)}
-    segment = SegmentPointCloud(label, camera=make_camera(cell.scenario), hiding=hiding)
+        segment = make_object_pixels(cell.scenario)
+    else:
+        segment = SegmentPointCloud(label, camera=make_camera(cell.scenario), hiding=no_scene)
+    images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, segment.label)}
     segmentation = cell.add("segmentation", segment, **images)
     cell.builder.AddNamedSystem("perception", field)
-    seen_pose = _pose_at_view(cell)
     tracker = cell["tracker"]
     if tracker.HasInputPort("point_cloud"):  # it looks at images
         cell.connect(field, tracker)
@@ -57,23 +63,27 @@ def add_perception(
             "image_time": cell.port(f"{config.camera}.stamp"),
         }
         cell.connect(tracker, segmentation, field, camera_pose=camera_pose, **given(**image))
+        seen_pose = tracker.GetOutputPort("pose_at_view")
     else:
+        seen_pose = _pose_at_view(cell)
         stamp = cell.port(f"{config.camera}.stamp") if cell.remote else None
         seen = given(camera_pose=camera_pose, object_pose=seen_pose, stamp=stamp)
         cell.connect(field, segmentation, tracker, **seen)
     gpdf = cell.faults.field(field.GetOutputPort("gpdf"))
     if config.segmentation == Segmentation.DEPTH:
-        cell.connect(
-            foreground,
-            cell["tracker"],
-            object_pose=seen_pose,
+        seen = given(
             point_cloud=cloud,
             camera_pose=camera_pose,
             position=cell.port(f"{config.camera}.position") or cell.port("iiwa.position_measured"),
-            gripper_state=station.GetOutputPort("gripper.state_measured"),
+            gripper_state=cell.port("gripper.state_measured"),
             gpdf=gpdf,
-            **given(color_image=_color_image(cell)),
+            color_image=_color_image(cell),
         )
+        cell.connect(foreground, tracker, object_pose=seen_pose, **seen)
+        if tracks_elsewhere:
+            looking = cell.add("looking", remote_looking(cell), field, **seen, **given(**image))
+            cell.connect(looking, **given(stamp=cell.port(f"{config.camera}.stamp")))
+            cell.connect(tracker, looking)
     if sampler is not None:
         cell.add("sampler", make_grasp_sampler(cell.scenario, sampler, cell.gripper), gpdf=gpdf)
     grasps = cell["sampler" if sampler else "perception"].GetOutputPort("grasps")

@@ -1,11 +1,11 @@
-"""Perception in processes of its own: what is built there, and what stands for it here."""
+"""Perception and planning in processes of their own: what is built there, what stands for it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort
 from pydrake.systems.primitives import Adder
 
 from feasigrasp.errors import ScenarioError
@@ -15,11 +15,20 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.parts import Part
-from feasigrasp.systems.from_scenario import make_grasp_sampler, make_part, make_scene
+from feasigrasp.systems.from_scenario import (
+    make_foreground_segmentation,
+    make_grasp_sampler,
+    make_object_pixels,
+    make_part,
+    make_scene,
+)
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
 from feasigrasp.systems.stages.cell import Cell
+
+#: After this time a plan or a tracked pose is there, where the cell is simulated [s].
+PROMPT = 0.02
 
 
 def make_object_stage(text: str) -> Diagram:
@@ -51,6 +60,50 @@ def make_scene_stage(text: str, labels: Iterable[int]) -> PointCloudToScene:
     return make_scene(scenario, load_gripper(scenario.gripper), labels)
 
 
+def make_planner_stage(text: str) -> Diagram:
+    """From what the controller is given to its ``plan``, for the scenario of a YAML text."""
+    scenario = parse_scenario(text)
+    reachability = Reachability(load_gripper(scenario.gripper))
+    builder = DiagramBuilder()
+    controller = make_part(Part.CONTROLLER, scenario, reachability)
+    builder.AddNamedSystem("controller", controller)
+    for given in inputs_of(controller):
+        if given.get_name() != "plan":
+            builder.ExportInput(given, given.get_name())
+    builder.ExportOutput(controller.GetOutputPort("plan"), "plan")
+    return builder.Build()
+
+
+def make_looking_stage(text: str) -> Diagram:
+    """From images of the cell to the ``track`` of the object, for the scenario of a YAML text."""
+    scenario = parse_scenario(text)
+    gripper = load_gripper(scenario.gripper)
+    builder = DiagramBuilder()
+    foreground = make_foreground_segmentation(scenario, gripper)
+    builder.AddNamedSystem("foreground", foreground)
+    segmentation = builder.AddNamedSystem("segmentation", make_object_pixels(scenario))
+    tracker = make_part(Part.TRACKER, scenario, Reachability(gripper))
+    builder.AddNamedSystem("tracker", tracker)
+    inner = {
+        (foreground, "object_pose"): tracker.GetOutputPort("pose_at_view"),
+        (foreground, "tracking"): tracker.GetOutputPort("tracking"),
+        (segmentation, "label_image"): foreground.get_output_port(),
+        (tracker, "point_cloud"): segmentation.GetOutputPort("point_cloud"),
+    }
+    outer: dict[str, InputPortIndex] = {}
+    for system in (foreground, segmentation, tracker):
+        for port in inputs_of(system):
+            name = port.get_name()
+            if (system, name) in inner:
+                builder.Connect(inner[system, name], port)
+            elif name in outer:
+                builder.ConnectInput(outer[name], port)
+            elif name != "track":
+                outer[name] = builder.ExportInput(port, name)
+    builder.ExportOutput(tracker.GetOutputPort("track"), "track")
+    return builder.Build()
+
+
 def remote_object(cell: Cell) -> RemoteStage:
     """What `make_object_stage` makes, in a process of its own.
 
@@ -74,17 +127,29 @@ def remote_scene(cell: Cell, labels: Iterable[int]) -> RemoteStage:
     return _remote(cell, make, cell.scenario.scene.period)
 
 
+def remote_looking(cell: Cell) -> RemoteStage:
+    """What `make_looking_stage` makes, in a process of its own."""
+    make = partial(make_looking_stage, dump_scenario(cell.scenario))
+    latency = PROMPT if cell.simulated else None
+    return RemoteStage(make, cell.scenario.tracker.image_period, latency=latency)
+
+
+def remote_planner(cell: Cell) -> RemoteStage:
+    """What `make_planner_stage` makes, in a process of its own."""
+    make = partial(make_planner_stage, dump_scenario(cell.scenario))
+    latency = PROMPT if cell.simulated else None
+    return RemoteStage(make, cell.scenario.reachability.period, latency=latency)
+
+
 def lapsed(cell: Cell) -> OutputPort | None:
-    """Greater than 0 (V1) while a process of perception is gone; None where there are none."""
-    if not cell.remote:
+    """Greater than 0 (V1) while one of the processes is gone; None where there are none."""
+    stages = [system for system in cell.builder.GetSystems() if isinstance(system, RemoteStage)]
+    if not stages:
         return None
-    port = cell["perception"].GetOutputPort("lapsed")
-    if not cell.scenario.scene.enabled:
-        return port
-    either = cell.builder.AddNamedSystem("lapsed", Adder(2, 1))
-    for i, name in enumerate(("perception", "scene_perception")):
-        cell.builder.Connect(cell[name].GetOutputPort("lapsed"), either.get_input_port(i))
-    return either.get_output_port()
+    some = cell.builder.AddNamedSystem("lapsed", Adder(len(stages), 1))
+    for i, stage in enumerate(stages):
+        cell.builder.Connect(stage.GetOutputPort("lapsed"), some.get_input_port(i))
+    return some.get_output_port()
 
 
 def _remote(cell: Cell, make: partial, period: float) -> RemoteStage:

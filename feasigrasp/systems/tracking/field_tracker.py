@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
 
 
 class FieldTracker(LeafSystem):
@@ -36,12 +37,15 @@ class FieldTracker(LeafSystem):
         - image_time
         - perceived
         - phase
+        - track
         output_ports:
         - object_pose
         - object_velocity
         - object_motion
         - tracking
         - keyframe
+        - pose_at_view
+        - track
 
     ``point_cloud`` shows the object only, in the world frame; ``camera_pose`` X_WC is that at which
     it was taken, ``depth_image`` the whole image that it is a part of, from which the tracker knows
@@ -50,9 +54,13 @@ class FieldTracker(LeafSystem):
     `KeyframesToGPDF`: the field by which is tracked. ``phase`` (V1, see `GripperSequencer`), of a
     gripper that carries the camera, is optional: what it lifts moves with it.
 
+    ``track`` is a `FieldTrack`, what the tracker knows; where the input of that name is connected,
+    such as to a tracker in another process, images are left to that one, and not read here.
+
     The first four outputs are those of `ObjectTracker`. The frame O is that of the first view: its
     origin is the middle of what was seen, its axes are the world's. ``keyframe`` is the last
-    `Keyframe`, a view worth merging; None before the first. Images are read every
+    `Keyframe`, a view worth merging; None before the first. ``pose_at_view`` is where the object is
+    expected at ``image_time``, before that image has been looked at. Images are read every
     ``image_period``; in between, and while the object is out of sight, the outputs follow the
     filter. After ``silence`` without a pose the object is lost; it is still looked for.
     """
@@ -67,19 +75,28 @@ class FieldTracker(LeafSystem):
         self._image_time = self.DeclareVectorInputPort("image_time", 1)
         self._perceived = declare_input(self, "perceived")
         self._phase = self.DeclareVectorInputPort("phase", 1)
-        self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._look)
-        state, now = {self._track.ticket()}, {self._track.ticket(), self.time_ticket()}
+        self._told = declare_input(self, "track")
+        self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._looked)
+        state = {self._track.ticket(), self._told.ticket()}
+        now = {*state, self.time_ticket()}
         declare_output(self, "object_pose", self._calc_pose, now, model=RigidTransform())
         declare_output(
             self, "object_velocity", self._calc_velocity, now, model=SpatialVelocity.Zero()
         )
         declare_output(self, "object_motion", self._calc_motion, now)
         declare_output(self, "tracking", self.tracking, now)
-        declare_output(self, "keyframe", lambda context: self._track.Eval(context).keyframe, state)
+        declare_output(self, "keyframe", lambda context: self._known(context).keyframe, state)
+        at_view = {*now, self._image_time.ticket()}
+        declare_output(self, "pose_at_view", self._calc_at_view, at_view, model=RigidTransform())
+        # Others do not need the shape that it tracks by, and it is large.
+        track = declare_cache(
+            self, "track", lambda context: replace(self._known(context), model=None), state
+        )
+        declare_output(self, "track", track.Eval, {track.ticket()})
 
     def tracking(self, context: Context) -> Tracking:
         """How much the pose is worth at present."""
-        found: FieldTrack = self._track.Eval(context)
+        found = self._known(context)
         state = found.state(context.get_time(), self._config.silence)
         if found.estimate is None:
             return Tracking(state, np.inf, in_view=0.0, deviation=np.inf)
@@ -92,6 +109,17 @@ class FieldTracker(LeafSystem):
             expected=self._expected(found, state, context.get_time()),
         )
 
+    def _known(self, context: Context) -> FieldTrack:
+        """What this tracker knows, or the one that tells it."""
+        found: FieldTrack = (self._told if self._told.HasValue(context) else self._track).Eval(
+            context
+        )
+        return found
+
+    def _looked(self, context: Context) -> FieldTrack:
+        told = self._told.HasValue(context)
+        return self._known(context) if told else self._look(context)
+
     def _look(self, context: Context) -> FieldTrack:
         perceived: Any = self._perceived.Eval(context)
         xyz = self._cloud.Eval(context).xyzs().T
@@ -102,17 +130,18 @@ class FieldTracker(LeafSystem):
             np.asarray(xyz[np.isfinite(xyz).all(axis=1)], dtype=float),
             depth,
         )
-        time = context.get_time()
-        if self._image_time.HasValue(context):
-            time = float(self._image_time.Eval(context)[0])
+        time = self._time_of_image(context)
         held = self._phase.HasValue(context) and self._phase.Eval(context)[0] > Phase.CLOSE
         before: FieldTrack = self._track.Eval(context)
         return track(before, view, time, perceived.gpdf, perceived.views, held=bool(held))
 
+    def _time_of_image(self, context: Context) -> float:
+        stamped = self._image_time.HasValue(context)
+        return float(self._image_time.Eval(context)[0]) if stamped else context.get_time()
+
     def _pose_and_twist(self, context: Context) -> tuple[Array, Array]:
         """Pose and twist now; NaN before the first view, and at rest once it is lost."""
-        found: FieldTrack = self._track.Eval(context)
-        state = self.tracking(context).state
+        found, state = self._known(context), self.tracking(context).state
         if found.estimate is None:
             return np.full((4, 4), np.nan), np.full(6, np.nan)
         lost = state is TrackingState.LOST
@@ -130,10 +159,19 @@ class FieldTracker(LeafSystem):
     def _calc_pose(self, context: Context) -> RigidTransform:
         return RigidTransform(self._pose_and_twist(context)[0])
 
+    def _calc_at_view(self, context: Context) -> RigidTransform:
+        found, time = self._known(context), self._time_of_image(context)
+        if found.estimate is None:
+            return RigidTransform(np.full((4, 4), np.nan))
+        # Before the first image has come, its time is not a number.
+        state = self.tracking(context).state
+        time = time if np.isfinite(time) else context.get_time()
+        return RigidTransform(self._expected(found, state, time))
+
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         return SpatialVelocity(self._pose_and_twist(context)[1])
 
     def _calc_motion(self, context: Context) -> MotionEstimate:
         known = not self.tracking(context).lost
-        motion = self._track.Eval(context).motion.copy() if known else empty_state()
+        motion = self._known(context).motion.copy() if known else empty_state()
         return MotionEstimate(motion, context.get_time())

@@ -16,7 +16,7 @@ from feasigrasp.errors import WorkerError
 from feasigrasp.systems.remote import worker
 from feasigrasp.systems.remote.remote_stage import RemoteStage, end_processes
 from feasigrasp.systems.remote.worker import Worker
-from tests.remote_counter import DIE, NAP, PERIOD, SLEEP, Counter, broken, fixed
+from tests.remote_counter import DIE, NAP, PERIOD, SLEEP, Counter, Sentence, broken, fixed
 
 
 class Run:
@@ -135,6 +135,26 @@ def test_a_process_that_is_gone_or_hangs_is_missed_and_another_one_goes_on_from_
     free.to(instant)
     taken(free, instant)
     assert len(free["grasps"]) == 2 and free["grasps"][:1] == before
+
+
+def test_what_nobody_changes_is_posted_once_to_every_process(free, monkeypatch):
+    posted, post = [], free.stage.worker.post
+    monkeypatch.setattr(
+        free.stage.worker, "post", lambda at, given: (posted.append(set(given)), post(at, given))
+    )
+    fixed(free.stage, free.context, word=Sentence("b"))
+    for instant in (0.0, 0.1):
+        free.to(instant)
+        taken(free, instant + 0.05)
+    fixed(free.stage, free.context, word=Sentence("c"))
+    free.to(0.2)
+    taken(free, 0.25)
+    assert posted == [{"number", "word"}, {"number"}, {"number", "word"}]
+    os.kill(free.stage.worker.pid, signal.SIGKILL)
+    _, instant = lapse(free)
+    free.to(instant)
+    taken(free, instant)
+    assert free["grasps"][-1][2] == "c"
 
 
 def test_in_lock_step_a_process_that_dies_ends_the_simulation():
