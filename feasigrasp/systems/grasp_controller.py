@@ -45,7 +45,7 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs, optional
-from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
 _REHEARSAL_STEP = 0.04
@@ -75,7 +75,6 @@ class GraspController(LeafSystem):
         - plan
         output_ports:
         - commanded_velocity
-        - plan
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
@@ -89,8 +88,8 @@ class GraspController(LeafSystem):
     ``sought``, a `Sought` or None, it looks for that instead, and while there is a ``look_from``,
     a configuration (7,) or None, it goes there to see the object from another side.
 
-    The output ``plan`` is the memory; where the input ``plan`` is connected, `update` is left to
-    whoever tells it, such as a controller of the same kind in another process.
+    Where ``plan`` is connected, it is the memory, and `update` is left to whoever tells it, such as
+    a controller of the same kind in another process.
 
     A controller of your own is two functions: `update`, called every ``period`` seconds, returns
     what to remember of the grasps, and `velocity` the command, at whatever rate it is asked for.
@@ -166,7 +165,6 @@ class GraspController(LeafSystem):
         self._surface = self._declare_grid("surface of the object", self._gpdf, object_grid)
         self._memory = PeriodicState(self, memory, period, self._updated)
         self._lookout = PeriodicState(self, None, period, self._look_out)
-        declare_output(self, "plan", self.memory, self.memory_tickets)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
 
     @cached_property

@@ -45,6 +45,7 @@ def test_either_controller_can_replace_the_other(ports):
         "sought": None,
         "look_from": None,
         "tracking": None,
+        "plan": None,
     }
     assert outputs == {"commanded_velocity": 7}
 

@@ -23,6 +23,7 @@ from feasigrasp.systems.from_scenario import (
     make_scene,
 )
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
+from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
 from feasigrasp.systems.stages.cell import Cell
@@ -70,7 +71,8 @@ def make_planner_stage(text: str) -> Diagram:
     for given in inputs_of(controller):
         if given.get_name() != "plan":
             builder.ExportInput(given, given.get_name())
-    builder.ExportOutput(controller.GetOutputPort("plan"), "plan")
+    plan = declare_output(controller, "plan", controller.memory, controller.memory_tickets)
+    builder.ExportOutput(plan, "plan")
     return builder.Build()
 
 
