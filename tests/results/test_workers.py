@@ -55,7 +55,7 @@ def make_cluster():
     def make(count, *, daemon=False):
         with dask.config.set({"distributed.worker.daemon": daemon}):
             local = distributed.LocalCluster(
-                n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None
+                n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0"
             )
         made.append(local)
         return local.scheduler_address
