@@ -18,6 +18,7 @@ from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import looks_for_itself, make_part, make_station
+from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.stages.cell import Cell, given
 from feasigrasp.systems.stages.control import add_control
 from feasigrasp.systems.stages.measurement import add_measurement, add_status
@@ -93,8 +94,9 @@ def make_dynamic_grasp(
     ``visualizer`` and ``camera_pictures`` as well; with a scene field ``scene_perception``,
     ``clear_grasps`` and ``clear_hand_poses``; with ``segmentation: depth`` ``foreground``; with a
     tracker of ``kind: camera`` ``true_frame``, and ``in_view`` if the arm carries that camera;
-    where images have a stamp ``pose_at_view``; with ``execution: processes`` ``planner``, and
-    ``looking`` if it also tracks; with faults systems that `FaultInjection` adds.
+    where images have a stamp, and the tracker has no such port, ``pose_at_view``; with
+    ``execution: processes`` ``planner``, and ``remote_tracker`` if it looks at images; with faults
+    systems that `FaultInjection` adds.
 
     A port of any of them can be read while a simulator runs, and a log of one's own when it has
     run::
@@ -154,7 +156,7 @@ def make_dynamic_grasp(
             sampler or make_part(Part.SAMPLER, scenario, reachability),
         )
     made = controller or make_part(Part.CONTROLLER, scenario, reachability)
-    elsewhere = cell.remote and not controller and made.HasInputPort("plan")
+    elsewhere = cell.remote and not controller and isinstance(made, GraspController)
     add_control(cell, reachability, made, gpdf, remote_planner(cell) if elsewhere else None)
     add_status(cell)
     if isinstance(station, Station):

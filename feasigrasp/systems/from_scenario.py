@@ -111,8 +111,7 @@ def make_foreground_segmentation(
     # A perfect camera's pixels are told apart no more finely than those of a real one.
     camera = make_camera(scenario, without_noise=DepthNoise())
     bodies = KnownBodies(gripper, cell_boxes(station_config(scenario)))
-    period = scenario.tracker.image_period
-    return ForegroundSegmentation(camera, bodies, scenario.carrier.hue, period=period)
+    return ForegroundSegmentation(camera, bodies, scenario.carrier.hue)
 
 
 def make_object_pixels(scenario: Scenario) -> SegmentPointCloud:

@@ -5,6 +5,7 @@ import textwrap
 
 import numpy as np
 import pytest
+from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
@@ -20,6 +21,8 @@ from feasigrasp.systems.from_scenario import make_controller
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.metrics import SAMPLE_NAMES
+from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.ports import declare_input
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from tests.pipeline import scenario
 
@@ -191,3 +194,15 @@ def test_with_a_scene_the_controllers_keep_clear_of_it():
         assert built.HasSubsystemNamed("log(obstacle_distance)")
     without = make_dynamic_grasp(scenario("ReachObstacleMocap", "{scene: {enabled: false}}"))
     assert not without.HasSubsystemNamed("scene_perception")
+
+
+def test_a_tracker_of_ones_own_may_look_at_images_and_needs_no_outputs_but_those_documented():
+    class OwnTracker(ObjectTracker):
+        def __init__(self):
+            super().__init__()
+            declare_input(self, "point_cloud", PointCloud())
+
+    setting = scenario(text="{perception: {segmentation: depth}}")
+    diagram = make_dynamic_grasp(setting, tracker=OwnTracker())
+    context = diagram.subsystems.tracker.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    assert diagram.subsystems.tracker.GetInputPort("point_cloud").HasValue(context)

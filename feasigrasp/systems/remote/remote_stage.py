@@ -152,9 +152,10 @@ class RemoteStage(LeafSystem):
         self._posted.append((time, stamp))
         there = [port for port in self._given if port.HasValue(context)]
         values = {port.get_name(): port.Eval(context) for port in there}
-        # Fields are large, and the same for many posts.
-        same = {k for k, v in values.items() if isinstance(v, Frozen) and v is self._known.get(k)}
-        self.worker.post(time, {k: v for k, v in values.items() if k not in same})
+        # Fields are large, and the same for many posts; other values may have changed in place.
+        known = self._known.get
+        new = {k: v for k, v in values.items() if not (isinstance(v, Frozen) and v is known(k))}
+        self.worker.post(time, new)
         self._known = values
         return EventStatus.Succeeded()
 

@@ -29,16 +29,15 @@ def is_vector(port: InputPort | OutputPort) -> bool:
 class Served:
     """A system, and a context in which it is brought up to date now and then.
 
-    Its outputs must follow from its abstract state, and that from periodic events.
+    Its outputs must follow from its abstract state, and that from periodic events, and those of
+    initialization, which are at the first instant that it is given.
     """
 
     def __init__(self, stage: System) -> None:
         """A system in its default state."""
         self._stage, self._simulator = stage, Simulator(stage)
         self._context = self._simulator.get_mutable_context()
-        # The stage's events at an instant are those that are pending after this.
-        self._as_it_is = InitializeParams()
-        self._as_it_is.suppress_initialization_events = True
+        self._begun = False
         self._told: dict[str, Any] = {}
 
     def outputs(self) -> dict[str, Any]:
@@ -53,8 +52,12 @@ class Served:
                 self._fix(port, inputs[port.get_name()])
         before = self._states()
         self._context.SetTime(time)
-        self._simulator.Initialize(self._as_it_is)
+        # The stage's events at an instant are those that are pending after this.
+        begin = InitializeParams()
+        begin.suppress_initialization_events = self._begun
+        self._simulator.Initialize(begin)
         self._simulator.AdvancePendingEvents()
+        self._begun = True
         if self._told and all(a is b for a, b in zip(before, self._states(), strict=True)):
             return {}
         now = self.outputs()
@@ -70,6 +73,7 @@ class Served:
         """Lets it remember what another one of its kind did."""
         for i, value in enumerate(unpacked(state)):
             self._context.get_mutable_abstract_state(i).set_value(value)
+        self._begun = True
 
     def _states(self) -> list[Any]:
         count = self._context.get_abstract_state().size()

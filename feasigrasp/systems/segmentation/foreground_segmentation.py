@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, segment
 from feasigrasp.models.segmentation.hue import of_hue
 from feasigrasp.models.segmentation.known_bodies import CARRIER, FREE, KnownBodies
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output
 
 
 class ForegroundSegmentation(LeafSystem):
@@ -45,18 +45,12 @@ class ForegroundSegmentation(LeafSystem):
     is the object's field in O, or None before there is one. ``color_image`` is of the same pixels,
     and needed only where what carries the object is told by its hue. ``label_image`` holds a
     `Label` for each pixel: it fits the port of the same name of `SegmentPointCloud` and
-    `PointCloudToScene` as a label image of the simulation does. The first view is remembered: it
-    tells what has moved since. What is told apart how is said in
+    `PointCloudToScene` as a label image of the simulation does. What is told apart how is said in
     `models.segmentation.foreground`.
     """
 
     def __init__(
-        self,
-        camera: Camera,
-        bodies: KnownBodies,
-        carrier_hue: float | None = None,
-        *,
-        period: float = TrackerConfig.image_period,
+        self, camera: Camera, bodies: KnownBodies, carrier_hue: float | None = None
     ) -> None:
         """A segmentation of the images of a camera.
 
@@ -64,7 +58,6 @@ class ForegroundSegmentation(LeafSystem):
             camera: The camera.
             bodies: What is known of robot and cell.
             carrier_hue: Hue of what carries the object [deg]; None if it is not to be told.
-            period: Time between images [s].
         """
         super().__init__()
         self._camera, self._bodies, self._carrier_hue = camera, bodies, carrier_hue
@@ -78,8 +71,9 @@ class ForegroundSegmentation(LeafSystem):
         )
         self._gpdf = declare_input(self, "gpdf")
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
-        # Time and first view; None before.
-        self._first = PeriodicState(self, None, period, self._remember)
+        # Time and view at the start, which tells what has moved since; None before.
+        self._first = self.DeclareAbstractState(AbstractValue.Make(None))
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
         _compile(camera, bodies)
 
@@ -93,17 +87,17 @@ class ForegroundSegmentation(LeafSystem):
             )
         return CameraView(points, self._camera_pose.Eval(context).GetAsMatrix4())
 
-    def _remember(self, context: Context) -> tuple[float, CameraView]:
-        known: tuple[float, CameraView] | None = self._first.Eval(context)
-        if known is not None:
-            return known
+    def _remember(self, context: Context, state: State) -> EventStatus:
         view = self._view(context)
-        return context.get_time(), replace(view, points=view.points.copy())
+        first = replace(view, points=view.points.copy())
+        at_start = context.get_time(), first
+        state.get_mutable_abstract_state(int(self._first)).set_value(at_start)
+        return EventStatus.Succeeded()
 
     def _calc(self, context: Context) -> ImageLabel16I:
         # While it is remembered, others look at the first image already.
         now = context.get_time()
-        time, first = self._first.Eval(context) or (now, None)
+        time, first = context.get_abstract_state(int(self._first)).get_value() or (now, None)
         known = Known(
             field=self._gpdf.Eval(context),
             X_WO=self._object_pose.Eval(context).GetAsMatrix4(),

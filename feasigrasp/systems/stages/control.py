@@ -92,9 +92,9 @@ def add_control(
         **given(lapsed=lapsed(cell)),
     )
     if sees and tracker.HasInputPort("phase"):
-        elsewhere = [cell["looking"]] if cell.builder.HasSubsystemNamed("looking") else []
-        for system in (tracker, *elsewhere):
-            cell.connect(system, phase=sequencer.GetOutputPort("phase"))
+        for name in ("tracker", "remote_tracker"):
+            if cell.builder.HasSubsystemNamed(name):
+                cell.connect(cell[name], phase=sequencer.GetOutputPort("phase"))
     sense = cell.add(
         "contact_sense",
         ContactSense(scenario.plant_config.time_step),

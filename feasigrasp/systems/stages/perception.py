@@ -18,7 +18,7 @@ from feasigrasp.systems.from_scenario import (
 )
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.stages.cell import Cell, given
-from feasigrasp.systems.stages.remote import remote_looking, remote_scene
+from feasigrasp.systems.stages.remote import remote_scene, remote_tracker
 from feasigrasp.systems.station.pose_at import PoseAt
 
 
@@ -55,17 +55,17 @@ def add_perception(
     images = {"point_cloud": cloud, "label_image": cell.faults.mask(labels, segment.label)}
     segmentation = cell.add("segmentation", segment, **images)
     cell.builder.AddNamedSystem("perception", field)
-    tracker = cell["tracker"]
+    tracker, seen_pose = cell["tracker"], _pose_at_view(cell)
     if tracker.HasInputPort("point_cloud"):  # it looks at images
         cell.connect(field, tracker)
         image = {
             "depth_image": cell.port(f"{config.camera}.depth_image"),
             "image_time": cell.port(f"{config.camera}.stamp"),
         }
-        cell.connect(tracker, segmentation, field, camera_pose=camera_pose, **given(**image))
-        seen_pose = tracker.GetOutputPort("pose_at_view")
+        there = given(camera_pose=camera_pose, **image)
+        looked_at = {name: port for name, port in there.items() if tracker.HasInputPort(name)}
+        cell.connect(tracker, segmentation, field, **looked_at)
     else:
-        seen_pose = _pose_at_view(cell)
         stamp = cell.port(f"{config.camera}.stamp") if cell.remote else None
         seen = given(camera_pose=camera_pose, object_pose=seen_pose, stamp=stamp)
         cell.connect(field, segmentation, tracker, **seen)
@@ -81,9 +81,10 @@ def add_perception(
         )
         cell.connect(foreground, tracker, object_pose=seen_pose, **seen)
         if tracks_elsewhere:
-            looking = cell.add("looking", remote_looking(cell), field, **seen, **given(**image))
-            cell.connect(looking, **given(stamp=cell.port(f"{config.camera}.stamp")))
-            cell.connect(tracker, looking)
+            elsewhere = remote_tracker(cell)
+            cell.add("remote_tracker", elsewhere, field, **seen, **given(**image))
+            cell.connect(elsewhere, **given(stamp=cell.port(f"{config.camera}.stamp")))
+            cell.connect(tracker, elsewhere)
     if sampler is not None:
         cell.add("sampler", make_grasp_sampler(cell.scenario, sampler, cell.gripper), gpdf=gpdf)
     grasps = cell["sampler" if sampler else "perception"].GetOutputPort("grasps")
@@ -117,7 +118,10 @@ def _color_image(cell: Cell) -> OutputPort | None:
 
 def _pose_at_view(cell: Cell) -> OutputPort:
     """The object's pose when the image was taken, which is now where images have no stamp."""
-    pose = cell["tracker"].GetOutputPort("object_pose")
+    tracker = cell["tracker"]
+    if tracker.HasOutputPort("pose_at_view"):
+        return tracker.GetOutputPort("pose_at_view")
+    pose = tracker.GetOutputPort("object_pose")
     stamp = cell.port(f"{cell.scenario.perception.camera}.stamp")
     if stamp is None:
         return pose

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
+from typing import Any
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
 
 from feasigrasp.errors import ScenarioError
@@ -29,7 +30,7 @@ from feasigrasp.systems.remote.served import inputs_of, outputs_of
 from feasigrasp.systems.stages.cell import Cell
 
 #: After this time a plan or a tracked pose is there, where the cell is simulated [s].
-PROMPT = 0.02
+PROMPT_LATENCY = 0.02
 
 
 def make_object_stage(text: str) -> Diagram:
@@ -76,7 +77,7 @@ def make_planner_stage(text: str) -> Diagram:
     return builder.Build()
 
 
-def make_looking_stage(text: str) -> Diagram:
+def make_tracker_stage(text: str) -> Diagram:
     """From images of the cell to the ``track`` of the object, for the scenario of a YAML text."""
     scenario = parse_scenario(text)
     gripper = load_gripper(scenario.gripper)
@@ -92,16 +93,17 @@ def make_looking_stage(text: str) -> Diagram:
         (segmentation, "label_image"): foreground.get_output_port(),
         (tracker, "point_cloud"): segmentation.GetOutputPort("point_cloud"),
     }
-    outer: dict[str, InputPortIndex] = {}
+    exported: set[str] = set()
     for system in (foreground, segmentation, tracker):
         for port in inputs_of(system):
             name = port.get_name()
             if (system, name) in inner:
                 builder.Connect(inner[system, name], port)
-            elif name in outer:
-                builder.ConnectInput(outer[name], port)
+            elif name in exported:
+                builder.ConnectInput(name, port)
             elif name != "track":
-                outer[name] = builder.ExportInput(port, name)
+                builder.ExportInput(port, name)
+                exported.add(name)
     builder.ExportOutput(tracker.GetOutputPort("track"), "track")
     return builder.Build()
 
@@ -120,27 +122,25 @@ def remote_object(cell: Cell) -> RemoteStage:
         )
     camera = scenario.tracker.kind == TrackerKind.CAMERA
     period = scenario.tracker.image_period if camera else scenario.perception.period
-    return _remote(cell, partial(make_object_stage, dump_scenario(scenario)), period)
+    return _remote(cell, make_object_stage, period, scenario.perception.latency)
 
 
 def remote_scene(cell: Cell, labels: Iterable[int]) -> RemoteStage:
     """What `make_scene_stage` makes, in a process of its own."""
-    make = partial(make_scene_stage, dump_scenario(cell.scenario), sorted(set(labels)))
-    return _remote(cell, make, cell.scenario.scene.period)
+    config, known = cell.scenario, sorted(set(labels))
+    return _remote(
+        cell, make_scene_stage, config.scene.period, config.perception.latency, labels=known
+    )
 
 
-def remote_looking(cell: Cell) -> RemoteStage:
-    """What `make_looking_stage` makes, in a process of its own."""
-    make = partial(make_looking_stage, dump_scenario(cell.scenario))
-    latency = PROMPT if cell.simulated else None
-    return RemoteStage(make, cell.scenario.tracker.image_period, latency=latency)
+def remote_tracker(cell: Cell) -> RemoteStage:
+    """What `make_tracker_stage` makes, in a process of its own."""
+    return _remote(cell, make_tracker_stage, cell.scenario.tracker.image_period, PROMPT_LATENCY)
 
 
 def remote_planner(cell: Cell) -> RemoteStage:
     """What `make_planner_stage` makes, in a process of its own."""
-    make = partial(make_planner_stage, dump_scenario(cell.scenario))
-    latency = PROMPT if cell.simulated else None
-    return RemoteStage(make, cell.scenario.reachability.period, latency=latency)
+    return _remote(cell, make_planner_stage, cell.scenario.reachability.period, PROMPT_LATENCY)
 
 
 def lapsed(cell: Cell) -> OutputPort | None:
@@ -154,6 +154,9 @@ def lapsed(cell: Cell) -> OutputPort | None:
     return some.get_output_port()
 
 
-def _remote(cell: Cell, make: partial, period: float) -> RemoteStage:
-    latency = cell.scenario.perception.latency if cell.simulated else None
-    return RemoteStage(make, period, latency=latency)
+def _remote(
+    cell: Cell, make: Callable[..., System], period: float, latency: float, **options: Any
+) -> RemoteStage:
+    """What ``make`` makes of the scenario; the latency counts where the cell is simulated."""
+    made = partial(make, dump_scenario(cell.scenario), **options)
+    return RemoteStage(made, period, latency=latency if cell.simulated else None)

@@ -21,7 +21,7 @@ from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
-from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
 
 class FieldTracker(LeafSystem):
@@ -89,10 +89,9 @@ class FieldTracker(LeafSystem):
         at_view = {*now, self._image_time.ticket()}
         declare_output(self, "pose_at_view", self._calc_at_view, at_view, model=RigidTransform())
         # Others do not need the shape that it tracks by, and it is large.
-        track = declare_cache(
+        declare_output(
             self, "track", lambda context: replace(self._known(context), model=None), state
         )
-        declare_output(self, "track", track.Eval, {track.ticket()})
 
     def tracking(self, context: Context) -> Tracking:
         """How much the pose is worth at present."""
@@ -111,9 +110,8 @@ class FieldTracker(LeafSystem):
 
     def _known(self, context: Context) -> FieldTrack:
         """What this tracker knows, or the one that tells it."""
-        found: FieldTrack = (self._told if self._told.HasValue(context) else self._track).Eval(
-            context
-        )
+        source = self._told if self._told.HasValue(context) else self._track
+        found: FieldTrack = source.Eval(context)
         return found
 
     def _looked(self, context: Context) -> FieldTrack:
@@ -141,9 +139,10 @@ class FieldTracker(LeafSystem):
 
     def _pose_and_twist(self, context: Context) -> tuple[Array, Array]:
         """Pose and twist now; NaN before the first view, and at rest once it is lost."""
-        found, state = self._known(context), self.tracking(context).state
+        found = self._known(context)
         if found.estimate is None:
             return np.full((4, 4), np.nan), np.full(6, np.nan)
+        state = found.state(context.get_time(), self._config.silence)
         lost = state is TrackingState.LOST
         V_WO = np.zeros(6) if lost else found.estimate.V_WO
         return self._expected(found, state, context.get_time()), V_WO
@@ -163,10 +162,10 @@ class FieldTracker(LeafSystem):
         found, time = self._known(context), self._time_of_image(context)
         if found.estimate is None:
             return RigidTransform(np.full((4, 4), np.nan))
+        now = context.get_time()
+        state = found.state(now, self._config.silence)
         # Before the first image has come, its time is not a number.
-        state = self.tracking(context).state
-        time = time if np.isfinite(time) else context.get_time()
-        return RigidTransform(self._expected(found, state, time))
+        return RigidTransform(self._expected(found, state, time if np.isfinite(time) else now))
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         return SpatialVelocity(self._pose_and_twist(context)[1])

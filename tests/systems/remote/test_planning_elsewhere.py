@@ -16,7 +16,7 @@ from feasigrasp.scenario.presets import resolve
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import make_controller
 from feasigrasp.systems.remote.remote_stage import end_processes
-from feasigrasp.systems.stages.remote import PROMPT, make_planner_stage
+from feasigrasp.systems.stages.remote import PROMPT_LATENCY, make_planner_stage
 from tests.pipeline import scenario
 
 Q = np.array([0.1, -0.7, 0.1, -1.6, 0.1, 1.4, 0.1])
@@ -70,7 +70,7 @@ def test_who_is_told_a_plan_makes_none():
     context = simulator.get_context()
     before = controller.memory(controller.GetMyContextFromRoot(context))
     # Grasps of the view at the start are there after 0.1 s; at 0.2 s the planner is posted them.
-    simulator.AdvanceTo(0.2 + PROMPT - 1e-3)
+    simulator.AdvanceTo(0.2 + PROMPT_LATENCY - 1e-3)
     assert controller.memory(controller.GetMyContextFromRoot(context)).choice.cost == np.inf
     simulator.AdvanceTo(0.35)
     after = controller.memory(controller.GetMyContextFromRoot(context))
