@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array, Indices, Mask
@@ -30,6 +31,10 @@ SEEN, INVENTED = np.array([0.10, 0.50, 1.0]), np.array([1.0, 0.15, 0.55])
 SEEN_WITHIN, INVENTED_BEYOND = 0.002, 0.010
 #: Radius of the discs that show the completed surface, and how far outside it they lie [m].
 DISC_RADIUS, DISC_LIFT = 0.0045, 0.001
+#: Meshcat path of what is perceived; its frame is the object frame O.
+PATH = "/drake/perceived"
+#: Time between two places of it, as between those of the arm [s].
+MOVED_EVERY = 1.0 / 32.0
 
 
 class _Flipbook:
@@ -64,7 +69,7 @@ class _Flipbook:
 
 
 class GraspVisualizer(LeafSystem):
-    """Shows the completed surface and the candidate grasps in Meshcat, fixed to the object.
+    """Shows the completed surface and the candidate grasps in Meshcat, where they are believed.
 
     .. pydrake_system::
 
@@ -74,44 +79,45 @@ class GraspVisualizer(LeafSystem):
         - grasps
         - reachable
         - phase
+        - object_pose
 
     ``perceived`` is a `Perceived`; ``grasps`` are all sampled grasps and ``reachable`` those that
-    the controller is given, flips included, both in the object frame O; ``phase`` is a `Phase`.
+    the controller is given, flips included, both in the object frame O; ``phase`` is a `Phase`, and
+    ``object_pose`` X_WO what the tracker believes: how far what is drawn lies beside the object is
+    how wrong it is. While it is not finite, what is drawn stays where it is.
     The completed surface is drawn as discs, from blue where it was seen to pink where it is made
     up. Grasps that the controller is given are green, dropped ones faint grey; while the fingers
     close only the grasp that the hand committed to is drawn, and none after the object was let go.
-    Everything is drawn below ``path``, whose frame has to be O, and is part of a recording that
-    runs.
+    Everything is drawn below `PATH`, and is part of a recording that runs.
     """
 
     #: Most grasps drawn: enough to show their variety, few enough to see the object.
     MAX_REACHABLE, MAX_DROPPED = 8, 4
 
-    def __init__(
-        self, meshcat: Meshcat, path: str, gripper: ParallelGripper, *, period: float = 0.25
-    ) -> None:
+    def __init__(self, meshcat: Meshcat, gripper: ParallelGripper, *, period: float = 0.25) -> None:
         """A visualizer of one object's grasps.
 
         Args:
             meshcat: Where to draw.
-            path: Meshcat path of the object's body.
             gripper: The gripper that the glyphs stand for.
-            period: Time between updates [s].
+            period: Time between pictures [s]; they move in between.
         """
         super().__init__()
         self._meshcat = meshcat
         self._glyph, self._disc = gripper_glyph(gripper), disc(DISC_RADIUS)
-        self._cloud = _Flipbook(meshcat, f"{path}/completion")
-        self._good = _Flipbook(meshcat, f"{path}/grasps/reachable")
-        self._bad = _Flipbook(meshcat, f"{path}/grasps/dropped")
+        self._cloud = _Flipbook(meshcat, f"{PATH}/completion")
+        self._good = _Flipbook(meshcat, f"{PATH}/grasps/reachable")
+        self._bad = _Flipbook(meshcat, f"{PATH}/grasps/dropped")
         self._forget()
         nothing = Perceived(FusedCloud.empty(1.0), None)
         self._perceived = declare_input(self, "perceived", nothing)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._reachable = declare_input(self, "reachable", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
+        self._pose = declare_input(self, "object_pose", RigidTransform())
         self.DeclareInitializationPublishEvent(self._clear)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+        self.DeclarePeriodicPublishEvent(MOVED_EVERY, 0.0, self._move)
 
     def _forget(self) -> None:
         self._drawn_gpdf: Gpdf | None = None
@@ -122,6 +128,13 @@ class GraspVisualizer(LeafSystem):
         for book in (self._cloud, self._good, self._bad):
             book.clear()
         self._forget()
+        return EventStatus.Succeeded()
+
+    def _move(self, context: Context) -> EventStatus:
+        X_WO = self._pose.Eval(context)
+        if not np.isfinite(X_WO.GetAsMatrix34()).all():
+            return EventStatus.DidNothing()
+        self._meshcat.SetTransform(PATH, X_WO, context.get_time())
         return EventStatus.Succeeded()
 
     def _draw(self, context: Context) -> EventStatus:

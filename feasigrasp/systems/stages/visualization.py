@@ -12,11 +12,12 @@ from feasigrasp.systems.station.meshcat_scene import add_scene
 
 def add_visualization(cell: Cell, meshcat: Meshcat) -> None:
     """Shows the cell, and on the object what perception and reachability make of it."""
-    object_path = add_scene(cell.builder, cell.station, meshcat)
+    add_scene(cell.builder, cell.station, meshcat)
     cell.add(
         "visualizer",
-        GraspVisualizer(meshcat, object_path, cell.gripper),
+        GraspVisualizer(meshcat, cell.gripper),
         cell["perception"],
+        cell["tracker"],
         cell["sequencer"],
         grasps=cell["latency"].get_output_port(),
         reachable=cell["sequencer"].GetOutputPort("grasps"),

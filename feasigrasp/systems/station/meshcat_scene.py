@@ -23,16 +23,13 @@ LIGHTS = {
 }
 
 
-def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> str:
+def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> None:
     """Adds a visualizer named ``scene`` for the station's geometry.
 
     Args:
         builder: The builder that holds the station.
         station: What to show.
         meshcat: Where to show it.
-
-    Returns:
-        The Meshcat path that moves with the object: its frame is the object frame O.
     """
     params = MeshcatVisualizerParams(
         role=Role.kIllustration,
@@ -46,7 +43,6 @@ def add_scene(builder: DiagramBuilder, station: Station, meshcat: Meshcat) -> st
     meshcat.Delete(PREFIX)
     _make_translucent(station, object_path, meshcat)
     set_stage(meshcat)
-    return object_path
 
 
 def _make_translucent(station: Station, object_path: str, meshcat: Meshcat) -> None:

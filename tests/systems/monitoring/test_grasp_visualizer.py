@@ -20,6 +20,7 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.monitoring.grasp_visualizer import (
     INVENTED,
+    PATH,
     SEEN,
     GraspVisualizer,
     reachable_mask,
@@ -66,13 +67,14 @@ class Dut:
     """A visualizer whose inputs a test sets."""
 
     def __init__(self, meshcat: Meshcat) -> None:
-        self.system = GraspVisualizer(meshcat, OBJECT, ParallelGripper(), period=0.25)
+        self.system = GraspVisualizer(meshcat, ParallelGripper(), period=0.25)
         self.simulator = Simulator(self.system)
         self.set(
             perceived=Perceived(FusedCloud.empty(0.003), None),
             grasps=GraspSet.empty(),
             reachable=GraspSet.empty(),
             phase=Phase.APPROACH,
+            object_pose=RigidTransform(),
         )
 
     def set(self, **inputs: Any) -> None:
@@ -90,16 +92,16 @@ def test_recording_shows_each_picture_while_it_is_true(tmp_path: Path, read_anim
     meshcat = start_recording()
     dut = Dut(meshcat)
     dut.advance(0.25)
-    assert not meshcat.HasPath(f"{OBJECT}/completion/0")
+    assert not meshcat.HasPath(f"{PATH}/completion/0")
     some = grasps(6)
     dut.set(perceived=perceive(half_sphere()), grasps=some, reachable=some.select(np.arange(3)))
     dut.advance(0.5)
-    assert meshcat.HasPath(f"{OBJECT}/completion/0")
-    assert meshcat.HasPath(f"{OBJECT}/grasps/reachable/0")
-    assert meshcat.HasPath(f"{OBJECT}/grasps/dropped/0")
+    assert meshcat.HasPath(f"{PATH}/completion/0")
+    assert meshcat.HasPath(f"{PATH}/grasps/reachable/0")
+    assert meshcat.HasPath(f"{PATH}/grasps/dropped/0")
     dut.advance(0.75)  # nothing changed, nothing new
-    assert not meshcat.HasPath(f"{OBJECT}/completion/1")
-    assert not meshcat.HasPath(f"{OBJECT}/grasps/reachable/1")
+    assert not meshcat.HasPath(f"{PATH}/completion/1")
+    assert not meshcat.HasPath(f"{PATH}/grasps/reachable/1")
     dut.set(perceived=perceive(half_sphere(0.05)), reachable=some)
     dut.advance(1.0)
     dut.set(reachable=some.select(np.array([2])), phase=Phase.CLOSE)
@@ -110,7 +112,7 @@ def test_recording_shows_each_picture_while_it_is_true(tmp_path: Path, read_anim
     filename = tmp_path / "sub" / "replay.html"
     write_replay(meshcat, filename)
     shown = {
-        path.removeprefix(f"{OBJECT}/"): [
+        path.removeprefix(f"{PATH}/"): [
             bool(value_at(tracks["visible"], t)) for t in (0.0, 0.5, 0.75, 1.0, 1.25, 1.5)
         ]
         for path, tracks in read_animation(filename.read_text()).items()
@@ -132,11 +134,11 @@ def test_initialization_starts_over() -> None:
     dut = Dut(meshcat)
     dut.set(perceived=perceive(half_sphere()))
     dut.advance(0.0)
-    assert meshcat.HasPath(f"{OBJECT}/completion/0")
+    assert meshcat.HasPath(f"{PATH}/completion/0")
     dut.set(perceived=Perceived(FusedCloud.empty(0.003), None))
     dut.simulator.get_mutable_context().SetTime(0.0)
     dut.simulator.Initialize()
-    assert not meshcat.HasPath(f"{OBJECT}/completion/0")
+    assert not meshcat.HasPath(f"{PATH}/completion/0")
 
 
 def test_a_grasp_counts_as_reachable_by_its_flip_too() -> None:
@@ -159,35 +161,47 @@ def test_seen_side_has_the_colour_of_seen() -> None:
     np.testing.assert_allclose(colors[z < -0.015].mean(axis=0), INVENTED, atol=0.05)
 
 
-def test_pipeline_draws_in_the_frame_of_the_moving_object(tmp_path: Path, read_animation) -> None:
+@pytest.mark.parametrize("name", ["ReachCircularMocap", "ReachCircular"])
+def test_pipeline_draws_where_the_tracker_believes_the_object(
+    name: str, tmp_path: Path, read_animation
+) -> None:
     meshcat = start_recording()
     # Of this object, seen like this, the first view already tells of grasps.
-    scenario = load_scenario(SCENARIOS, "ReachCircularMocap", "{object: {model: soup_can}}")
+    scenario = load_scenario(SCENARIOS, name, "{object: {model: soup_can}}")
     diagram = make_dynamic_grasp(scenario, meshcat)
     simulator = Simulator(diagram)
     simulator.Initialize()
-    station = diagram.GetSubsystemByName("station")
-    pose = station.GetOutputPort("object.pose")
-    # A copy: Eval gives the cached value itself.
-    at_start = RigidTransform(
-        pose.Eval(station.GetMyContextFromRoot(simulator.get_context())).GetAsMatrix4()
-    )
-    simulator.AdvanceTo(0.3)
+    context = simulator.get_context()
+
+    def pose(system: Any, port: str) -> RigidTransform:
+        found = system.GetOutputPort(port).Eval(system.GetMyContextFromRoot(context))
+        return RigidTransform(found.GetAsMatrix4())  # a copy: Eval gives the cached value itself
+
+    station, tracker = diagram.subsystems.station, diagram.subsystems.tracker
+    at_start = pose(station, "object.pose")
+    simulator.AdvanceTo(0.65)
+    believed = pose(tracker, "object_pose")
     for path in ("completion/0", "grasps"):
-        assert meshcat.HasPath(f"{OBJECT}/{path}")
+        assert meshcat.HasPath(f"{PATH}/{path}")
     assert meshcat.HasPath("/drake/illustration/iiwa/iiwa_link_7")
 
     filename = tmp_path / "replay.html"
     write_replay(meshcat, filename)
     html = filename.read_text()
     assert "<script src=" not in html and "<link" not in html
-    tracks = read_animation(html)[OBJECT]
-    p_WO, q_WO = tracks["position"][0][1], tracks["quaternion"][0][1]
-    np.testing.assert_allclose(p_WO, at_start.translation(), atol=1e-9)
-    wxyz = at_start.rotation().ToQuaternion().wxyz()
-    xyzw = np.roll(wxyz, -1)
-    assert abs(np.dot(q_WO, xyzw)) == pytest.approx(1.0)
-    assert not np.allclose(tracks["position"][-1][1], p_WO, atol=1e-3)
+    animation = read_animation(html)
+    body, drawn = animation[OBJECT], animation[PATH]
+    assert_is_at(body, 0, at_start, 1e-9)
+    assert not np.allclose(body["position"][-1][1], at_start.translation(), atol=1e-3)
+    # Half a picture later; the object moves by 2 mm in that time.
+    assert_is_at(drawn, -1, believed, 4e-3)
+
+
+def assert_is_at(tracks: dict[str, Any], frame: int, X: RigidTransform, atol: float) -> None:
+    """Whether what is recorded is at a pose."""
+    np.testing.assert_allclose(tracks["position"][frame][1], X.translation(), atol=atol)
+    xyzw = np.roll(X.rotation().ToQuaternion().wxyz(), -1)
+    assert abs(np.dot(tracks["quaternion"][frame][1], xyzw)) == pytest.approx(1.0, abs=atol)
 
 
 def test_without_meshcat_nothing_is_drawn() -> None:
