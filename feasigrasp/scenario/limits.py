@@ -89,6 +89,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "grasp.dwell": (0.0, 60.0, "s"),
     "grasp.patience": (0.5, np.inf, "s"),
     "grasp.closing_speed": (0.001, 1.0, "m/s"),
+    "grasp.closing_time": (0.01, 60.0, "s"),
     "grasp.squeeze_time": (0.01, 60.0, "s"),
     "grasp.min_width": (0.0, 0.2, "m"),
     "grasp.lift": (-1.0, 1.0, "m"),

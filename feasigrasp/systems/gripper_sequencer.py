@@ -195,7 +195,7 @@ class GripperSequencer(LeafSystem):
             X_WO,
             V_WO,
             self._usable.Eval(context),
-            self._gripper_state.Eval(context)[0],
+            self._gripper_state.Eval(context),
             self._config,
             None if motion is None else partial(future_poses, motion, X_WO, V_WO),
         )
@@ -286,10 +286,10 @@ class GripperSequencer(LeafSystem):
     def _calc_gripper(self, context: Context, output) -> None:
         state = self.state(context)
         opening = self._gripper.max_opening
-        if state.phase == Phase.CLOSE:
+        if state.phase == Phase.CLOSE and np.isnan(state.pressing_since):
             travelled = self._config.closing_speed * (context.get_time() - state.since)
             opening = max(self.CLOSED, opening - travelled)
-        elif state.phase > Phase.CLOSE:
+        elif state.phase >= Phase.CLOSE:
             opening = self.CLOSED
         output.SetAtIndex(0, opening)
 

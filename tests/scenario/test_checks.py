@@ -76,6 +76,7 @@ BAD = {
     "grasp.angle_tolerance": (".nan",),
     "grasp.dwell": ("-1",),
     "grasp.closing_speed": ("0", ".nan"),
+    "grasp.closing_time": ("0",),
     "grasp.squeeze_time": ("-1",),
     "grasp.min_width": ("-1",),
     "grasp.lift_time": ("0",),

@@ -91,7 +91,8 @@ def test_without_a_field_none_is_passed_on():
 def test_a_whole_grasp_keeps_its_times():
     mock = Mock()
     begins = [mock.advance_to_phase(phase) for phase in list(Phase)[1:]]
-    # Every phase begins with an update, every 0.05 s; seen at the next control period.
+    # Every phase begins with an update, every 0.05 s; seen at the next control period. Fingers that
+    # do not move press from 0.2 s on.
     expected = np.cumsum([0.1, 0.4, 0.3, 0.4, 0.2]) + 0.005
     np.testing.assert_allclose(begins, expected, atol=0.0051)
     assert mock.advance(5.0) == Phase.DONE
@@ -150,8 +151,8 @@ def test_closing_follows_the_motion_that_the_tracker_predicts():
     assert np.linalg.norm(X_WO.translation() + V_WO[3:] * elapsed - truth) > 0.01
 
 
-def test_the_fingers_close_at_their_speed_and_stay_closed():
-    mock = Mock()
+def test_the_fingers_close_at_their_speed_and_press_once_they_stop():
+    mock = Mock(gripper_state=[0.04, -0.15])
     mock.advance_to_phase(Phase.CLOSE)
     commands = []
     for t in (0.2, 0.3, 0.45):
@@ -160,6 +161,9 @@ def test_the_fingers_close_at_their_speed_and_stay_closed():
     np.testing.assert_allclose(
         commands, GRIPPER.max_opening - CONFIG.closing_speed * np.array([0.1, 0.2, 0.35])
     )
+    mock.fix(gripper_state=[0.03, 0.0])
+    assert mock.advance(0.52) == Phase.CLOSE
+    assert mock.output("gripper_position") == GripperSequencer.CLOSED
     for phase in (Phase.LIFT, Phase.SHAKE, Phase.HOLD, Phase.DONE):
         mock.advance_to_phase(phase)
         assert mock.output("gripper_position") == GripperSequencer.CLOSED < 0.0

@@ -138,13 +138,12 @@ def _with_fault(run: FaultRun, record: Record, name: str, seed: int) -> FaultRun
 def _window(fault: StudiedFault, scenario: Scenario, record: Record) -> tuple[float, float]:
     """From when to when a fault may begin: the nominal approach, or lift."""
     grasp = scenario.grasp
-    after = grasp.squeeze_time + grasp.lift_time + grasp.shake_time + grasp.hold_time
+    after = grasp.lift_time + grasp.shake_time + grasp.hold_time
     simulated = record["timings"]["simulated_s"] or scenario.simulation_duration
-    closing = max(simulated - after, 0.1)
     if fault.while_lifting:
-        lifting = closing + grasp.squeeze_time
+        lifting = max(simulated - after, 0.1)
         return lifting, lifting + grasp.lift_time
-    return 0.0, closing
+    return 0.0, max(simulated - after - grasp.closing_time, 0.1)
 
 
 def outcome(run: FaultRun, record: Record) -> dict[str, Any]:

@@ -20,6 +20,9 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 Path = Callable[[ArrayLike], Array]
 #: Over this time a predicted pose is differentiated [s].
 _STEP = 1e-3
+#: Fingers have stopped if the distance between them shrinks by less [m/s]; what is told of them so
+#: soon after they were told to close is from before they moved [s].
+_STOPPED, _TAKE_OFF = 0.01, 0.2
 
 
 class Phase(IntEnum):
@@ -45,7 +48,9 @@ class GraspSequenceConfig:
         patience: A hand that has come no nearer to any grasp for so long gives the nearest one up,
             and looks at the object from another side [s].
         closing_speed: Rate at which the distance between the pads shrinks [m/s].
-        squeeze_time: Time from the start of closing to letting go of the object [s].
+        closing_time: Fingers that have not stopped by then are taken to have closed [s].
+        squeeze_time: How long fingers that have stopped press with all their force before the
+            object is let go [s].
         min_width: Fingers that come closer than this have missed the object [m].
         lift: Displacement of the hand after that, in the world [m].
         lift_time: Duration of the lift [s].
@@ -61,7 +66,8 @@ class GraspSequenceConfig:
     dwell: float = 0.1
     patience: float = 5.0
     closing_speed: float = 0.15
-    squeeze_time: float = 1.0
+    closing_time: float = 1.0
+    squeeze_time: float = 0.2
     min_width: float = 0.002
     lift: list[float] = field(default_factory=lambda: [-0.05, 0.0, 0.10])
     lift_time: float = 1.5
@@ -79,6 +85,7 @@ class GraspState(Frozen):
         phase: The present phase.
         since: When it began [s].
         near_since: Since when the hand has been at a grasp [s]; NaN if it is not.
+        pressing_since: Since when the fingers have been pressing [s]; NaN until they stop.
         grasp: The grasp that the hand committed to, in O; None while approaching.
         X_WO: Object pose when this phase began, shape (4, 4); None while approaching.
         V_WO: Object twist then, shape (6,).
@@ -88,6 +95,7 @@ class GraspState(Frozen):
     phase: Phase = Phase.APPROACH
     since: float = 0.0
     near_since: float = float("nan")
+    pressing_since: float = float("nan")
     grasp: GraspSet | None = None
     X_WO: Array | None = None
     V_WO: Array | None = None
@@ -105,7 +113,7 @@ class GraspState(Frozen):
         X_WO: Array,
         V_WO: Array,
         grasps: GraspSet,
-        opening: float,
+        fingers: ArrayLike,
         config: GraspSequenceConfig,
         path: Path | None = None,
     ) -> "GraspState":
@@ -119,7 +127,7 @@ class GraspState(Frozen):
             X_WO: Pose of the object, shape (4, 4).
             V_WO: Twist of the object [angular; linear], shape (6,).
             grasps: Reachable grasps in O.
-            opening: Measured distance between the pads [m].
+            fingers: Measured distance between the pads [m] and its rate [m/s], shape (2,).
             config: Tolerances and durations.
             path: Predicts where the object would be while the fingers close; without it, it goes on
                 with its twist.
@@ -132,12 +140,8 @@ class GraspState(Frozen):
         match self.phase:
             case Phase.APPROACH if config.close:
                 return self._approach(t, X_OH, X_WO, V_WO, grasps, config, path)
-            case Phase.CLOSE if elapsed >= config.squeeze_time - 1e-9:
-                if opening < config.min_width:
-                    return GraspState(since=t)
-                assert self.grasp is not None
-                held = GraspSet(X_OH[None], self.grasp.width, self.grasp.score)
-                return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO, V_WO=V_WO)
+            case Phase.CLOSE:
+                return self._close(t, X_OH, X_WO, V_WO, np.asarray(fingers), config)
             case Phase.LIFT if elapsed >= config.lift_time - 1e-9:
                 after = Phase.SHAKE if config.shake_time > 0.0 else Phase.HOLD
                 return replace(self, phase=after, since=t)
@@ -170,6 +174,27 @@ class GraspState(Frozen):
         committed = grasps.select(np.array([nearest]))
         return GraspState(Phase.CLOSE, t, grasp=committed, X_WO=X_WO, V_WO=V_WO, path=path)
 
+    def _close(
+        self,
+        t: float,
+        X_OH: Array,
+        X_WO: Array,
+        V_WO: Array,
+        fingers: Array,
+        config: GraspSequenceConfig,
+    ) -> "GraspState":
+        opening, rate = fingers
+        state = replace(
+            self, pressing_since=pressing_since(self.pressing_since, t, t - self.since, rate)
+        )
+        if not has_closed(t, self.since, state.pressing_since, config):
+            return state
+        if opening < config.min_width:
+            return GraspState(since=t)
+        assert self.grasp is not None
+        held = GraspSet(X_OH[None], self.grasp.width, self.grasp.score)
+        return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO, V_WO=V_WO)
+
     def target(
         self, t: float, X_WO: Array, V_WO: Array, config: GraspSequenceConfig
     ) -> tuple[Array, Array]:
@@ -197,6 +222,28 @@ class GraspState(Frozen):
         X = self.X_WO.copy()
         X[:3, 3] += moved
         return X, np.concatenate([np.zeros(3), velocity])
+
+
+def pressing_since(before: float, t: float, elapsed: float, rate: float) -> float:
+    """Since when fingers that close have been pressing [s]; NaN until they have stopped once.
+
+    Args:
+        before: The same a moment ago [s].
+        t: Time [s].
+        elapsed: Time since they were told to close [s].
+        rate: Rate of the distance between them [m/s].
+    """
+    if elapsed < _TAKE_OFF - 1e-9:
+        return before
+    stopped = rate > -_STOPPED
+    if np.isnan(before):
+        return t if stopped else before
+    return before if stopped else t
+
+
+def has_closed(t: float, since: float, pressing: float, config: GraspSequenceConfig) -> bool:
+    """Whether fingers that close since some time, and press since another, are done at time t."""
+    return t - since >= config.closing_time - 1e-9 or t - pressing >= config.squeeze_time - 1e-9
 
 
 def _lifted(elapsed: float, config: GraspSequenceConfig) -> tuple[Array, Array]:

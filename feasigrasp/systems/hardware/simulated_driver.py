@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
+from feasigrasp.models.grasps.sequence import (
+    GraspSequenceConfig,
+    Phase,
+    has_closed,
+    pressing_since,
+)
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
@@ -71,9 +76,9 @@ class Handover(LeafSystem):
 
     ``target`` is the commanded distance between the pads [m], ``gripper_state`` the measured one
     and its rate. The phases are told by the gripper alone: it closes, and if something is between
-    the pads when it has closed for ``squeeze_time``, that is let go; lift, shake and hold last as
-    long as the scenario says. ``gripper_position`` is what the fingers are sent: a gripper that is
-    told to close squeezes with all its force, however wide the object is.
+    the pads when they have pressed for ``squeeze_time``, that is let go; lift, shake and hold last
+    as long as the scenario says. ``gripper_position`` is what the fingers are sent: a gripper that
+    is told to close squeezes with all its force, however wide the object is.
     """
 
     PERIOD = 0.01
@@ -88,7 +93,7 @@ class Handover(LeafSystem):
         self._config, self._gripper = config, gripper
         self._target = self.DeclareVectorInputPort("target", 1)
         self._measured = self.DeclareVectorInputPort("gripper_state", 2)
-        state = self.DeclareDiscreteState(2)  # phase, and since when
+        state = self.DeclareDiscreteState([0.0, 0.0, np.nan])  # phase, since when, pressing since
         self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, self._update)
         ticket = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort(
@@ -98,8 +103,10 @@ class Handover(LeafSystem):
         self.DeclareVectorOutputPort("phase", 1, self._calc_phase, ticket)
 
     def _update(self, context: Context, state) -> EventStatus:
-        phase, since = context.get_discrete_state(0).value()
-        elapsed, config = context.get_time() - since, self._config
+        phase, since, pressing = context.get_discrete_state(0).value()
+        t, config = context.get_time(), self._config
+        elapsed = t - since
+        width, rate = self._measured.Eval(context)
         opening = self._target.Eval(context)[0]
         closing = opening < self._gripper.max_opening - self._OPEN
         lasts = {
@@ -113,14 +120,14 @@ class Handover(LeafSystem):
         elif phase == Phase.CLOSE:
             if not closing:
                 after = Phase.APPROACH
-            elif elapsed >= config.squeeze_time - 1e-9:
-                gripped = self._measured.Eval(context)[0] >= config.min_width
+            else:
+                pressing = pressing_since(pressing, t, elapsed, rate)
+                gripped = has_closed(t, since, pressing, config) and width >= config.min_width
                 after = Phase.LIFT if gripped else None
         elif elapsed >= lasts.get(Phase(int(phase)), np.inf) - 1e-9:
             after = Phase(int(phase) + 1)
-        if after is None:
-            return EventStatus.DidNothing()
-        state.get_mutable_vector().SetFromVector([float(after), context.get_time()])
+        kept = [phase, since, pressing] if after is None else [float(after), t, np.nan]
+        state.get_mutable_vector().SetFromVector(kept)
         return EventStatus.Succeeded()
 
     def _calc_gripper(self, context: Context, output) -> None:

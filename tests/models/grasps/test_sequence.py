@@ -26,8 +26,12 @@ AT_GRASP = X_WO @ GRASPS.X_OG[1]
 AWAY = AT_GRASP @ se3.exp([0, 0, 0, 0, 0, -0.2])
 
 
-def advanced(state, t, X_WH=AT_GRASP, *, grasps=GRASPS, opening=WIDTH, config=CONFIG):
-    return state.advanced(t, X_WH, X_WO, V_WO, grasps, opening, config)
+#: Fingers take so long to meet something, in these tests [s]; their rate until then [m/s].
+REACHED, RATE = 0.3, -0.1
+
+
+def advanced(state, t, X_WH=AT_GRASP, *, grasps=GRASPS, opening=WIDTH, rate=0.0, config=CONFIG):
+    return state.advanced(t, X_WH, X_WO, V_WO, grasps, [opening, rate], config)
 
 
 def closing(t=0.0):
@@ -38,22 +42,31 @@ def closing(t=0.0):
     return state
 
 
+def closed(state, X_WH=AT_GRASP, opening=WIDTH):
+    """The state after fingers that meet something have pressed for as long as they should."""
+    met = state.since + REACHED
+    state = advanced(state, met, opening=opening)
+    assert state.phase == Phase.CLOSE
+    return advanced(state, met + CONFIG.squeeze_time, X_WH, opening=opening)
+
+
 def lifting(t=0.0):
-    start = closing(t).since
-    return advanced(closing(t), start + CONFIG.squeeze_time)
+    return closed(closing(t))
 
 
 def test_the_whole_sequence():
     state, phases = GraspState(), []
+    met = 1.0 + CONFIG.dwell + REACHED
     for t in np.arange(0.0, 9.0, 0.01):
-        state = advanced(state, t, AWAY if t < 1.0 else AT_GRASP)
+        X_WH, rate = AWAY if t < 1.0 else AT_GRASP, RATE if t < met - 1e-9 else 0.0
+        state = advanced(state, t, X_WH, rate=rate)
         phases.append(state.phase)
     changes = {phase: 0.01 * phases.index(phase) for phase in Phase}
     expected = np.cumsum(
         [
             1.0,
             CONFIG.dwell,
-            CONFIG.squeeze_time,
+            REACHED + CONFIG.squeeze_time,
             CONFIG.lift_time,
             CONFIG.shake_time,
             CONFIG.hold_time,
@@ -137,23 +150,47 @@ def test_it_commits_to_the_grasp_it_is_at():
 
 
 def test_fingers_that_close_on_nothing_go_back_to_the_approach():
-    start = closing()
-    end = start.since + CONFIG.squeeze_time
-    missed = advanced(start, end, opening=0.5 * CONFIG.min_width)
+    start, nothing = closing(), 0.5 * CONFIG.min_width
+    missed = closed(start, opening=nothing)
+    end = start.since + REACHED + CONFIG.squeeze_time
     assert missed.phase == Phase.APPROACH and missed.since == end
     assert missed.grasp is None and missed.X_WO is None and np.isnan(missed.near_since)
     # Too early to tell: the fingers are still on their way.
-    assert advanced(start, 0.5 * end, opening=0.0).phase == Phase.CLOSE
+    early = advanced(start, start.since + REACHED, opening=nothing, rate=RATE)
+    assert early.phase == Phase.CLOSE
     again = advanced(advanced(missed, end), end + CONFIG.dwell)
     assert again.phase == Phase.CLOSE
 
 
-def test_the_lift_holds_the_hand_where_it_closed():
+def test_fingers_that_have_not_set_off_do_not_press():
     start = closing()
+    state = advanced(start, start.since + 0.1, opening=0.085)
+    assert np.isnan(state.pressing_since)
+
+
+def test_fingers_that_move_on_press_anew():
+    """They pushed the object against the other finger."""
+    start = closing()
+    met = start.since + REACHED
+    pushing = advanced(start, met)
+    moved = advanced(pushing, met + 0.1, rate=RATE)
+    assert (pushing.pressing_since, moved.pressing_since) == (met, met + 0.1)
+    late = met + CONFIG.squeeze_time
+    assert advanced(moved, late).phase == Phase.CLOSE
+    assert advanced(moved, late + 0.1).phase == Phase.LIFT
+
+
+def test_fingers_that_never_stop_have_closed_after_a_while():
+    state = closing()
+    for t in state.since + np.arange(0.0, CONFIG.closing_time - 0.01, 0.05):
+        state = advanced(state, t, rate=RATE)
+        assert state.phase == Phase.CLOSE
+    assert advanced(state, state.since + CONFIG.closing_time, rate=RATE).phase == Phase.LIFT
+
+
+def test_the_lift_holds_the_hand_where_it_closed():
     slipped = AT_GRASP @ se3.exp([0.0, 0.01, 0.0, 0.003, 0.0, 0.002])
-    state = start.advanced(
-        start.since + CONFIG.squeeze_time, slipped, X_WO, V_WO, GRASPS, WIDTH, CONFIG
-    )
+    state = closed(closing(), slipped)
     assert state.phase == Phase.LIFT and state.released
     np.testing.assert_allclose(X_WO @ state.grasp.X_OG[0], slipped, atol=1e-12)
 
@@ -168,7 +205,7 @@ def test_while_closing_the_target_moves_on_as_before():
     """Whatever the fingers do to the object in the meantime."""
     state = closing()
     pushed = se3.make_pose(np.eye(3), [0.7, 0.0, 0.4])
-    for elapsed in (0.0, 0.3, CONFIG.squeeze_time):
+    for elapsed in (0.0, 0.3, CONFIG.closing_time):
         X, V = state.target(state.since + elapsed, pushed, np.zeros(6), CONFIG)
         np.testing.assert_allclose(X[:3, 3], X_WO[:3, 3] + elapsed * V_WO[3:])
         turn = se3.so3_exp(elapsed * V_WO[:3])
@@ -194,7 +231,7 @@ def test_while_closing_the_target_turns_off_as_the_object_would():
     here, V = swing.pose(t), swing.velocity(t)
     path = MotionEstimate(filtered, t).predict
     state = GraspState(Phase.CLOSE, t, X_WO=here, V_WO=V, path=path)
-    for elapsed in (0.0, 0.5, CONFIG.squeeze_time):
+    for elapsed in (0.0, 0.5, CONFIG.closing_time):
         X, V = state.target(t + elapsed, here, np.zeros(6), CONFIG)
         truth = swing.pose(t + elapsed)
         assert np.linalg.norm(X[:3, 3] - truth[:3, 3]) < 0.004
