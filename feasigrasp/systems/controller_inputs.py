@@ -12,6 +12,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.lookout import Sought
 from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
+from feasigrasp.models.control.safety.unseen_surface import kept_surface
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking
@@ -116,8 +117,15 @@ class ControllerInputs:
 
     @property
     def surface(self) -> ObstacleGrid | None:
-        """Distances to the object's surface, in its frame; None unless limits are enforced."""
-        return self._grid(self._controller._surface)
+        """Distances to the object's surface, in its frame; None unless limits are enforced.
+
+        Without what nobody has seen, if the grasp that the hand is nearly at is in there.
+        """
+        grid = self._grid(self._controller._surface)
+        if grid is None or grid.seen is None:
+            return grid
+        X_FG, hand = self._controller.reachability.gripper.X_FG, self._controller.open_hand
+        return kept_surface(grid, self.q, X_FG, self.X_WO, self.grasps.X_OG, hand)
 
     def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
         safe = self._controller.mode is ControlMode.SAFE

@@ -146,6 +146,8 @@ class GraspController(LeafSystem):
         self.reachability = reachability
         self.mode = parse_choice(ControlMode, mode, "mode", ControlError)
         self.period = period
+        hand = reachability.gripper
+        self.open_hand = hand.surface_points(hand.max_opening)
         self._safety_options = safety or SafetyOptions()
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
@@ -259,12 +261,13 @@ class GraspController(LeafSystem):
         X_OG = X_WO.inverse().GetAsMatrix4() @ X_WH
         grasps = GraspSet(X_OG[None], np.zeros(1), np.ones(1))
         ball = sphere_points(64, 0.03)
+        bowl = ball[ball[:, 2] < 0.005]  # with surface that was not seen
         for name, value in {
             "object_pose": X_WO,
             "object_velocity": SpatialVelocity.Zero(),
             "object_motion": Value[object](MotionEstimate(empty_state(), 0.0)),
             "scene": Value[object](fit_scene(ball + [0.5, 0.3, 0.3], [0.0, 0.0, 1.0])),
-            "gpdf": Value[object](fit_gpdf(ball)),
+            "gpdf": Value[object](fit_gpdf(bowl)),
             "camera_pose": RigidTransform([0.3, 0.0, 0.5]),
             "sought": Value[object](Sought(X_WO.GetAsMatrix4(), 0.0)),
             "tracking": Value[object](

@@ -39,6 +39,16 @@ class ViewRecord(Frozen):
         """With one more view."""
         return ViewRecord(np.vstack([self.p_OC, p_OC]), np.append(self.times, time))
 
+    def turned(self, p_OC: ArrayLike) -> float:
+        """Angle of a camera at p_OC (3,) to the nearest direction of a view [rad]; pi without any.
+
+        Without any view every side is another one.
+        """
+        camera = np.asarray(p_OC, dtype=float)
+        lengths = np.linalg.norm(self.p_OC, axis=1) * np.linalg.norm(camera)
+        cosines = (self.p_OC @ camera) / np.maximum(lengths, 1e-12)
+        return float(np.arccos(np.clip(cosines.max(initial=-1.0), -1.0, 1.0)))
+
     def tells_more(self, p_OC: ArrayLike, time: float, n_views: int, revisit: float) -> bool:
         """Whether a view is worth taking.
 

@@ -40,6 +40,10 @@ _MOST_DEVIATION = 5e-3
 #: The same for a keyframe, and the surface's standard deviation [m]; the shares are also asked for
 #: after a gap.
 _KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.2e-3
+#: A side so far from all that were seen [rad] is taken as soon as these allow it: once nothing that
+#: is known is in the image any more, it is too late.
+_OTHER_SIDE = np.deg2rad(30.0)
+_OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
 #: Of a side that was seen so many times there are fewer: so much time between them [s].
@@ -218,14 +222,24 @@ def _is_key(after: FieldTrack, found: Registration, view: ObjectView, views: Vie
     """Whether the view is good enough to be merged, and tells something."""
     assert after.keyframe is not None and after.estimate is not None
     time = after.image_time
-    good = _fits(found) and found.in_view > _KEY_VIEW and after.deviation < _KEY_DEVIATION
-    if not good or time < after.keyframe.time + KEY_PERIOD:
+    if not _believed(found) or time < after.keyframe.time + KEY_PERIOD:
         return False
     p_OC = _in_object(after.estimate.X_WO, view.X_WC[:3, 3])
+    if not _good_enough(after, found, other=views.turned(p_OC) > _OTHER_SIDE):
+        return False
     if views.tells_more(p_OC, time, _KNOWN_SIDE, _KEY_REVISIT):
         return True
     late = time >= after.keyframe.time + _KNOWN_PERIOD
     return late and views.tells_more(p_OC, time, KEY_VIEWS, _KEY_REVISIT)
+
+
+def _good_enough(after: FieldTrack, found: Registration, *, other: bool) -> bool:
+    """Whether a pose is good enough to merge the view by it, of another side or of a known one."""
+    in_view = _OTHER_VIEW if other else _KEY_VIEW
+    inliers = _OTHER_INLIERS if other else _KEY_INLIERS
+    deviation = _OTHER_DEVIATION if other else _KEY_DEVIATION
+    sure = found.inliers > inliers and found.beside < _KEY_BESIDE
+    return sure and found.in_view > in_view and after.deviation < deviation
 
 
 def _keyframe(view: ObjectView, X_WO: Array, time: float) -> Keyframe:

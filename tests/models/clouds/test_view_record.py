@@ -49,6 +49,13 @@ def test_views_of_other_sides_do_not_count():
     assert not record.extended(at(42.0), 3.0).tells_more(at(41.0), 3.5, 2, 9.0)
 
 
+def test_how_far_a_camera_is_from_all_views():
+    record = seen_from(at(0.0), at(40.0), at(80.0))
+    for angle, expected in ((50.0, 10.0), (100.0, 20.0), (40.0, 0.0)):
+        assert np.rad2deg(record.turned(at(angle, 0.7))) == pytest.approx(expected, abs=1e-5)
+    assert ViewRecord().turned(at(0.0)) == np.pi
+
+
 def test_a_record_does_not_change():
     record = seen_from(at(0.0))
     record.extended(at(1.0), 2.0)

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.arrays import Array, Frozen, kept_with_value
 from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
-from feasigrasp.models.grasps.hand_clearance import MARGIN_GROWTH
+from feasigrasp.models.geometry.points import nearest_distance
+from feasigrasp.models.grasps.hand_clearance import INVENTED, MARGIN_GROWTH
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
@@ -43,10 +44,12 @@ class ObstacleGrid(Frozen):
         values: Distances at the nodes, shape (nx, ny, nz) [m], at most ``max_distance``.
         frame: Position of the first node x, y, z [m], edge length of a voxel [m], and the distance
             that counts as far [m]: the kernel's parameters, shape (5,).
+        seen: The same without surface that is far from all that was seen; None if there is none.
     """
 
     values: NDArray[np.float32]
     frame: Array
+    seen: ObstacleGrid | None = None
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
@@ -215,7 +218,8 @@ def object_grid(
 
     Completed surface counts as nearer than it is by half of the deviation that is expected of it,
     as for grasps (`feasigrasp.models.grasps.hand_clearance`). What the camera has looked through is
-    free, also where the field fills it, as it fills a bowl: a finger may go there.
+    free, also where the field fills it, as it fills a bowl: a finger may go there. What nobody has
+    seen is not, but it may be that nothing is there: `ObstacleGrid.seen` is the grid without it.
 
     Args:
         gpdf: Distance field of the object.
@@ -237,7 +241,17 @@ def object_grid(
     field[bulk] *= np.where(gpdf.distance(nodes[bulk]) < 0.0, -1.0, 1.0)
     distance, at, _ = gpdf.refine(nodes[near], 3)
     field[near] = distance - MARGIN_GROWTH * surface_deviation(gpdf, at)
+    frame = np.array([*low, voxel_size, max_distance])
     filled = field < 0.0
     filled[filled] = gpdf.possible(nodes[filled])
-    values = np.where((field >= 0.0) | filled, field, values)
-    return ObstacleGrid(values.astype(np.float32), np.array([*low, voxel_size, max_distance]))
+    whole = np.where((field >= 0.0) | filled, field, values).astype(np.float32)
+    known = nearest_distance(surface, gpdf.seen()[0]) < INVENTED
+    if known.all() or not known.any():
+        return ObstacleGrid(whole, frame)
+    values = np.full(shape, max_distance**2)
+    _nearest_point_kernel(surface[known], low, voxel_size, values)
+    values = np.sqrt(values)
+    filled[filled] = nearest_distance(nodes[filled], gpdf.seen()[0]) < INVENTED
+    told = (values < _BAND * voxel_size) & (field >= 0.0) | filled
+    seen = ObstacleGrid(np.where(told, field, values).astype(np.float32), frame)
+    return ObstacleGrid(whole, frame, seen)
