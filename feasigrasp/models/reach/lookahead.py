@@ -20,9 +20,6 @@ _CHUNK = 32  # hand poses judged at first, best scores first; twice as many each
 #: A hand that can stand back from a grasp so far can also come to it [m].
 WAY_IN = 0.05
 _INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
-#: A grasp that was kept before, which a hand may be at by now, need stay in reach for this share of
-#: the horizon only.
-_KEPT_SHARE = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +64,8 @@ def judge_grasps(
         twins: Whether the flip of a grasp counts as another; without, only the grasps given do.
         way_in: Grasps that the hand cannot stand back from so far, along their approach direction,
             neither now nor within the horizon, are left out if there are others [m].
-        kept_before: Ids of the grasps that were kept last. Another takes the place of one of them
-            only if it scores `HYSTERESIS` times as much, and they need not stay in reach for quite
-            as long.
+        kept_before: Ids of the grasps that were kept last; another takes the place of one of them
+            only if it scores `HYSTERESIS` times as much.
 
     Returns:
         The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
@@ -77,11 +73,9 @@ def judge_grasps(
     """
     both = grasps.with_twins() if twins else grasps
     known = np.isin(both.id, kept_before) & (both.id != UNKNOWN)
-    worth = both.score * np.where(known, HYSTERESIS, 1.0)
-    order = np.argsort(-worth, kind="stable")
+    order = np.argsort(-both.score * np.where(known, HYSTERESIS, 1.0), kind="stable")
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
     X_later = future_poses(motion, X_WO, V_WO, times)
-    needed = np.where(known, _KEPT_SHARE, 1.0) * horizon
     verdicts = np.full(len(both), Verdict.BETTER, dtype=object)
     kept: list[int] = []
     start, size = 0, _CHUNK
@@ -91,8 +85,7 @@ def judge_grasps(
         now = judge.verdicts(X_WO @ both.X_OG[chunk])
         verdicts[chunk] = [VERDICTS[code] for code in now]
         reached = chunk[now == REACHABLE]
-        too_late = times[:, None] > needed[reached] + 1e-9
-        stays = _stays_in_reach(both.X_OG[reached], X_later, too_late, judge)
+        stays = _stays_in_reach(both.X_OG[reached], X_later, judge)
         verdicts[reached] = np.where(
             stays, Verdict.BETTER, Verdict.SOON
         )  # until it is known which are kept
@@ -109,22 +102,17 @@ def judge_grasps(
             kept = [i for i, open_ in zip(kept, comes, strict=True) if open_]
     if kept:
         enough = score_share * both.score[kept].max()
-        kept = [i for i in sorted(kept, key=lambda i: -both.score[i]) if worth[i] >= enough]
+        kept = [i for i in sorted(kept, key=lambda i: -both.score[i]) if both.score[i] >= enough]
     verdicts[kept] = Verdict.KEPT
     counts = Counter(reason for reason in verdicts if reason != Verdict.KEPT)
     chosen = both.select(np.array(kept, dtype=int)).counted(counts)
     return JudgedGrasps(chosen, tuple(verdicts.tolist()))
 
 
-def _stays_in_reach(
-    X_OG: Array, X_later: Array, too_late: Mask, judge: PoseJudge | Reachability
-) -> Mask:
-    """Which grasps (n, 4, 4) can be reached at all of the object's later poses (t, 4, 4).
-
-    Of a grasp, poses that are ``too_late`` (t, n) do not count.
-    """
+def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge | Reachability) -> Mask:
+    """Which grasps (n, 4, 4) can be reached at all of the object's later poses (t, 4, 4)."""
     if len(X_OG) == 0 or len(X_later) == 0:
         return np.ones(len(X_OG), dtype=bool)
     X_WG = X_later[:, None] @ X_OG
     reached = judge.verdicts(X_WG.reshape(-1, 4, 4)) == REACHABLE
-    return np.asarray((reached.reshape(too_late.shape) | too_late).all(axis=0))
+    return np.asarray(reached.reshape(len(X_later), len(X_OG)).all(axis=0))

@@ -71,30 +71,6 @@ def test_an_object_that_leaves_loses_the_grasps_that_leave_reach(grasps):
     assert len(kept) + sum(kept.rejected.values()) == both + grasps.rejected["no contact"]
 
 
-def test_those_that_were_kept_may_leave_reach_a_little_sooner(grasps):
-    V_WO, ids = np.array([0, 0, 0.4, 0.15, 0.0, 0.0]), np.arange(len(grasps))
-
-    def kept(horizon, before=()):
-        options = {"horizon": horizon, "n_best": 1000, "score_share": 0.0, "kept_before": before}
-        return judge_grasps(replace(grasps, id=ids), X_WO, V_WO, REACHABILITY, **options).grasps
-
-    new, again = kept(1.0), kept(1.0, ids)
-    assert rows(new.X_OG) < rows(again.X_OG)
-    for t in (0.25, 0.5, 0.75):
-        assert REACHABILITY.reachable(se3.extrapolate(X_WO, V_WO, t) @ again.X_OG).all()
-
-
-def test_one_that_was_kept_stays_though_a_better_one_is_worth_more(grasps):
-    every = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0).grasps
-    first = replace(every.select([0, 1]), id=np.array([3, 4]))
-    pair = replace(first, score=np.array([1.0, 0.55]))
-    judged = [
-        judge_grasps(pair, X_WO, STILL, REACHABILITY, twins=False, kept_before=before).grasps.id
-        for before in ([], [4])
-    ]
-    assert [sorted(each) for each in judged] == [[3], [3, 4]]
-
-
 def test_an_object_that_flies_away_keeps_none(grasps):
     V_WO = np.array([0, 0, 0, 5.0, 0.0, 0.0])
     assert len(judge_grasps(grasps, X_WO, V_WO, REACHABILITY).grasps) == 0
