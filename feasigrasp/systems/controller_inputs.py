@@ -13,10 +13,12 @@ from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.lookout import Sought
 from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
 from feasigrasp.models.control.safety.unseen_surface import kept_surface
+from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
 
 
@@ -121,11 +123,15 @@ class ControllerInputs:
 
         Without what nobody has seen, if the grasp that the hand is nearly at is in there.
         """
-        grid = self._grid(self._controller._surface)
+        return self._grid(self._controller._surface)
+
+    def kept_off(self, grid: ObstacleGrid | None) -> ObstacleGrid | None:
+        """What of an object's surface the hand keeps off, see `kept_surface`."""
         if grid is None or grid.seen is None:
             return grid
-        X_FG, hand = self._controller.reachability.gripper.X_FG, self._controller.open_hand
-        return kept_surface(grid, self.q, X_FG, self.X_WO, self.grasps.X_OG, hand)
+        X_FG, hand = self._controller.reachability.gripper.X_FG, self._controller._open_hand
+        X_OH = se3.inverse(self.X_WO) @ forward_kinematics(self.q, X_FG)
+        return kept_surface(grid, X_OH, self.grasps.X_OG, hand)
 
     def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
         safe = self._controller.mode is ControlMode.SAFE

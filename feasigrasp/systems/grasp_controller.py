@@ -146,8 +146,6 @@ class GraspController(LeafSystem):
         self.reachability = reachability
         self.mode = parse_choice(ControlMode, mode, "mode", ControlError)
         self.period = period
-        hand = reachability.gripper
-        self.open_hand = hand.surface_points(hand.max_opening)
         self._safety_options = safety or SafetyOptions()
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
@@ -164,7 +162,14 @@ class GraspController(LeafSystem):
         self._tracking = declare_input(self, "tracking")
         self._plan = declare_input(self, "plan")
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
-        self._surface = self._declare_grid("surface of the object", self._gpdf, object_grid)
+        whole = self._declare_grid("surface of the object", self._gpdf, object_grid)
+        self._open_hand = reachability.gripper.surface_points(reachability.gripper.max_opening)
+        self._surface = declare_cache(
+            self,
+            "surface that the hand keeps off",
+            lambda context: ControllerInputs(self, context).kept_off(whole.Eval(context)),
+            {at.ticket() for at in (whole, self._position, self._grasps, self._pose)},
+        )
         self._memory = PeriodicState(self, memory, period, self._updated)
         self._lookout = PeriodicState(self, None, period, self._look_out)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)

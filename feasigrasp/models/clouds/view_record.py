@@ -44,10 +44,7 @@ class ViewRecord(Frozen):
 
         Without any view every side is another one.
         """
-        camera = np.asarray(p_OC, dtype=float)
-        lengths = np.linalg.norm(self.p_OC, axis=1) * np.linalg.norm(camera)
-        cosines = (self.p_OC @ camera) / np.maximum(lengths, 1e-12)
-        return float(np.arccos(np.clip(cosines.max(initial=-1.0), -1.0, 1.0)))
+        return float(np.arccos(self._cosines(p_OC).max(initial=-1.0)))
 
     def tells_more(self, p_OC: ArrayLike, time: float, n_views: int, revisit: float) -> bool:
         """Whether a view is worth taking.
@@ -58,10 +55,14 @@ class ViewRecord(Frozen):
             n_views: So many views of one side suffice.
             revisit: A side not looked at for so long is looked at again [s].
         """
-        camera = np.asarray(p_OC, dtype=float)
-        distance, distances = np.linalg.norm(camera), np.linalg.norm(self.p_OC, axis=1)
-        similar = (self.p_OC @ camera > SAME_DIRECTION * distances * distance) & (
-            distances < SAME_DISTANCE * distance
-        )
+        distances = np.linalg.norm(self.p_OC, axis=1)
+        near = distances < SAME_DISTANCE * np.linalg.norm(p_OC)
+        similar = (self._cosines(p_OC) > SAME_DIRECTION) & near
         enough = int(np.count_nonzero(similar)) >= n_views
         return not enough or time - float(self.times[similar].max()) >= revisit - 1e-9
+
+    def _cosines(self, p_OC: ArrayLike) -> Array:
+        """Cosines of the angles between a camera at p_OC (3,) and every view, seen from O."""
+        camera = np.asarray(p_OC, dtype=float)
+        lengths = np.linalg.norm(self.p_OC, axis=1) * np.linalg.norm(camera)
+        return np.clip(self.p_OC @ camera / np.maximum(lengths, 1e-12), -1.0, 1.0)

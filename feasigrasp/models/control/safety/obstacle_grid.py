@@ -230,9 +230,7 @@ def object_grid(
     low = surface.min(axis=0) - max_distance
     cells = np.ceil((np.ptp(surface, axis=0) + 2 * max_distance) / voxel_size).astype(int)
     shape = tuple((cells + 1).tolist())
-    values = np.full(shape, max_distance**2)
-    _nearest_point_kernel(surface, low, voxel_size, values)
-    values = np.sqrt(values)
+    values = _to_nearest(surface, low, voxel_size, np.full(shape, max_distance))
     nodes = np.moveaxis(np.indices(shape), 0, -1) * voxel_size + low
     near = values < _BAND * voxel_size
     # Farther inside only the sign matters: the way out is towards the surface.
@@ -245,13 +243,19 @@ def object_grid(
     filled = field < 0.0
     filled[filled] = gpdf.possible(nodes[filled])
     whole = np.where((field >= 0.0) | filled, field, values).astype(np.float32)
-    known = nearest_distance(surface, gpdf.seen()[0]) < INVENTED
+    observed = gpdf.seen()[0]
+    known = nearest_distance(surface, observed) < INVENTED
     if known.all() or not known.any():
         return ObstacleGrid(whole, frame)
-    values = np.full(shape, max_distance**2)
-    _nearest_point_kernel(surface[known], low, voxel_size, values)
-    values = np.sqrt(values)
-    filled[filled] = nearest_distance(nodes[filled], gpdf.seen()[0]) < INVENTED
+    values = _to_nearest(surface[known], low, voxel_size, np.full(shape, max_distance))
+    filled[filled] = nearest_distance(nodes[filled], observed) < INVENTED
     told = (values < _BAND * voxel_size) & (field >= 0.0) | filled
     seen = ObstacleGrid(np.where(told, field, values).astype(np.float32), frame)
     return ObstacleGrid(whole, frame, seen)
+
+
+def _to_nearest(points: Array, low: Array, voxel_size: float, farthest: Array) -> Array:
+    """Distances of a grid's nodes to the nearest of some points, at most ``farthest`` [m]."""
+    squares = farthest**2
+    _nearest_point_kernel(points, low, voxel_size, squares)
+    return np.asarray(np.sqrt(squares))

@@ -63,7 +63,7 @@ def bowl_with_hand_at(standoff, turn=0.0):
 
 
 def kept(bowl, X_WO, *grasps):
-    return kept_surface(bowl, Q, GRIPPER.X_FG, X_WO, np.reshape(grasps, (-1, 4, 4)), HAND)
+    return kept_surface(bowl, se3.inverse(X_WO) @ X_WH, np.reshape(grasps, (-1, 4, 4)), HAND)
 
 
 def test_a_hand_on_its_way_into_the_unseen_keeps_off_the_seen(bowl):
@@ -105,7 +105,8 @@ def way_in(surface):
 
 def test_so_it_comes_to_a_grasp_that_it_would_hover_before(bowl):
     def chosen(q, X_WO, X_OG):
-        return kept_surface(bowl, q, GRIPPER.X_FG, X_WO, X_OG, HAND)
+        X_OH = se3.inverse(X_WO) @ forward_kinematics(q, GRIPPER.X_FG)
+        return kept_surface(bowl, X_OH, X_OG[None], HAND)
 
     assert way_in(lambda *_: bowl) > 0.02
     assert way_in(chosen) < 0.002
