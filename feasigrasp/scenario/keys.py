@@ -150,7 +150,11 @@ def _text(node: yaml.Node) -> str:
 
 
 def _check_once(node: yaml.Node, seen: set[int]) -> None:
-    """Refuses keys that are given twice in one mapping."""
+    """Refuses keys that are given twice in one mapping, and merged lists of mappings.
+
+    Of a key that several of a list give, PyYAML takes the first one's value until 6.0.3, as YAML
+    says, and from then on the last one's.
+    """
     if id(node) in seen or isinstance(node, yaml.ScalarNode):
         return
     seen.add(id(node))
@@ -169,4 +173,9 @@ def _check_once(node: yaml.Node, seen: set[int]) -> None:
                 f"{line}; leave one"
             )
         lines[key.value] = line
+        if key.tag == f"{_TAG}merge" and isinstance(value, yaml.SequenceNode):
+            raise ScenarioError(
+                f"line {line} merges a list; which of it wins depends on the release of PyYAML. "
+                "Merge one mapping, and let that one merge the next"
+            )
         _check_once(value, seen)

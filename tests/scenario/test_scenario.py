@@ -246,6 +246,18 @@ def test_missing_and_broken_files_are_named(tmp_path):
         load_scenario(broken, "ReachLinearMocap")
 
 
+def test_a_merged_list_is_refused_since_readers_disagree_which_wins(tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("_a: &a {random_seed: 1}\n_b: &b {random_seed: 2}\nMine: {<<: [*a, *b]}\n")
+    with pytest.raises(ScenarioError, match=r"own.yaml is line 3 merges a list.*PyYAML"):
+        load_scenario(own, "Mine")
+    own.write_text(
+        "_a: &a {cameras: {wrist_camera: {}}, random_seed: 1}\n"
+        "_b: &b {<<: *a, random_seed: 2}\nMine: {<<: *b}\n"
+    )
+    assert load_scenario(own, "Mine").random_seed == 2
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
