@@ -31,6 +31,12 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.clouds.depth_noise_kernels import (
+    cosine_kernel,
+    edges_kernel,
+    measure_kernel,
+    smear_kernel,
+)
 
 
 @dataclass(frozen=True)
@@ -136,38 +142,31 @@ class DepthNoise:
             raise CameraError(f"the depth image has shape {image.shape}; give (h, w)")
         fx, fy, cx, cy = checked_intrinsics(intrinsics)
         z = image.astype(float)
+        kind = image.dtype if image.dtype.kind == "f" else np.dtype(float)
         valid = np.isfinite(z) & (z > 0.0)
         inverse = np.divide(1.0, z, out=np.zeros_like(z), where=valid)
         scale = fx * self.baseline
         fate, mix = rng.random(z.shape), rng.random(z.shape)
         error = _correlated(rng.standard_normal(z.shape), self.correlation)
         if self.dropped > 0.0 and rng.random() < self.dropped:
-            return np.full_like(z, np.inf).astype(image.dtype if image.dtype.kind == "f" else float)
+            return np.full(z.shape, np.inf, dtype=kind)
 
         nearest = 1.0 / near if near > 0.0 else np.nan
         beside = np.where(z <= 0.0, nearest, inverse)
-        partner, edge = _across_edges(beside, self.edge_disparity / scale)
+        threshold = self.edge_disparity / scale
+        partner, edge = np.empty_like(z), np.empty(z.shape, dtype=bool)
+        edges_kernel(beside, threshold, partner, edge)
         for _ in range(round(self.motion_blur)):
-            partner, edge = _smeared(partner, edge, beside, self.edge_disparity / scale)
-        edge &= valid
-        lost = edge & (fate < self.edge_missing)
-        flies = edge & ~lost & (fate < self.edge_missing + self.flying)
-        if self.grazing_start_deg < 90.0:
-            angle = np.rad2deg(incidence(inverse, valid, (fx, fy, cx, cy)))
-            span = self.grazing_end_deg - self.grazing_start_deg
-            # An edge pixel that flies is of no surface; everywhere else the draw is still unused.
-            lost |= ~flies & (mix < (angle - self.grazing_start_deg) / span)
-        disparity = inverse + np.where(flies, mix, 0.0) * (partner - inverse)
-        disparity = scale * disparity + self.subpixel * error
-        if self.disparity_step > 0.0:
-            disparity = self.disparity_step * np.round(disparity / self.disparity_step)
-        measured = np.divide(scale, disparity, out=np.full_like(z, np.inf), where=disparity > 0.0)
-        if self.depth_step > 0.0:
-            measured = self.depth_step * np.round(measured / self.depth_step)
-        measured[measured < near] = 0.0
-        measured[(measured > far) | lost] = np.inf
-        measured[~valid] = z[~valid]
-        return measured.astype(image.dtype if image.dtype.kind == "f" else float)
+            partner, edge = smear_kernel(beside, threshold, partner, edge)
+        cosine, measured = np.empty_like(z), np.empty(z.shape, dtype=kind)
+        cosine_kernel(inverse, valid, (fx, fy, cx, cy), cosine)
+        noise = scale, self.subpixel, self.disparity_step, self.depth_step
+        shares = self.flying, self.edge_missing, self.grazing_start_deg, self.grazing_end_deg
+        measure_kernel(
+            *(z, inverse, valid, partner, edge, cosine, (fate, mix, error)),
+            *(tuple(map(float, noise + shares)), (float(near), float(far)), measured),
+        )
+        return measured
 
 
 def checked_intrinsics(intrinsics: ArrayLike) -> tuple[float, float, float, float]:
@@ -204,59 +203,9 @@ def incidence(inverse: Array, valid: Mask, intrinsics: tuple[float, float, float
     Returns:
         Shape (h, w) [rad], from 0 to pi/2; 0 where it is not known.
     """
-    fx, fy, cx, cy = intrinsics
-    h, w = inverse.shape
-    a = fx * _smaller_difference(inverse, valid, axis=1)
-    b = fy * _smaller_difference(inverse, valid, axis=0)
-    x = ((np.arange(w) - cx) / fx)[None, :]
-    y = ((np.arange(h) - cy) / fy)[:, None]
-    c = inverse - a * x - b * y
-    length = np.sqrt((a * a + b * b + c * c) * (x * x + y * y + 1.0))
-    cosine = np.divide(inverse, length, out=np.ones_like(inverse), where=valid)
-    return np.arccos(np.clip(cosine, 0.0, 1.0))
-
-
-def _smaller_difference(image: Array, valid: Mask, axis: int) -> Array:
-    """Difference to the next or from the previous pixel, whichever is smaller; 0 without either."""
-    step = np.diff(image, axis=axis)
-    usable = np.logical_and(*_neighbours(valid, axis))
-    step[~usable] = np.inf
-    pad = np.full_like(image[:1] if axis == 0 else image[:, :1], np.inf)
-    after, before = np.concatenate([step, pad], axis), np.concatenate([pad, step], axis)
-    smaller = np.where(np.abs(after) < np.abs(before), after, before)
-    return np.where(np.isfinite(smaller), smaller, 0.0)
-
-
-def _across_edges(inverse: Array, threshold: float) -> tuple[Array, Mask]:
-    """The most different inverse depth among each pixel's four neighbours, and where it is an edge.
-
-    A neighbour whose inverse depth is NaN is no partner.
-    """
-    partner = inverse.copy()
-    most = np.zeros_like(inverse)
-    for axis in (0, 1):
-        low, high = _neighbours(inverse, axis)
-        jump = np.abs(high - low)
-        partners, records = _neighbours(partner, axis), _neighbours(most, axis)
-        for target, record, other in zip(partners, records, (high, low), strict=True):
-            larger = jump > record
-            record[larger] = jump[larger]
-            target[larger] = other[larger]
-    return partner, most > threshold
-
-
-def _smeared(partner: Array, edge: Mask, inverse: Array, threshold: float) -> tuple[Array, Mask]:
-    """Partners and edge pixels, each edge wider by a pixel on the surface that it ends."""
-    wider, partner = edge.copy(), partner.copy()
-    for axis in (0, 1):
-        low, high = _neighbours(inverse, axis)
-        same = np.abs(high - low) <= threshold
-        edges, partners, widers = (_neighbours(a, axis) for a in (edge, partner, wider))
-        for here, there in ((0, 1), (1, 0)):
-            grown = same & edges[there] & ~widers[here]
-            partners[here][grown] = partners[there][grown]
-            widers[here][grown] = True
-    return partner, wider
+    cosine = np.empty(inverse.shape)
+    cosine_kernel(np.ascontiguousarray(inverse, dtype=float), valid, intrinsics, cosine)
+    return np.arccos(cosine)
 
 
 def _correlated(white: Array, width: float) -> Array:
@@ -267,10 +216,3 @@ def _correlated(white: Array, width: float) -> Array:
     impulse[len(impulse) // 2] = 1.0
     deviation = np.square(gaussian_filter1d(impulse, width)).sum()  # of both axes
     return np.asarray(gaussian_filter(white, width, mode="wrap") / deviation)
-
-
-def _neighbours(image: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Views of all pixels that have a next one along an axis, and of those next ones."""
-    if axis == 0:
-        return image[:-1], image[1:]
-    return image[:, :-1], image[:, 1:]
