@@ -6,5 +6,5 @@ from feasigrasp.scenario.files import load_scenario
 FILE = diagram_path("dynamic.scenarios.yaml")
 
 
-def scenario(name="ReachLinearMocap", text=""):
-    return load_scenario(FILE, name, "{object: {model: soup_can}, random_seed: 3}", text)
+def scenario(name="ReachLinearMocap", *texts, text=""):
+    return load_scenario(FILE, name, "{object: {model: soup_can}, random_seed: 3}", *texts, text)

@@ -15,6 +15,7 @@ from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.faults import check_faults
@@ -158,6 +159,7 @@ def _check_cameras(scenario: Scenario) -> None:
             f"cameras.{looking} has neither rgb nor depth nor label, so that Drake leaves it out, "
             "but it is perception.camera; make one of them true"
         )
+    _check_second_camera(scenario)
     for name, camera in scenario.cameras.items():
         for pairs, verb in ((_ORDERED, "less than"), (_NOT_GREATER, "at most")):
             for low, high in pairs:
@@ -173,6 +175,25 @@ def _check_cameras(scenario: Scenario) -> None:
                 f"cameras.{name}.renderer_class is {renderer!r}; choose one of "
                 f"{', '.join(filter(None, _RENDERERS))}{nearest(renderer, _RENDERERS)}"
             )
+
+
+def _check_second_camera(scenario: Scenario) -> None:
+    config = scenario.perception
+    second = config.second_camera
+    if not second:
+        return
+    others = [name for name in scenario.cameras if name != config.camera]
+    if second not in others:
+        raise ScenarioError(
+            f"perception.second_camera is {second!r}, but beside perception.camera cameras has "
+            f"{', '.join(others) or 'none'}{nearest(second, others)}"
+        )
+    by_depth = config.segmentation == Segmentation.DEPTH
+    if scenario.tracker.kind != TrackerKind.CAMERA or not by_depth:
+        raise ScenarioError(
+            f"perception.second_camera is {second!r}, but the object is not tracked in images; "
+            "give tracker: {kind: camera} and perception: {segmentation: depth}, or leave it out"
+        )
 
 
 def _check_focal(name: str, focal: Any) -> None:

@@ -126,6 +126,9 @@ class PerceptionConfig:
 
     Attributes:
         camera: Name of the camera that is used.
+        second_camera: Name of another one, such as one that does not move, in whose images the
+            object is tracked while ``camera`` does not show it; empty for none. For ``tracker:
+            {kind: camera}`` with ``segmentation: depth``.
         segmentation: By what its pixels of the object are told: ``labels``, the label image of the
             simulation, or ``depth``, its depth image alone, see `ForegroundSegmentation`.
         execution: Where it works, and planning: ``inline``, between two ticks of the controller, or
@@ -151,6 +154,7 @@ class PerceptionConfig:
     """
 
     camera: str = "wrist_camera"
+    second_camera: str = ""
     segmentation: str = Segmentation.LABELS.value
     execution: str = Execution.AUTO.value
     period: float = 0.5

@@ -105,24 +105,26 @@ def station_config(scenario: Scenario) -> StationConfig:
 
 
 def make_foreground_segmentation(
-    scenario: Scenario, gripper: ParallelGripper
+    scenario: Scenario, gripper: ParallelGripper, name: str = ""
 ) -> ForegroundSegmentation:
-    """The segmentation of the images of the scenario's camera by their depth."""
+    """The segmentation of a camera's images by their depth, by default of perception's."""
     # A perfect camera's pixels are told apart no more finely than those of a real one.
-    camera = make_camera(scenario, without_noise=DepthNoise())
+    camera = make_camera(scenario, name, without_noise=DepthNoise())
     bodies = KnownBodies(gripper, cell_boxes(station_config(scenario)))
     return ForegroundSegmentation(camera, bodies, scenario.carrier.hue)
 
 
-def make_object_pixels(scenario: Scenario) -> SegmentPointCloud:
+def make_object_pixels(scenario: Scenario, name: str = "") -> SegmentPointCloud:
     """The object's points, of those that `make_foreground_segmentation` has labelled."""
     hiding = {Label.ROBOT, Label.CARRIER}
-    return SegmentPointCloud(Label.OBJECT, camera=make_camera(scenario), hiding=hiding)
+    return SegmentPointCloud(Label.OBJECT, camera=make_camera(scenario, name), hiding=hiding)
 
 
 def make_field_tracker(scenario: Scenario) -> FieldTracker:
-    """The tracker of what perception's camera sees, which knows how noisy that camera is."""
-    return FieldTracker(make_camera(scenario), scenario.tracker)
+    """The tracker of what perception's cameras see, which knows how noisy they are."""
+    second = scenario.perception.second_camera
+    other = make_camera(scenario, second) if second else None
+    return FieldTracker(make_camera(scenario), scenario.tracker, other)
 
 
 def led_by_its_camera(scenario: Scenario) -> bool:
@@ -147,9 +149,17 @@ def make_view_filter(scenario: Scenario, gripper: ParallelGripper) -> ViewFilter
     return ViewFilter(gripper, make_camera(scenario))
 
 
-def make_camera(scenario: Scenario, *, without_noise: DepthNoise | None = None) -> Camera:
-    """Perception's camera; ``without_noise`` is what is reckoned with where it makes no errors."""
-    name = scenario.perception.camera
+def make_camera(
+    scenario: Scenario, name: str = "", *, without_noise: DepthNoise | None = None
+) -> Camera:
+    """A camera, by default perception's.
+
+    Args:
+        scenario: The scenario.
+        name: Its name.
+        without_noise: What is reckoned with where it makes no errors.
+    """
+    name = name or scenario.perception.camera
     config, noise = scenario.cameras[name], make_camera_noise(scenario).get(name, without_noise)
     info = pixel_centred_intrinsics(config)
     return Camera(

@@ -8,7 +8,8 @@ import numpy as np
 
 from feasigrasp.evaluation.protocols.changes import Change, both, unchanged
 from feasigrasp.models.faults.images import MaskDilated, MaskEroded, MaskShifted
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.scenario.schema import Scenario, Segmentation
 
 #: Speed of the object [m/s].
 SPEED = 0.1
@@ -30,6 +31,12 @@ def motion_capture(scenario: Scenario) -> None:
     scenario.tracker.position_noise = 0.002
     scenario.tracker.rotation_noise = math.radians(1.0)
     scenario.tracker.latency = 0.05
+
+
+def given_truth(scenario: Scenario) -> None:
+    """The true pose, and the true pixels of the object in the same noisy images."""
+    scenario.tracker.kind = TrackerKind.MOCAP.value
+    scenario.perception.segmentation = Segmentation.LABELS.value
 
 
 def _camera_noise(scenario: Scenario) -> None:

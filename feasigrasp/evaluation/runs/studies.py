@@ -10,6 +10,7 @@ from feasigrasp.evaluation.protocols.changes import Change, both, unchanged
 from feasigrasp.evaluation.protocols.degradations import (
     DEGRADATIONS,
     SPEED,
+    given_truth,
     motion_capture,
     perfect_sensors,
 )
@@ -58,16 +59,18 @@ _MOCAP = tuple(f"{name}Mocap" for name in _REACH)
 _PAPER = ("PaperCircular", "PaperLinear", "PaperSinusoidal")
 _CLUTTER = ("ReachLinearCarried", "ReachLinearBelt", "ReachLinearBeside", "ReachLinearAlong")
 
-#: ``reach`` grasps and lifts moving objects of all kinds with the wrist camera alone, and
-#: ``clutter`` where it also sees what carries the object, or another one beside it; in ``mocap``
-#: the object's pose and pixels are given, as in all others: ``ideal`` with perfect sensors,
-#: ``tracking`` with the errors of motion capture, ``obstacle`` beside a wall; ``paper`` is the
-#: paper's dynamic test, slowly and four times as fast; ``speed`` and ``spin`` are the curves of
-#: success over how fast the object moves and turns, ``speed-camera`` the first with the camera
-#: alone; ``degradations`` is what errors of sensors and other objects cost, each alone and all
-#: together; ``ablation`` what each part of the system is worth.
+#: ``reach`` grasps and lifts moving objects of all kinds with the wrist camera alone, ``clutter``
+#: where it also sees what carries the object, or another one beside it; in ``truth`` pose and
+#: pixels are given, with the same camera and its noise; in ``mocap`` likewise, with a better
+#: camera, as in all others: ``ideal`` with perfect sensors, ``tracking`` with the errors of motion
+#: capture, ``obstacle`` beside a wall; ``paper`` is the paper's dynamic test, slowly and four times
+#: as fast; ``speed`` and ``spin`` are the curves of success over how fast the object moves and
+#: turns, ``speed-camera`` the first with the camera alone; ``degradations`` is what errors of
+#: sensors and other objects cost, each alone and all together; ``ablation`` what each part of the
+#: system is worth.
 STUDIES = {
     "reach": Study(_REACH, seeds=2),
+    "truth": Study(_REACH, seeds=2, variants={"-truth": given_truth}),
     "clutter": Study(_CLUTTER),
     "mocap": Study(_MOCAP, seeds=3),
     "ideal": Study(_MOCAP, variants={"-ideal": perfect_sensors}),

@@ -28,6 +28,10 @@ MARGIN = 0.005
 SIGMAS = 3.0
 #: The guide in which the fingers run is wider than they are, and so long [m].
 _GUIDE_RIM, _GUIDE_LENGTH = 0.003, 0.014
+#: Half the width of what joins palm and flange; of the bracket that carries the camera, half its
+#: width, how far it reaches behind the palm, and how far beyond the camera's middle [m].
+_MOUNT_HALF = 0.034
+_BRACKET_HALF, _BRACKET_DEPTH, _BRACKET_REACH = 0.018, 0.026, 0.015
 
 
 class Boxes(NamedTuple):
@@ -48,7 +52,7 @@ class Boxes(NamedTuple):
 
 
 def hand_boxes(gripper: ParallelGripper, X_WG: Array, opening: float) -> Boxes:
-    """Palm, guide and fingers of a hand.
+    """Fingers, guide and palm of a hand, its mount, and the camera on its bracket.
 
     Args:
         gripper: The hand.
@@ -57,22 +61,30 @@ def hand_boxes(gripper: ParallelGripper, X_WG: Array, opening: float) -> Boxes:
     """
     thick, wide = gripper.finger_thickness, gripper.finger_width
     x = max(opening, 0.0) / 2 + thick / 2
-    finger = [thick, wide, gripper.tip - gripper.heel]
-    middle = (gripper.tip + gripper.heel) / 2
-    reach = gripper.max_opening + 2 * thick
-    guide = [reach + 2 * _GUIDE_RIM, wide + 2 * _GUIDE_RIM, _GUIDE_LENGTH]
-    palm = gripper.palm_size
-    centers = np.array(
+    tip, heel, palm = gripper.tip, gripper.heel, np.array(gripper.palm_size)
+    back = heel - palm[2]
+    reach = gripper.max_opening / 2 + thick
+    guide = np.array([reach + _GUIDE_RIM, wide / 2 + _GUIDE_RIM])
+    mount = np.array([_MOUNT_HALF, _MOUNT_HALF])
+    camera, housing = np.array(gripper.camera_center), np.array(gripper.camera_box) / 2
+    # Lower and upper corners in G.
+    corners = np.array(
         [
-            [x, 0.0, middle],
-            [-x, 0.0, middle],
-            [0.0, 0.0, gripper.heel + _GUIDE_LENGTH / 2],
-            [0.0, 0.0, gripper.heel - palm[2] / 2],
+            [[x - thick / 2, -wide / 2, heel], [x + thick / 2, wide / 2, tip]],
+            [[-x - thick / 2, -wide / 2, heel], [-x + thick / 2, wide / 2, tip]],
+            [[*-guide, heel], [*guide, heel + _GUIDE_LENGTH]],
+            [[*-palm[:2] / 2, back], [*palm[:2] / 2, heel]],
+            [[*-mount, -gripper.tool_offset], [*mount, back]],
+            [
+                [-_BRACKET_HALF, 0.0, back - _BRACKET_DEPTH],
+                [_BRACKET_HALF, camera[1] + _BRACKET_REACH, back],
+            ],
+            [camera - housing, camera + housing],
         ]
     )
-    X_GB = np.tile(np.eye(4), (len(centers), 1, 1))
-    X_GB[:, :3, 3] = centers
-    return Boxes(X_WG @ X_GB, 0.5 * np.array([finger, finger, guide, palm]))
+    X_GB = np.tile(np.eye(4), (len(corners), 1, 1))
+    X_GB[:, :3, 3] = corners.mean(axis=1)
+    return Boxes(X_WG @ X_GB, 0.5 * np.ptp(corners, axis=1))
 
 
 class KnownBodies:

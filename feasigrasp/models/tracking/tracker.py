@@ -8,6 +8,7 @@ something are keyframes again. The pose of a keyframe is the tracked one: mergin
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -126,6 +127,7 @@ def track(
     views: ViewRecord,
     *,
     held: bool = False,
+    second: Callable[[], ObjectView | None] | None = None,
 ) -> FieldTrack:
     """Takes in one image.
 
@@ -137,6 +139,8 @@ def track(
         views: From where the merged views were taken.
         held: Whether the hand that carries the camera has the object: it moves with both, and is
             not learnt from, since fingers hide a part of it.
+        second: Gives the view of another camera at that time, or None; it is asked where ``view``
+            does not show the object. A pose comes of it, and nothing is learnt.
     """
     if not time > before.image_time or not np.isfinite(view.X_WC).all():
         return before
@@ -152,24 +156,53 @@ def track(
     expected = estimate.predicted(time, coasting=coasting)
     if held and X_WC_before is not None:
         expected = expected.carried(estimate, view.X_WC @ se3.inverse(X_WC_before) @ estimate.X_WO)
-    found: Registration | None = None
-    if model is not None and len(view.points_W) >= _LEAST_POINTS:
-        found = register(model, view, expected.X_WO, expected.pose_covariance)
-        good = _believed(found) and (gap < _LONG_GAP or found.in_view >= _LITTLE)
-        may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
-        if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
-            before = replace(before, searched_at=time)
-            # Where it is expected, and where it is if it has gone on as it went.
-            wide, on = expected.widened(UNSURE), last.pose(time)
-            found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance)
-            shown = found.in_view >= _FOUND_VIEW and found.covered >= _FOUND_COVERED
-            good = shown and _fits(found)
-            expected = wide if good else expected
-        found = found if good else None
-    if found is None:
-        return _passed_on(replace(before, estimate=expected, in_view=0.0))
+    before = replace(before, estimate=expected)
+    after, found = _located(before, view, gap)
+    if found is not None:
+        if not held and _is_key(after, found, view, views):
+            assert after.estimate is not None
+            after = replace(after, keyframe=_keyframe(view, after.estimate.X_WO, time))
+        return _passed_on(after)
+    other = second() if second is not None else None
+    if other is not None:
+        searched_at = after.searched_at
+        after, _ = _located(before, other, gap)
+        after = replace(after, searched_at=max(searched_at, after.searched_at))
+    return _passed_on(replace(after, in_view=0.0))
+
+
+def _located(
+    before: FieldTrack, view: ObjectView, gap: float
+) -> tuple[FieldTrack, Registration | None]:
+    """Where a view shows the object.
+
+    Args:
+        before: With the estimate of where it is expected at the time of the view.
+        view: The view.
+        gap: Time since the last pose [s].
+
+    Returns:
+        What is known after it, and how the view fits; ``before`` and None if it gives no pose, but
+        with the time of a search.
+    """
+    model, expected, last = before.model, before.estimate, before.measured
+    if model is None or expected is None or last is None or len(view.points_W) < _LEAST_POINTS:
+        return before, None
+    time = before.image_time
+    found = register(model, view, expected.X_WO, expected.pose_covariance)
+    good = _believed(found) and (gap < _LONG_GAP or found.in_view >= _LITTLE)
+    may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
+    if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
+        before = replace(before, searched_at=time)
+        # Where it is expected, and where it is if it has gone on as it went.
+        wide, on = expected.widened(UNSURE), last.pose(time)
+        found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance)
+        shown = found.in_view >= _FOUND_VIEW and found.covered >= _FOUND_COVERED
+        good = shown and _fits(found)
+        expected = wide if good else expected
+    if not good:
+        return before, None
     estimate = expected.measured(found.X_WO, found.information)
-    assert model is not None
     deviation = surface_deviation(estimate.pose_covariance, *model.placed(estimate.X_WO[:3, :3]))
     after = replace(
         before,
@@ -178,9 +211,7 @@ def track(
         in_view=found.in_view,
         deviation=deviation,
     )
-    if not held and _is_key(after, found, view, views):
-        after = replace(after, keyframe=_keyframe(view, estimate.X_WO, time))
-    return _passed_on(after)
+    return after, found
 
 
 def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:

@@ -77,12 +77,16 @@ def add_perception(
             position=cell.port(f"{config.camera}.position") or cell.port("iiwa.position_measured"),
             gripper_state=cell.port("gripper.state_measured"),
             gpdf=gpdf,
-            color_image=_color_image(cell),
+            color_image=_color_image(cell, config.camera),
         )
         cell.connect(foreground, tracker, object_pose=seen_pose, **seen)
+        second = _second_images(cell)
+        if second and tracker.HasInputPort("second_point_cloud") and not tracks_elsewhere:
+            _add_second_camera(cell, object_pose=seen_pose, gpdf=gpdf, **second)
         if tracks_elsewhere:
             elsewhere = remote_tracker(cell)
-            cell.add("remote_tracker", elsewhere, field, **seen, **given(**image))
+            there = {f"second_{name}": port for name, port in second.items()}
+            cell.add("remote_tracker", elsewhere, field, **seen, **there, **given(**image))
             cell.connect(elsewhere, **given(stamp=cell.port(f"{config.camera}.stamp")))
             cell.connect(tracker, elsewhere)
     if sampler is not None:
@@ -99,13 +103,64 @@ def add_perception(
     return gpdf
 
 
-def _color_image(cell: Cell) -> OutputPort | None:
-    """The camera's colour image, where what carries the object is told by its hue.
+def _second_images(cell: Cell) -> dict[str, OutputPort]:
+    """What the second camera tells, by the names of the ports that take it; empty without one."""
+    name = cell.scenario.perception.second_camera
+    if not name:
+        return {}
+    return given(
+        point_cloud=cell.port(f"{name}.point_cloud"),
+        camera_pose=cell.port(f"{name}.pose"),
+        position=cell.port(f"{name}.position") or cell.port("iiwa.position_measured"),
+        color_image=_color_image(cell, name),
+        depth_image=cell.port(f"{name}.depth_image"),
+        image_time=cell.port(f"{name}.stamp"),
+    )
+
+
+def _add_second_camera(
+    cell: Cell,
+    *,
+    point_cloud: OutputPort,
+    camera_pose: OutputPort,
+    depth_image: OutputPort,
+    image_time: OutputPort | None = None,
+    **inputs: OutputPort,
+) -> None:
+    """Lets the tracker see the object's points in the second camera's images."""
+    name, tracker = cell.scenario.perception.second_camera, cell["tracker"]
+    gripper = cell.port("gripper.state_measured")
+    images = {"point_cloud": point_cloud, "camera_pose": camera_pose}
+    foreground = cell.add(
+        "second_foreground",
+        make_foreground_segmentation(cell.scenario, cell.gripper, name),
+        tracker,
+        **images,
+        **inputs,
+        **given(gripper_state=gripper),
+    )
+    segmentation = cell.add(
+        "second_segmentation",
+        make_object_pixels(cell.scenario, name),
+        point_cloud=point_cloud,
+        label_image=foreground.get_output_port(),
+    )
+    cell.connect(
+        tracker,
+        second_point_cloud=segmentation.GetOutputPort("point_cloud"),
+        second_camera_pose=camera_pose,
+        second_depth_image=depth_image,
+        **given(second_image_time=image_time),
+    )
+
+
+def _color_image(cell: Cell, camera: str) -> OutputPort | None:
+    """A camera's colour image, where what carries the object is told by its hue.
 
     Raises:
         ScenarioError: The cell has none.
     """
-    hue, camera = cell.scenario.carrier.hue, cell.scenario.perception.camera
+    hue = cell.scenario.carrier.hue
     if hue is None:
         return None
     port = cell.port(f"{camera}.color_image")

@@ -29,6 +29,8 @@ from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
 from feasigrasp.systems.stages.cell import Cell
 
+#: Inputs that each camera has its own of.
+_OF_A_CAMERA = ("point_cloud", "camera_pose", "position", "color_image")
 #: After this time a plan or a tracked pose is there, where the cell is simulated [s].
 PROMPT_LATENCY = 0.02
 
@@ -82,24 +84,35 @@ def make_tracker_stage(text: str) -> Diagram:
     scenario = parse_scenario(text)
     gripper = load_gripper(scenario.gripper)
     builder = DiagramBuilder()
-    foreground = make_foreground_segmentation(scenario, gripper)
-    builder.AddNamedSystem("foreground", foreground)
-    segmentation = builder.AddNamedSystem("segmentation", make_object_pixels(scenario))
     tracker = make_part(Part.TRACKER, scenario, Reachability(gripper))
+    inner: dict[tuple[System, str], OutputPort] = {}
+    of_camera: dict[System, str] = {}
+    cameras = {"": scenario.perception.camera, "second_": scenario.perception.second_camera}
+    for prefix, name in cameras.items():
+        if not name:
+            continue
+        foreground = make_foreground_segmentation(scenario, gripper, name)
+        segmentation = make_object_pixels(scenario, name)
+        builder.AddNamedSystem(f"{prefix}foreground", foreground)
+        builder.AddNamedSystem(f"{prefix}segmentation", segmentation)
+        of_camera |= {foreground: prefix, segmentation: prefix}
+        inner |= {
+            (foreground, "object_pose"): tracker.GetOutputPort("pose_at_view"),
+            (foreground, "tracking"): tracker.GetOutputPort("tracking"),
+            (segmentation, "label_image"): foreground.get_output_port(),
+            (tracker, f"{prefix}point_cloud"): segmentation.GetOutputPort("point_cloud"),
+        }
     builder.AddNamedSystem("tracker", tracker)
-    inner = {
-        (foreground, "object_pose"): tracker.GetOutputPort("pose_at_view"),
-        (foreground, "tracking"): tracker.GetOutputPort("tracking"),
-        (segmentation, "label_image"): foreground.get_output_port(),
-        (tracker, "point_cloud"): segmentation.GetOutputPort("point_cloud"),
-    }
     exported: set[str] = set()
-    for system in (foreground, segmentation, tracker):
+    for system in (*of_camera, tracker):
         for port in inputs_of(system):
             name = port.get_name()
             if (system, name) in inner:
                 builder.Connect(inner[system, name], port)
-            elif name in exported:
+                continue
+            if name in _OF_A_CAMERA and system in of_camera:
+                name = of_camera[system] + name
+            if name in exported:
                 builder.ConnectInput(name, port)
             elif name != "track":
                 builder.ExportInput(port, name)

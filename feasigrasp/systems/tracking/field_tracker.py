@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.perception import PointCloud
@@ -23,6 +25,9 @@ from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
+#: Images of two cameras that are no farther apart than this count as taken at once [s].
+_AT_ONCE = 0.02
+
 
 class FieldTracker(LeafSystem):
     """Pose and twist of an unknown object, from depth images of it; a drop-in for `ObjectTracker`.
@@ -38,6 +43,10 @@ class FieldTracker(LeafSystem):
         - perceived
         - phase
         - track
+        - second_point_cloud
+        - second_camera_pose
+        - second_depth_image
+        - second_image_time
         output_ports:
         - object_pose
         - object_velocity
@@ -54,6 +63,10 @@ class FieldTracker(LeafSystem):
     `KeyframesToGPDF`: the field by which is tracked. ``phase`` (V1, see `GripperSequencer`), of a
     gripper that carries the camera, is optional: what it lifts moves with it.
 
+    The ports that begin with ``second`` are there if there is a second camera, and optional. Its
+    images are looked at while those of the first do not show the object: poses come of them, and no
+    keyframes.
+
     ``track`` is a `FieldTrack`, what the tracker knows; where the input of that name is connected,
     such as to a tracker in another process, images are left to that one, and not read here.
 
@@ -65,8 +78,10 @@ class FieldTracker(LeafSystem):
     filter. After ``silence`` without a pose the object is lost; it is still looked for.
     """
 
-    def __init__(self, camera: Camera, config: TrackerConfig | None = None) -> None:
-        """A tracker of what ``camera`` sees."""
+    def __init__(
+        self, camera: Camera, config: TrackerConfig | None = None, second: Camera | None = None
+    ) -> None:
+        """A tracker of what ``camera`` sees, and ``second`` where that does not show the object."""
         super().__init__()
         self._camera, self._config = camera, config or TrackerConfig()
         self._cloud = declare_input(self, "point_cloud", PointCloud())
@@ -76,6 +91,7 @@ class FieldTracker(LeafSystem):
         self._perceived = declare_input(self, "perceived")
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._told = declare_input(self, "track")
+        self._second = None if second is None else _SecondCamera(self, second)
         self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._looked)
         state = {self._track.ticket(), self._told.ticket()}
         now = {*state, self.time_ticket()}
@@ -122,16 +138,13 @@ class FieldTracker(LeafSystem):
         perceived: Any = self._perceived.Eval(context)
         xyz = self._cloud.Eval(context).xyzs().T
         depth = self._depth.Eval(context).data[:, :, 0] if self._depth.HasValue(context) else None
-        view = ObjectView(
-            self._camera,
-            self._camera_pose.Eval(context).GetAsMatrix4(),
-            np.asarray(xyz[np.isfinite(xyz).all(axis=1)], dtype=float),
-            depth,
-        )
+        view = _view(self._camera, self._camera_pose.Eval(context), xyz, depth)
         time = self._time_of_image(context)
         held = self._phase.HasValue(context) and self._phase.Eval(context)[0] > Phase.CLOSE
         before: FieldTrack = self._track.Eval(context)
-        return track(before, view, time, perceived.gpdf, perceived.views, held=bool(held))
+        second = partial(self._second.view, context, time) if self._second is not None else None
+        learnt = perceived.gpdf, perceived.views
+        return track(before, view, time, *learnt, held=bool(held), second=second)
 
     def _time_of_image(self, context: Context) -> float:
         stamped = self._image_time.HasValue(context)
@@ -174,3 +187,35 @@ class FieldTracker(LeafSystem):
         known = not self.tracking(context).lost
         motion = self._known(context).motion.copy() if known else empty_state()
         return MotionEstimate(motion, context.get_time())
+
+
+class _SecondCamera:
+    """The ports of a second camera."""
+
+    def __init__(self, tracker: LeafSystem, camera: Camera) -> None:
+        self._camera = camera
+        self._cloud = declare_input(tracker, "second_point_cloud", PointCloud())
+        self._camera_pose = declare_input(tracker, "second_camera_pose", RigidTransform())
+        self._depth = declare_input(tracker, "second_depth_image", ImageDepth32F(1, 1))
+        self._image_time = tracker.DeclareVectorInputPort("second_image_time", 1)
+
+    def view(self, context: Context, time: float) -> ObjectView | None:
+        """What it saw at a time; None if it saw nothing within `_AT_ONCE` of it."""
+        if not self._cloud.HasValue(context):
+            return None
+        stamped = self._image_time.HasValue(context)
+        if stamped and not abs(self._image_time.Eval(context)[0] - time) <= _AT_ONCE:
+            return None
+        return _view(
+            self._camera,
+            self._camera_pose.Eval(context),
+            self._cloud.Eval(context).xyzs().T,
+            self._depth.Eval(context).data[:, :, 0] if self._depth.HasValue(context) else None,
+        )
+
+
+def _view(
+    camera: Camera, X_WC: RigidTransform, xyz: NDArray[Any], depth: NDArray[Any] | None
+) -> ObjectView:
+    points = np.asarray(xyz[np.isfinite(xyz).all(axis=1)], dtype=float)
+    return ObjectView(camera, X_WC.GetAsMatrix4(), points, depth)

@@ -11,7 +11,7 @@ from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.tracker import track
 from feasigrasp.models.tracking.view import ObjectView
-from tests.object_views import look
+from tests.object_views import camera_at, look
 from tests.tracked_block import MESH, SURFACE
 
 TWIST = np.array([0.05, 0.1, 0.2, 0.02, -0.06, 0.01])
@@ -188,3 +188,40 @@ def test_a_surface_that_is_hardly_known_is_not_tracked(followed):
     unsure = replace(tracker.track, deviation=0.01)
     assert tracker.track.state(t, 0.5) is TrackingState.TRACKING
     assert unsure.state(t, 0.5) is TrackingState.COASTING
+
+
+def test_what_one_camera_does_not_show_another_one_tracks():
+    rng, tracker, asked = np.random.default_rng(1), SequenceTracker(), []
+    other = camera_at([-0.3, -0.35, 0.1])  # sees some of what the first one sees
+    other[:3, 3] += X0[:3, 3]
+    for k in range(30):
+        X_WB = se3.extrapolate(X0, TWIST, k * PERIOD)
+        seen = look(SURFACE, X_WB, CAMERA, rng)
+        tracker = tracker.looked(seen, k * PERIOD).learnt()
+        if k == 0:
+            X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO
+    known, gpdf, views = tracker.track, tracker.shape.gpdf, tracker.shape.views
+    learnt = known.keyframe
+    for k in range(30, 60):
+        t, X_WB = k * PERIOD, se3.extrapolate(X0, TWIST, k * PERIOD)
+        nothing = ObjectView(seen.camera, CAMERA, np.zeros((0, 3)), np.full_like(seen.depth, 2.0))
+
+        def second(X_WB=X_WB, t=t):
+            asked.append(t)
+            return look(SURFACE, X_WB, other, rng)
+
+        known = track(known, nothing, t, gpdf, views, second=second)
+        assert known.state(t, 0.5) is TrackingState.TRACKING
+        assert known.in_view == 0.0
+        assert surface_error(known.estimate.X_WO @ se3.inverse(X_BO), X_WB) < 4e-3
+    assert known.keyframe is learnt
+    assert len(asked) == 30
+    track(
+        known,
+        look(SURFACE, se3.extrapolate(X0, TWIST, 2.0), CAMERA, rng),
+        2.0,
+        gpdf,
+        views,
+        second=second,
+    )
+    assert len(asked) == 30  # the first one sees it again
