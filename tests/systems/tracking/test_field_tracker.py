@@ -76,7 +76,7 @@ class Loop:
 
 
 def test_ports_are_those_of_the_docstrings(ports, documented_ports):
-    for system in (FieldTracker(CAMERA), KeyframesToGPDF(PERIOD)):
+    for system in (FieldTracker(CAMERA, second=CAMERA), KeyframesToGPDF(PERIOD)):
         inputs, outputs = ports(system)
         assert (list(inputs), list(outputs)) == documented_ports(type(system))
 
