@@ -8,9 +8,9 @@ that was interrupted goes on after its last object.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from functools import partial
+from itertools import product
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -97,17 +97,22 @@ def judge_object(
             text = f"{{object: {{model: {path!r}}}, random_seed: {number}}}"
             file = Path(folder) / f"{name}_{kind}_{number}.npz"
             recording = recorded(file, scenario, (text, change), duration, Path(path))
-            trackers: dict[str, Callable[[], Tracker]] = {"default": OurTracker}
-            if kind != "follow":
-                trackers |= {f"peer:{n}": partial(PeerTracker, r) for n, r in peers().items()}
             gaps = {"": (0.0, 0.0)} | ({"/hidden": HIDDEN} if kind == "observe" else {})
-            for sensor_name, sensor in SENSORS.items():
-                for tracker_name, make in trackers.items():
-                    for gap, hidden in gaps.items():
-                        frames = judge(make(), recording, sensor, truth, number, hidden)
-                        about = {"object": name, "seed": number, "tracker": tracker_name}
-                        about |= {"condition": f"{kind}{gap}/{sensor_name}"}
-                        found.append(about | _figures(frames, hidden))
+            for (sensor_name, sensor), (gap, hidden) in product(SENSORS.items(), gaps.items()):
+                trackers = _trackers(with_peers=kind != "follow")
+                judged = judge(trackers, recording, sensor, truth, number, hidden)
+                for tracker_name, frames in judged.items():
+                    about = {"object": name, "seed": number, "tracker": tracker_name}
+                    about |= {"condition": f"{kind}{gap}/{sensor_name}"}
+                    found.append(about | _figures(frames, hidden))
+    return found
+
+
+def _trackers(*, with_peers: bool) -> dict[str, Tracker]:
+    """Ours, and the peers if they are asked for, by preset; none has seen anything."""
+    found: dict[str, Tracker] = {"default": OurTracker()}
+    if with_peers:
+        found |= {f"peer:{name}": PeerTracker(register) for name, register in peers().items()}
     return found
 
 
@@ -115,9 +120,7 @@ def _warm_up(truth: TrueObject, name: str, path: str, folder: Path) -> None:
     """Loads compiled code, which would count as time of the first images."""
     text = f"{{object: {{model: {path!r}}}, random_seed: 0}}"
     recording = recorded(folder / f"{name}_first.npz", SCENARIOS[0], (text,), 0.5, Path(path))
-    judge(OurTracker(), recording, SENSORS["d435"], truth, 0)
-    for registration in peers().values():
-        judge(PeerTracker(registration), recording, SENSORS["d435"], truth, 0)
+    judge(_trackers(with_peers=True), recording, SENSORS["d435"], truth, 0)
 
 
 def _figures(frames: list[Frame], hidden: tuple[float, float]) -> Record:

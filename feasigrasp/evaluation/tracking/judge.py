@@ -7,14 +7,15 @@ pose from that at the true one (ADD-S, by the mesh itself).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
+from time import thread_time
 from typing import Protocol
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.measures.timing import cpu_ms
 from feasigrasp.evaluation.tracking.recording import RATE, Recording
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.camera import Camera, unproject
@@ -240,38 +241,58 @@ def images(
 
 
 def judge(
-    tracker: Tracker,
+    trackers: Mapping[str, Tracker],
     recording: Recording,
     sensor: Sensor,
     truth: TrueObject,
     seed: int,
     hidden: tuple[float, float] = (0.0, 0.0),
-) -> list[Frame]:
-    """Plays a recording, and says how far off every image was."""
-    frames: list[Frame] = []
-    X_BO: Array | None = None
-    ahead = round(AHEAD * RATE)
-    for k, view in images(recording, sensor, seed, hidden):
+) -> dict[str, list[Frame]]:
+    """Plays a recording to some trackers, and says how far off each was at every image."""
+    runs = {name: _Run(tracker, recording, truth) for name, tracker in trackers.items()}
+    # One thread, as for `cpu_ms`; to ask for it at every image would take as long as the image.
+    with threadpool_limits(1):
+        for k, view in images(recording, sensor, seed, hidden):
+            for run in runs.values():
+                run.play(k, replace(view))  # without what another one has worked out
+    return {name: run.frames for name, run in runs.items()}
+
+
+class _Run:
+    """One tracker, and how far off it was."""
+
+    def __init__(self, tracker: Tracker, recording: Recording, truth: TrueObject) -> None:
+        self.frames: list[Frame] = []
+        self._tracker, self._recording, self._truth = tracker, recording, truth
+        self._X_BO: Array | None = None
+
+    def play(self, k: int, view: ObjectView) -> None:
+        """Shows image k of the recording."""
+        tracker, recording, truth = self._tracker, self._recording, self._truth
         time = float(recording.times[k])
-        _, frame_ms = cpu_ms(lambda view=view, time=time: tracker.looked(view, time))  # type: ignore[misc]
+        began = thread_time()
+        tracker.looked(view, time)
+        frame_ms = 1e3 * (thread_time() - began)
         if tracker.X_WO is None:
-            continue
+            return
         X_true = recording.X_WO[k]
-        if X_BO is None:
-            X_BO = se3.inverse(X_true) @ tracker.X_WO
-        X_OB = se3.inverse(X_BO)
+        if self._X_BO is None:
+            self._X_BO = se3.inverse(X_true) @ tracker.X_WO
+        X_OB = se3.inverse(self._X_BO)
         X, V = tracker.X_WO @ X_OB, tracker.V_WO
         turned = se3.so3_log(X[:3, :3] @ X_true[:3, :3].T)
         swing, _ = truth.split(turned, X_true[:3, :3])
         w, _ = truth.split(V[:3] - recording.V_WO[k, :3], X_true[:3, :3])
         _, spin = truth.split(V[:3], X[:3, :3])
         v = V[3:] + np.cross(V[:3], X[:3, 3] - tracker.X_WO[:3, 3]) - recording.V_WO[k, 3:]
-        prediction = np.nan
-        if k + ahead < len(recording.times) and recording.hold[k + ahead]:
+        prediction, ahead = np.nan, k + round(AHEAD * RATE)
+        if ahead < len(recording.times) and recording.hold[ahead]:
             later = tracker.predicted(time, AHEAD) @ X_OB
-            prediction = 1e3 * truth.surface_error(later, recording.X_WO[k + ahead])
-        learnt, keyframe_ms = cpu_ms(tracker.learnt)
-        frames.append(
+            prediction = 1e3 * truth.surface_error(later, recording.X_WO[ahead])
+        began = thread_time()
+        learnt = tracker.learnt()
+        keyframe_ms = 1e3 * (thread_time() - began)
+        self.frames.append(
             Frame(
                 time=time,
                 points=len(view.points_W),
@@ -287,7 +308,6 @@ def judge(
                 keyframe_ms=keyframe_ms if learnt else np.nan,
             )
         )
-    return frames
 
 
 def lost(frames: list[Frame], beyond_mm: float = 10.0, longer: int = 9) -> bool:

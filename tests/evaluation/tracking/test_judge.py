@@ -51,7 +51,7 @@ def mug():
 @pytest.mark.parametrize("make", [OurTracker, lambda: PeerTracker(point_to_plane_open3d)])
 def test_a_tracker_is_judged(mug, make):
     recording, truth = mug
-    frames = judge(make(), recording, SENSORS["d435"], truth, 0)
+    frames = judge({"it": make()}, recording, SENSORS["d435"], truth, 0)["it"]
     assert len(frames) == len(recording.times)
     assert frames[0].surface_mm == pytest.approx(0.0, abs=1e-3)  # aligned there, once
     late = frames[-6:]
@@ -82,7 +82,7 @@ def test_errors_are_those_that_were_made(mug):
         def predicted(self, time, ahead):
             return self.X_WO
 
-    frame = judge(Wrong(), recording, SENSORS["d435"], truth, 0)[-1]
+    frame = judge({"it": Wrong()}, recording, SENSORS["d435"], truth, 0)["it"][-1]
     assert frame.rotation_deg == pytest.approx(np.rad2deg(0.1), abs=1e-6)
     assert frame.turn_rad_s == pytest.approx(0.3)
     assert frame.speed_mm_s == pytest.approx(20.0)
