@@ -5,6 +5,7 @@ import pytest
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from tests.pipeline import SECOND_CAMERA
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 #: Those that measure, and hand on nothing to what they measure.
@@ -63,3 +64,9 @@ def test_with_segmentation_by_depth_nobody_reads_the_label_image(scene):
     assert "wrist_camera.label_image" not in found
     assert found["object.pose"] - JUDGES == {"tracker"}
     assert found["contact_results"] <= JUDGES and found["query_object"] <= JUDGES
+
+
+def test_nor_does_a_second_camera_tell_it():
+    found = readers(make_dynamic_grasp(load_scenario(FILE, "ReachLinear", SECOND_CAMERA)))
+    assert "side_camera.label_image" not in found
+    assert found["object.pose"] == {"metrics", "true_frame"}

@@ -1,8 +1,5 @@
 """A camera that does not move tracks the object while that of the arm does not show it."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -12,10 +9,8 @@ from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.remote.remote_stage import end_processes
-from tests.pipeline import scenario
+from tests.pipeline import SECOND_CAMERA, scenario
 
-PAGE = Path(__file__).parents[3] / "docs/segmentation.md"
-SECOND = re.search(r"```yaml\n(cameras:.*?)```", PAGE.read_text(), re.DOTALL).group(1)
 #: From then on the arm's camera shows nothing [s].
 GONE = 1.0
 BLIND = f"{{grasp: {{close: false}}, faults: [!CameraGone {{start: {GONE}}}]}}"
@@ -35,7 +30,7 @@ def output(diagram, context, system, port):
 
 
 def test_it_is_tracked_by_the_other_camera_until_the_first_one_sees_it_again():
-    diagram, context, simulator = simulated(GONE - 0.05, SECOND, BLIND)
+    diagram, context, simulator = simulated(GONE - 0.05, SECOND_CAMERA, BLIND)
     learnt = output(diagram, context, "tracker", "keyframe").time
     simulator.AdvanceTo(GONE + 2.0)
     tracking = output(diagram, context, "tracker", "tracking")
@@ -59,7 +54,7 @@ def test_without_it_the_object_is_lost():
 def test_in_another_process_its_images_are_looked_at_as_well():
     elsewhere = "{perception: {execution: processes}}"
 
-    diagram = make_dynamic_grasp(scenario("ReachLinear", SECOND, elsewhere))
+    diagram = make_dynamic_grasp(scenario("ReachLinear", SECOND_CAMERA, elsewhere))
     remote = diagram.GetSubsystemByName("remote_tracker")
     names = [remote.get_input_port(i).get_name() for i in range(remote.num_input_ports())]
     simulator = Simulator(diagram)
@@ -76,7 +71,7 @@ def test_in_another_process_its_images_are_looked_at_as_well():
     [
         ("ReachLinear", "{perception: {second_camera: side}}", "beside perception.camera .* none"),
         ("ReachLinear", "{perception: {second_camera: wrist_camera}}", "cameras has none"),
-        ("ReachLinearMocap", SECOND, "not tracked in images; give tracker"),
+        ("ReachLinearMocap", SECOND_CAMERA, "not tracked in images; give tracker"),
     ],
 )
 def test_what_cannot_be_is_refused(name, text, message):
