@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
@@ -12,20 +13,30 @@ from feasigrasp.models.tracking.model import TrackedModel
 from feasigrasp.models.tracking.registration import Registration, register
 from feasigrasp.models.tracking.view import ObjectView
 
-#: Turns about each axis of the world that are tried [rad].
-_TURNS = (0.4, -0.4, 0.8, -0.8)
+#: Turns that are tried [rad]: about each axis of the world, and those that leave no orientation
+#: farther off than 63 degrees.
+_NEARBY = np.vstack([np.zeros(3), *(t * np.eye(3) for t in (0.4, -0.4, 0.8, -0.8))])
+_ALL_ROUND = Rotation.create_group("O")
 #: A coarse search uses so many points; a point counts for it by half so far from the surface [m].
 _COARSE, _HALF = 150, 0.006
-#: So many starts, those that fit best, are followed.
+#: So many starts nearby, those that fit best, are followed.
 _FOLLOWED = 4
-#: What the place is known to be worth after a gap, beside what the filter says [rad, m].
-UNSURE = (0.3, 0.05)
+#: Of those that come from far off so many are followed once more.
+_AGAIN = 6
+#: What the place is known to be worth after a gap, beside what the filter says [rad, m]; and after
+#: a long one, in which the object may have turned to any side.
+UNSURE, ANYHOW = (0.3, 0.05), (1.5, 0.1)
 #: A model point that projects onto the background is worth so many points of the object.
 _BESIDE = 2.0
 
 
 def reacquire(
-    model: TrackedModel, view: ObjectView, guesses: Sequence[Array], covariance: Array
+    model: TrackedModel,
+    view: ObjectView,
+    guesses: Sequence[Array],
+    covariance: Array,
+    *,
+    anyhow: int | None = None,
 ) -> Registration:
     """The best registration of several.
 
@@ -34,16 +45,23 @@ def reacquire(
         view: An image in which it may be.
         guesses: Where it may be by now, the likeliest pose first, shape (4, 4) each.
         covariance: Of the error [theta, p] of these, shape (6, 6).
+        anyhow: Seed of the turns that are tried where it may have turned by any angle: another one
+            in every search, so that some start comes near; None if it has hardly turned.
     """
-    starts = [(guess, X) for guess in guesses for X in _starts(model, view, guess)]
-    fits = [_fit(model, view, X) for _, X in starts]
-    best = np.argsort(fits)[::-1][:_FOLLOWED]
-    found = [
-        register(model, view, starts[k][0], covariance, start=starts[k][1], points=_COARSE)
-        for k in best
-    ]
-    at = max(range(len(found)), key=lambda k: _score(found[k]))
-    return register(model, view, starts[best[at]][0], covariance, start=found[at].X_WO)
+    starts = [(guess, X) for guess in guesses for X in _starts(model, view, guess, _NEARBY)]
+    fits = np.array([_fit(model, view, X) for _, X in starts])
+    starts = [starts[k] for k in np.argsort(-fits)[:_FOLLOWED]]
+    if anyhow is not None:  # from so far off nothing can be said before it was followed
+        some = Rotation.from_quat(np.random.default_rng(anyhow).standard_normal(4))
+        turns = (some * _ALL_ROUND).as_rotvec()
+        starts += [(guesses[0], X) for X in _starts(model, view, guesses[0], turns)]
+    for _ in range(1 if anyhow is None else 2):
+        found = [
+            register(model, view, guess, covariance, start=X, points=_COARSE) for guess, X in starts
+        ]
+        order = sorted(range(len(found)), key=lambda k: -_score(found[k]))[:_AGAIN]
+        starts = [(starts[k][0], found[k].X_WO) for k in order]
+    return register(model, view, starts[0][0], covariance, start=starts[0][1])
 
 
 def _score(found: Registration) -> float:
@@ -62,11 +80,11 @@ def _fit(model: TrackedModel, view: ObjectView, X_WO: Array) -> float:
     return float(np.mean(1.0 / (1.0 + (distance / _HALF) ** 2))) - _BESIDE * beside
 
 
-def _starts(model: TrackedModel, view: ObjectView, X_WO: Array) -> Iterator[Array]:
+def _starts(model: TrackedModel, view: ObjectView, X_WO: Array, turns: Array) -> Iterator[Array]:
     """Where it is expected, and turned this way and that where the points are."""
     yield X_WO
     surface = model.gpdf.completion  # what is seen may be a side that was not seen before
-    for turn in (np.zeros(3), *(t * axis for t in _TURNS for axis in np.eye(3))):
+    for turn in turns:
         X = se3.make_pose(se3.so3_exp(turn) @ X_WO[:3, :3], X_WO[:3, 3])
         R = X[:3, :3]
         lever = surface.points @ R.T

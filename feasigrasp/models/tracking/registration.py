@@ -73,8 +73,8 @@ class Registration:
         in_view: Share of the known surface that faces the camera which is in the image and far
             enough away to be measured.
         inside: The same share of all of the known surface, which says more of a side that is new.
-        covered: Share of the model's points facing the camera, of those in the image, that project
-            onto the object; 0 without any.
+        covered: Share of the model's points facing the camera, of those in the image that nothing
+            hides, that project onto the object; 0 without any.
     """
 
     X_WO: Array
@@ -193,7 +193,9 @@ def _silhouette(
         return np.zeros((0, 6)), np.zeros(0), np.zeros(0), 0.0, 0.0, inside, 0.0
     lever, points_C, shown = lever[facing], points_C[facing], shown[facing]
     in_view = float(shown.mean())
-    covered = float(view.on_object(points_C[shown]).mean()) if shown.any() else 0.0
+    on = view.on_object(points_C[shown])
+    told = on | ~view.hidden(points_C[shown])  # what a finger is before may be there or not
+    covered = float(on[told].mean()) if told.any() else 0.0
     found, way = view.beside(points_C)
     excess = np.linalg.norm(way, axis=1)
     # Towards the silhouette, at right angles to the line of sight; r = -excess grows towards it.

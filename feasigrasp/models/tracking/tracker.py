@@ -21,7 +21,7 @@ from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.tracking.information import surface_deviation
 from feasigrasp.models.tracking.model import TrackedModel
-from feasigrasp.models.tracking.reacquisition import UNSURE, reacquire
+from feasigrasp.models.tracking.reacquisition import ANYHOW, UNSURE, reacquire
 from feasigrasp.models.tracking.registration import Registration, register
 from feasigrasp.models.tracking.twist_filter import TwistFilter
 from feasigrasp.models.tracking.view import ObjectView
@@ -52,8 +52,8 @@ _KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
 #: After so long without a pose the object is searched for from several starts, and again so much
 #: later [s].
 _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
-#: After such a gap little in the image is not enough [s]; a pose that was searched for shows such a
-#: share of the facing surface in the image, of which so much is seen.
+#: After such a gap little in the image is not enough, and any turn is tried [s]; a pose that was
+#: searched for shows such a share of the facing surface in the image, of which so much is seen.
 _LONG_GAP, _FOUND_VIEW, _FOUND_COVERED = 1.0, 0.1, 0.7
 #: What the tracked path is worth to the predictor of the motion.
 _PATH_NOISE = Noise(position=1.5e-3, rotation=8e-3)
@@ -195,8 +195,9 @@ def _located(
     if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
         before = replace(before, searched_at=time)
         # Where it is expected, and where it is if it has gone on as it went.
-        wide, on = expected.widened(UNSURE), last.pose(time)
-        found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance)
+        anyhow = round(1e3 * time) if gap > _LONG_GAP else None
+        wide, on = expected.widened(UNSURE if anyhow is None else ANYHOW), last.pose(time)
+        found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance, anyhow=anyhow)
         shown = found.in_view >= _FOUND_VIEW and found.covered >= _FOUND_COVERED
         good = shown and _fits(found)
         expected = wide if good else expected

@@ -102,6 +102,18 @@ class ObjectView(Frozen):
         near = distance[np.where(inside, row, 0), np.where(inside, column, 0)] <= 2.0
         return np.asarray(inside & near)
 
+    def hidden(self, points_C: Array) -> Mask:
+        """Which points (n, 3) inside the image something nearer hides, or nothing was measured at.
+
+        None, if nothing is known of what is beside the object.
+        """
+        if self.depth is None:
+            return np.zeros(len(points_C), dtype=bool)
+        u, v = (np.rint(c).astype(int) for c in self.camera.pixels(points_C))
+        h, w = self.depth.shape
+        measured = self.depth[np.clip(v, 0, h - 1), np.clip(u, 0, w - 1)]
+        return np.asarray(measured < points_C[:, 2] - _BEHIND)
+
     @cached_property
     def _silhouette(self) -> tuple[tuple[int, int], Indices, Array, Array]:
         """First cell, nearest cell of the object, distance to it [cells], depth known free."""

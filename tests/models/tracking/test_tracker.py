@@ -167,6 +167,34 @@ def test_an_object_elsewhere_is_found_again(followed):
     assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X) < 3e-3
 
 
+@pytest.mark.parametrize("turn", [1.2, -2.5])
+def test_after_a_long_gap_it_is_found_though_it_has_turned_far(followed, turn):
+    """About the line of sight, so that the side that is known is seen."""
+    t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
+    X = se3.make_pose(se3.so3_exp([turn, 0.0, 0.0]) @ X_WB[:3, :3], X_WB[:3, 3] + [0, 0.04, 0])
+    for k in range(30):  # within a second
+        later = t + 2.0 + k * PERIOD
+        tracker = tracker.looked(look(SURFACE, X, CAMERA, np.random.default_rng(k)), later)
+    assert tracker.track.measured_at == later
+    assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X) < 3e-3
+
+
+def test_what_hides_a_part_of_it_is_not_taken_for_its_absence(followed):
+    """Most of it is behind something nearer, such as a finger."""
+    t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
+    later = t + PERIOD
+    whole = look(SURFACE, se3.extrapolate(X_WB, TWIST, PERIOD), CAMERA, np.random.default_rng(0))
+    u = whole.camera.pixels(whole.points_C)[0]
+    edge = int(np.quantile(u, 0.3))
+    depth = whole.depth.copy()
+    depth[:, edge:] = 0.15  # before the object
+    view = ObjectView(whole.camera, CAMERA, whole.points_W[u < edge], depth)
+    track = tracker.looked(view, later).track
+    assert track.measured_at == later
+    X_true = se3.extrapolate(X_WB, TWIST, PERIOD)
+    assert surface_error(track.estimate.X_WO @ se3.inverse(X_BO), X_true) < 3e-3
+
+
 def test_it_is_followed_while_little_of_it_is_in_the_image(followed):
     """For a second most of it is beyond the border; a coasting twist would lose 3 cm."""
     t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
