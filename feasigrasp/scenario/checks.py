@@ -243,7 +243,7 @@ def _check_camera_noise(scenario: Scenario) -> None:
                 f"camera_noise names {name!r}, but cameras has "
                 f"{', '.join(scenario.cameras) or 'none'}{nearest(name, scenario.cameras)}"
             )
-        unknown = [key for key in changes if key not in known]
+        unknown = [str(key) for key in changes if key not in known]
         if unknown:
             raise ScenarioError(
                 f"camera_noise.{name} has {', '.join(unknown)}; it may have {', '.join(known)}"
