@@ -35,10 +35,8 @@ from feasigrasp.models.tracking.view import ObjectView
 
 #: Points of an image that are used, at most; they are spread over it.
 _POINTS = 450
-#: Neighbouring pixels and model points err together, and the model as it did in the last image:
-#: so many count as one. Where fewer do, what is wrong with the model, which turns with the camera,
-#: outweighs the twist that was seen, and a noisy camera's object is believed to stand still.
-CORRELATED = 35.0
+#: Neighbouring pixels and model points err together: so many count as one.
+CORRELATED = 10.0
 #: Least standard deviation of a residual: bumps of the model [m].
 _MODEL_SIGMA = 5e-4
 #: A point this near to an observed one is on observed surface [m]; beyond, the surface is a guess
