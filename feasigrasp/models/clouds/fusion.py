@@ -1,4 +1,8 @@
-"""Merging of views in the object frame: a turning object completes its own cloud."""
+"""Merging of views in the object frame: a turning object completes its own cloud.
+
+Reference: Keller et al., "Real-time 3D reconstruction in dynamic scenes using point-based fusion",
+3DV 2013.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.edges import Outline
@@ -27,6 +32,12 @@ _IN_FREE_SPACE, _MAX_IN_FREE_SPACE = 6e-3, 0.03
 _OUT_OF_PLACE = 0.01
 #: Below this many points a view shows no surface.
 _MIN_SURFACE = 12
+#: Standard deviation of a view's place, across its surface [m].
+_POSE_SIGMA = 5e-4
+#: A view shows a point again that is beside its nearest one by less than this share of a voxel,
+#: apart from it by less than so many standard deviations, and so much at most [m], and faces the
+#: same way (cosine).
+_BESIDE, _APART_SIGMAS, _APART, _SAME_SIDE = 0.75, 6.0, 0.01, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +49,12 @@ class FusedCloud(Frozen):
         directions: Unit directions from each point to the camera, in O, shape (n, 3).
         voxel_size: Edge length of a voxel [m].
         views: Number of views merged.
-        smooth: Whether every view is smoothed and registered before it is merged. If so, a voxel
-            keeps one point for each of six directions that its surface may face, so that the two
-            sides of a thin wall stay apart.
+        smooth: Whether every view is smoothed and registered before it is merged. If so, a point
+            that a view shows again is moved along its normal, as far as the view is the surer one
+            (surfels); the two sides of a thin wall, which face opposite ways, stay apart.
         normals: Outward unit normals, shape (n, 3); empty (0, 3) unless ``smooth``.
-        counts: Number of views that saw each point, shape (n,).
+        weights: How sure each point is, shape (n,): inverse variance [1/m^2] if ``smooth``, else
+            the number of views that saw it.
         images: The latest views' pictures; empty unless ``smooth``.
     """
 
@@ -52,12 +64,12 @@ class FusedCloud(Frozen):
     views: int = 0
     smooth: bool = False
     normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    counts: Array = field(default_factory=lambda: np.zeros(0))
+    weights: Array = field(default_factory=lambda: np.zeros(0))
     images: tuple[ViewImage, ...] = ()
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        names = ("points", "directions", "normals", "counts")
+        names = ("points", "directions", "normals", "weights")
         self._freeze(**{name: np.array(getattr(self, name), dtype=float) for name in names})
 
     @classmethod
@@ -110,7 +122,7 @@ class FusedCloud(Frozen):
             outline: Where the object may go on beside its points, in O; nowhere if not given.
 
         Returns:
-            The cloud with the mean over the views in every voxel.
+            The cloud with the mean over the views in every voxel, or at every surfel.
         """
         points = np.array(points, dtype=float)
         camera = np.array(p_OC, dtype=float)
@@ -118,11 +130,14 @@ class FusedCloud(Frozen):
         at = grouped_means(points, voxel_keys(points, self.voxel_size), np.ones(len(points)))[0]
         towards = camera - at
         towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
-        if not self.smooth or len(at) < _MIN_SURFACE:
-            return self._with(at, towards, np.zeros((len(at), 3)), self.images)
+        if not self.smooth:
+            return self._averaged(at, towards)
+        if len(at) < _MIN_SURFACE:
+            return replace(self, views=self.views + 1)
 
         image = view_image(points, camera, outline)
-        at, normals = smooth_view(points, at, camera)
+        at, normals, sigma = smooth_view(points, at, camera)
+        weights = 1.0 / (np.square(sigma) + _POSE_SIGMA**2)
         old = self
         if self.views and register:
             X = register_view(at, normals, self.points, self.normals)
@@ -133,13 +148,13 @@ class FusedCloud(Frozen):
         known = np.concatenate([old.points, at])
         agreeing = (_agreeing(each, known) for each in (*old.images, image))
         images = _kept([each for each in agreeing if each is not None])
-        return old._with(at, towards, normals, images)
+        return old._fused(at, towards, normals, weights, images)
 
     def without(self, gone: Mask) -> FusedCloud:
         """Leaves out some of the points, shape (n,)."""
         kept = {
             name: getattr(self, name)[~gone]
-            for name in ("points", "directions", "normals", "counts")
+            for name in ("points", "directions", "normals", "weights")
             if len(getattr(self, name)) == len(gone)
         }
         return replace(self, **kept)
@@ -154,32 +169,79 @@ class FusedCloud(Frozen):
             images=tuple(image.moved(X) for image in self.images),
         )
 
-    def _with(
-        self, at: Array, towards: Array, normals: Array, images: tuple[ViewImage, ...]
+    def _fused(
+        self,
+        at: Array,
+        towards: Array,
+        normals: Array,
+        weights: Array,
+        images: tuple[ViewImage, ...],
     ) -> FusedCloud:
-        """With one point per voxel of one more view."""
-        before = self.normals if self.smooth else np.zeros_like(self.points)
-        rows = np.vstack(
-            [np.hstack([self.points, self.directions, before]), np.hstack([at, towards, normals])]
-        )
-        counts = np.concatenate([self.counts, np.ones(len(at))])
-        keys = voxel_keys(rows[:, :3], self.voxel_size)
-        if self.smooth:
-            keys = 6 * keys + _facing(rows[:, 6:])
-        rows, counts = grouped_means(rows, keys, counts)
-        for block in (slice(3, 6), slice(6, 9)):
-            length = np.linalg.norm(rows[:, block], axis=1, keepdims=True)
-            rows[:, block] /= np.maximum(length, 1e-12)
+        """With the surface of one more view."""
+        rows = np.hstack([self.points, self.directions, self.normals])
+        added = np.hstack([at, towards, normals])
+        known = self.weights.copy()
+        if len(rows) > 0:
+            nearest = cKDTree(at).query(self.points)[1]
+            again, height = self._surface_again(rows, known, added[nearest], weights[nearest])
+            seen = cKDTree(self.points).query(at)[1]
+            repeated, _ = self._surface_again(added, weights, rows[seen], known[seen])
+            i = nearest[again]
+            share = (weights[i] / (weights[i] + known[again]))[:, None]
+            rows[again, :3] += share * height[again]
+            rows[again, 3:] += share * (added[i, 3:] - rows[again, 3:])
+            known[again] += weights[i]
+            added, weights = added[~repeated], weights[~repeated]
+        rows, known = np.concatenate([rows, added]), np.concatenate([known, weights])
         return FusedCloud(
-            np.ascontiguousarray(rows[:, :3]),
-            rows[:, 3:6],
+            rows[:, :3],
+            _units(rows[:, 3:6]),
             self.voxel_size,
             self.views + 1,
-            self.smooth,
-            rows[:, 6:9] if self.smooth else np.zeros((0, 3)),
-            counts,
+            True,
+            _units(rows[:, 6:]),
+            known,
             images,
         )
+
+    def _surface_again(
+        self, rows: Array, weights: Array, others: Array, other_weights: Array
+    ) -> tuple[Mask, Array]:
+        """Which points others show again, and the way to those along the normals, (n, 3) [m].
+
+        Args:
+            rows: Points, directions and normals, shape (n, 9).
+            weights: How sure they are, shape (n,).
+            others: What is nearest to each of them, and how sure it is.
+            other_weights: See there.
+        """
+        normals = _units(weights[:, None] * rows[:, 6:] + other_weights[:, None] * others[:, 6:])
+        way = others[:, :3] - rows[:, :3]
+        height = np.einsum("ij,ij->i", way, normals)
+        along = height[:, None] * normals
+        beside = np.linalg.norm(way - along, axis=1)
+        apart = np.minimum(_APART_SIGMAS * np.sqrt(1.0 / weights + 1.0 / other_weights), _APART)
+        alike = np.einsum("ij,ij->i", rows[:, 6:], others[:, 6:]) > _SAME_SIDE
+        return alike & (beside < _BESIDE * self.voxel_size) & (np.abs(height) < apart), along
+
+    def _averaged(self, at: Array, towards: Array) -> FusedCloud:
+        """With one point per voxel of one more view."""
+        rows = np.hstack([np.vstack([self.points, at]), np.vstack([self.directions, towards])])
+        weights = np.concatenate([self.weights, np.ones(len(at))])
+        rows, weights = grouped_means(rows, voxel_keys(rows[:, :3], self.voxel_size), weights)
+        return FusedCloud(
+            np.ascontiguousarray(rows[:, :3]),
+            _units(rows[:, 3:]),
+            self.voxel_size,
+            self.views + 1,
+            weights=weights,
+        )
+
+
+def _units(vectors: Array) -> Array:
+    """Of length 1, or 0."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, 1e-12))
 
 
 def _kept(images: Sequence[ViewImage]) -> tuple[ViewImage, ...]:
@@ -230,14 +292,6 @@ def _agreeing(image: ViewImage, points: Array) -> ViewImage | None:
 def _turn(X: Array, vectors: Array, positions: bool = False) -> Array:
     turned = vectors @ X[:3, :3].T
     return np.asarray(turned + X[:3, 3] if positions else turned)
-
-
-def _facing(normals: Array) -> Indices:
-    """Which of +-x, +-y, +-z each normal is nearest to, 0 to 5."""
-    axis = np.argmax(np.abs(normals), axis=1)
-    negative = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] < 0.0
-    facing: Indices = axis + 3 * negative
-    return facing
 
 
 def voxel_keys(points: Array, voxel_size: float) -> Indices:

@@ -2,7 +2,8 @@
 
 A depth camera errs along its rays. So around every point the depth towards the camera is fitted as
 a quadratic function of the position across the line of sight (moving least squares; a plane
-would round off what is curved), with far neighbours and outliers weighing less.
+would round off what is curved), with far neighbours and outliers weighing less. The noisier the
+view, the more neighbours.
 """
 
 from __future__ import annotations
@@ -14,21 +15,30 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_solve_kernel
 
-#: Neighbours that a patch is fitted to.
-NEIGHBOURS = 32
+#: Neighbours that a patch is fitted to, if depths err by at most so much [m].
+NEIGHBOURS, _USUAL_NOISE = 32, 1e-3
+#: Where they err w times as much, by up to so many times, patches have these powers of w more
+#: neighbours and are wider: normals would turn with the noise.
+_WIDEST, _MORE, _FARTHER = 3.0, 2.3, 0.7
+#: The noise is that of so many patches.
+_SAMPLES = 100
 #: Neighbours farther away hardly count, however sparse the view [m].
 _MAX_RADIUS = 0.01
 #: Above this many points of a view, every second (third, ...) one is used.
 _MAX_POINTS = 4000
 #: No point moves further than this; where it would, the patch is no surface [m].
 _MAX_SHIFT = 0.006
+#: ... or if depths err much, than so many times their standard deviation.
+_SHIFT_SIGMAS = 4.0
+#: Neighbouring pixels err together, and far ones count less: so many are worth one.
+_CORRELATED = 12.0
 #: Weight of the penalty on curvature against that of the neighbours.
 _CURVATURE_PENALTY = 1e-2
 #: Depth noise below which a residual is no outlier, whatever the others are [m].
 _MIN_RESIDUAL = 2e-4
 
 
-def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array]:
+def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Array]:
     """Puts points onto the smooth surface through a view.
 
     Args:
@@ -37,21 +47,39 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array]:
         p_OC: Position of the camera, shape (3,) [m].
 
     Returns:
-        Points moved along their lines of sight, and unit normals on the camera's side, (m, 3) each.
+        Points moved along their lines of sight and unit normals on the camera's side, (m, 3) each,
+        and standard deviations of the points along the lines of sight, (m,) [m].
     """
     thin = np.ascontiguousarray(cloud[:: -(-len(cloud) // _MAX_POINTS)])
-    distance, near = cKDTree(thin).query(at, k=min(NEIGHBOURS, len(thin)))
-    return _fit_patches(
-        thin, np.ascontiguousarray(at), np.asarray(p_OC, dtype=float), near, distance
-    )
+    at, camera = np.ascontiguousarray(at), np.asarray(p_OC, dtype=float)
+    tree = cKDTree(thin)
+
+    def patches(where: Array, count: int, radius: float, most: float) -> tuple[Array, ...]:
+        distance, near = tree.query(where, k=min(count, len(thin)))
+        return _fit_patches(thin, where, camera, near, distance, radius, most)
+
+    some = np.ascontiguousarray(at[:: max(1, len(at) // _SAMPLES)])
+    noise = float(np.median(patches(some, NEIGHBOURS, _MAX_RADIUS, _MAX_SHIFT)[2]))
+    wider = min(max(noise / _USUAL_NOISE, 1.0), _WIDEST)
+    count = round(NEIGHBOURS * wider**_MORE)
+    most = max(_MAX_SHIFT, _SHIFT_SIGMAS * noise)
+    points, normals, spread = patches(at, count, _MAX_RADIUS * wider**_FARTHER, most)
+    return points, normals, spread * np.sqrt(_CORRELATED / count)
 
 
 @njit(cache=True, error_model="numpy")
 def _fit_patches(
-    cloud: Array, at: Array, p_OC: Array, near: Indices, distance: Array
-) -> tuple[Array, Array]:
+    cloud: Array,
+    at: Array,
+    p_OC: Array,
+    near: Indices,
+    distance: Array,
+    radius: float,
+    most: float,
+) -> tuple[Array, Array, Array]:
+    """Smoothed points, normals, and how far the neighbours are from the patches."""
     m, k = near.shape
-    points, normals = at.copy(), np.empty_like(at)
+    points, normals, scatter = at.copy(), np.empty_like(at), np.empty(m)
     basis, weight, height = np.empty((6, k)), np.empty(k), np.empty(k)
     weighted, residual = np.empty(k), np.empty(k)
     matrix, right = np.empty((6, 6)), np.empty(6)
@@ -63,7 +91,7 @@ def _fit_patches(
         x = x - (x @ z) * z
         x = x / np.sqrt(x @ x)
         y = np.cross(z, x)
-        size = max(min(distance[i, k - 1], _MAX_RADIUS), 1e-9)
+        size = max(min(distance[i, k - 1], radius), 1e-9)
         for j in range(k):
             n = near[i, j]
             dx, dy, dz = cloud[n, 0] - at[i, 0], cloud[n, 1] - at[i, 1], cloud[n, 2] - at[i, 2]
@@ -79,7 +107,8 @@ def _fit_patches(
                     residual[j] = height[j]
                     for a in range(6):
                         residual[j] -= right[a] * basis[a, j]
-                spread = 2.0 * max(1.4826 * np.median(np.abs(residual)), _MIN_RESIDUAL)
+                scatter[i] = max(1.4826 * np.median(np.abs(residual)), _MIN_RESIDUAL)
+                spread = 2.0 * scatter[i]
                 for j in range(k):
                     weight[j] /= (1.0 + (residual[j] / spread) ** 2) ** 2
             for a in range(6):
@@ -93,11 +122,11 @@ def _fit_patches(
                 matrix[a, a] += total * (_CURVATURE_PENALTY if a > 2 else 1e-6)
             cholesky_kernel(matrix, matrix, 1e-18)
             cholesky_solve_kernel(matrix, right)
-        if abs(right[0]) < _MAX_SHIFT:
+        if abs(right[0]) < most:
             points[i] = at[i] + right[0] * z
         normal = z - (right[1] / size) * x - (right[2] / size) * y
         normals[i] = normal / np.sqrt(normal @ normal)
-    return points, normals
+    return points, normals, scatter
 
 
 @njit(cache=True, fastmath=True)

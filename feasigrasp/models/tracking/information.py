@@ -5,7 +5,10 @@ direction that the shape does not determine, such as the turn of a can, an ideal
 ``J e = 0``; one that is known from noisy points has bumps, and a registration would take them for
 information and follow them. Normals that err by the angle ``a`` give about ``a^2`` of the
 information that normals in all directions would give. So that share is taken off every eigenvalue,
-and what falls below zero is cut: there the estimate stays at its prior.
+and what falls below zero is cut: there the estimate stays at its prior. Of an eigenvalue ``h`` of
+which ``b`` is left, a gradient says that the error is ``g / b``, with the variance ``h / b^2``: the
+information is ``b^2 / h``. (Fuller, Measurement Error Models, 1987, section 2.2, on regressors
+that err.)
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import numpy as np
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 
-#: Share of the whole information that wrong normals alone bring, in every direction.
+#: Share of the whole information that wrong normals alone bring, in every direction, at least.
 NOISE_SHARE = 0.003
 
 
@@ -32,13 +35,16 @@ def jacobian(lever: Array, normals: Array) -> Array:
     return -np.hstack([np.cross(lever, normals), normals])
 
 
-def without_noise(J: Array, weights: Array, lever: Array) -> tuple[Array, Array]:
+def without_noise(
+    J: Array, weights: Array, lever: Array, noise: float = NOISE_SHARE
+) -> tuple[Array, Array]:
     """The information of weighted rows, less what noise alone would bring.
 
     Args:
         J: Rows, see `jacobian`, shape (n, 6).
         weights: Inverse variances, shape (n,).
         lever: Where they are, shape (n, 3) [m].
+        noise: The share of noise, see `TrackedModel.noise_share`.
 
     Returns:
         The information (6, 6), and the projection (6, 6) that takes a gradient ``J^T w r`` to that
@@ -56,10 +62,10 @@ def without_noise(J: Array, weights: Array, lever: Array) -> tuple[Array, Array]
     T[3:, :3] = se3.hat(middle) @ T[:3, :3]
     rows = J @ T
     values, vectors = np.linalg.eigh(rows.T @ (weights[:, None] * rows))
-    believed = np.maximum(values - NOISE_SHARE * total, 0.0)
+    believed = np.maximum(values - noise * total, 0.0)
     share = np.divide(believed, values, out=np.zeros(6), where=values > 0.0)
     T_inverse = np.linalg.inv(T)
-    information = T_inverse.T @ (vectors * believed) @ vectors.T @ T_inverse
+    information = T_inverse.T @ (vectors * (believed * share)) @ vectors.T @ T_inverse
     projection = T_inverse.T @ (vectors * share) @ vectors.T @ T.T
     return information, projection
 

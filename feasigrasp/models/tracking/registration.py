@@ -36,7 +36,7 @@ from feasigrasp.models.tracking.view import ObjectView
 #: Points of an image that are used, at most; they are spread over it.
 _POINTS = 450
 #: Neighbouring pixels and model points err together: so many count as one.
-CORRELATED = 10.0
+CORRELATED = 20.0
 #: Least standard deviation of a residual: bumps of the model [m].
 _MODEL_SIGMA = 5e-4
 #: A point this near to an observed one is on observed surface [m]; beyond, the surface is a guess
@@ -137,7 +137,8 @@ def register(
         )
         weights = np.concatenate([both * weight, 0.5 * plane_weight]) / CORRELATED
         residuals = np.concatenate([distance, offset])
-        information, projection = without_noise(rows, weights, np.vstack([lever, lever]))
+        both_levers = np.vstack([lever, lever])
+        information, projection = without_noise(rows, weights, both_levers, model.noise_share)
         gradient = projection @ (rows.T @ (weights * residuals))
         rim_rows, rim_weights, rim_residuals, *shares = _silhouette(model, view, X)
         # A small part of the object errs together.

@@ -54,7 +54,12 @@ _KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
 _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
 #: After such a gap little in the image is not enough, and any turn is tried [s]; a pose that was
 #: searched for shows such a share of the facing surface in the image, of which so much is seen.
-_LONG_GAP, _FOUND_VIEW, _FOUND_COVERED = 1.0, 0.1, 0.7
+_LONG_GAP, _FOUND_VIEW, _FOUND_COVERED = 1.0, 0.3, 0.7
+#: A merged view moves the model by its own error, as one of so many views, and by this share of it
+#: at least: where it shows another side it is the only one.
+_LEAST_SHARE = 0.2
+#: What is known without any image of where a model is: standard deviations [rad, m].
+_UNKNOWN = (0.3, 0.03)
 #: What the tracked path is worth to the predictor of the motion.
 _PATH_NOISE = Noise(position=1.5e-3, rotation=8e-3)
 
@@ -87,6 +92,7 @@ class FieldTrack(Frozen):
         model: The shape; None until there is one.
         in_view: Share of the known surface facing the camera that was in the last image.
         deviation: Standard deviation of the surface across itself [m].
+        information: What that image alone said of the pose, shape (6, 6); zero before.
         keyframe: The last view worth merging; None before the first.
         searched_at: When it was last searched for from several starts [s].
         motion: State of the filter that predicts, see `feasigrasp.models.objects.pose_filter`.
@@ -99,6 +105,7 @@ class FieldTrack(Frozen):
     model: TrackedModel | None = None
     in_view: float = 0.0
     deviation: float = np.inf
+    information: Array = field(default_factory=lambda: np.zeros((6, 6)))
     keyframe: Keyframe | None = None
     searched_at: float = -np.inf
     motion: Array = field(default_factory=empty_state)
@@ -149,6 +156,7 @@ def track(
         return _begun(before, view, time)
     if gpdf is not None and (model is None or model.gpdf is not gpdf):
         model = TrackedModel(gpdf)
+        estimate = estimate.widened(_one_view(before.information, len(views.times)))
     X_WC_before = before.X_WC
     before = replace(before, image_time=time, model=model, X_WC=view.X_WC)
     gap = time - before.measured_at
@@ -169,6 +177,21 @@ def track(
         after, _ = _located(before, other, gap)
         after = replace(after, searched_at=max(searched_at, after.searched_at))
     return _passed_on(replace(after, in_view=0.0))
+
+
+def _one_view(information: Array, views: int) -> Array:
+    """How far a model may have moved with the view that was merged last: covariance, (6, 6).
+
+    A view errs by as much as an image tells, and all that is measured by the model errs with it. A
+    filter that does not know takes it for a motion.
+
+    Args:
+        information: What an image tells, shape (6, 6).
+        views: How many the model is made of.
+    """
+    share = max(1.0 / max(views, 1), _LEAST_SHARE)
+    least = np.diag(1.0 / np.square(np.repeat(_UNKNOWN, 3)))
+    return np.asarray(share**2 * np.linalg.inv(information + least))
 
 
 def _located(
@@ -196,7 +219,8 @@ def _located(
         before = replace(before, searched_at=time)
         # Where it is expected, and where it is if it has gone on as it went.
         anyhow = round(1e3 * time) if gap > _LONG_GAP else None
-        wide, on = expected.widened(UNSURE if anyhow is None else ANYHOW), last.pose(time)
+        unsure = np.diag(np.square(np.repeat(UNSURE if anyhow is None else ANYHOW, 3)))
+        wide, on = expected.widened(unsure), last.pose(time)
         found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance, anyhow=anyhow)
         shown = found.in_view >= _FOUND_VIEW and found.covered >= _FOUND_COVERED
         good = shown and _fits(found)
@@ -211,6 +235,7 @@ def _located(
         estimate=estimate,
         in_view=found.in_view,
         deviation=deviation,
+        information=found.information,
     )
     return after, found
 

@@ -124,10 +124,10 @@ class TwistFilter(Frozen):
         covariance = P - gain @ (before - after) @ gain.T
         return replace(self, X_WO=X_WO, V_WO=twist, covariance=0.5 * (covariance + covariance.T))
 
-    def widened(self, sigma: tuple[float, float]) -> TwistFilter:
-        """The same with further standard deviations of the pose [rad, m]."""
+    def widened(self, covariance: Array) -> TwistFilter:
+        """The same with a further covariance of the pose's error [theta, p], (6, 6)."""
         P = self.covariance.copy()
-        P[:6, :6] += np.diag(np.square(np.repeat(sigma, 3)))
+        P[:6, :6] += covariance
         return replace(self, covariance=P)
 
 
