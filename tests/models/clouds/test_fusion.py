@@ -202,6 +202,24 @@ def test_the_sides_of_a_thin_wall_stay_apart():
     np.testing.assert_array_equal(np.sign(fused.points[:, 2]), np.sign(fused.normals[:, 2]))
 
 
+def error_of_noisy_views(noises):
+    """Mean error of what views of so much noise each make, without any registration [m]."""
+    cloud = FusedCloud.empty(0.003, smooth=True)
+    for seed, noise in enumerate(noises):
+        cloud = cloud.merged(pear_view(FRONT, noise, seed), FRONT, register=False)
+    return np.abs(pear_error(cloud.points)).mean()
+
+
+def test_more_views_of_much_noise_give_a_better_surface():
+    """And not a thicker one, of a layer for every view."""
+    assert error_of_noisy_views([6e-3] * 6) < 0.9 * error_of_noisy_views([6e-3])
+
+
+def test_a_sure_view_outweighs_many_that_are_not():
+    noisy = error_of_noisy_views([6e-3] * 4)
+    assert error_of_noisy_views([6e-3] * 4 + [3e-4]) < 0.7 * noisy
+
+
 def half_hidden():
     """A pear seen whole, and then from nearly there while a hand hides half of it."""
     whole = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT), FRONT)

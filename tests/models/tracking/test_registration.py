@@ -151,7 +151,39 @@ def test_information_less_noise_does_not_depend_on_the_axes():
     whole = jacobian(lever, normals).T @ (weights[:, None] * jacobian(lever, normals))
     assert np.linalg.eigvalsh(whole - information).min() > -1e-9
     assert np.trace(information) > 0.9 * np.trace(whole)
-    assert np.allclose(projection @ whole, information)
+    assert np.allclose(projection @ projection @ whole, information)
+
+
+def test_normals_that_err_do_not_make_motions_too_small():
+    """A plain least-squares fit does, as any whose regressors err (attenuation)."""
+    rng = np.random.default_rng(6)
+    lever = rng.normal(size=(20000, 3)) * [0.03, 0.02, 0.06]
+    true = rng.normal(size=(20000, 3)) * [1.0, 0.5, 0.2]
+    true /= np.linalg.norm(true, axis=1, keepdims=True)
+    wrong = true + 0.4 * rng.normal(size=(20000, 3))
+    wrong /= np.linalg.norm(wrong, axis=1, keepdims=True)
+    e = np.array([0.05, -0.03, 0.04, 2e-3, 1e-3, -2e-3])
+    J, weights = jacobian(lever, wrong), np.ones(20000)
+    # How much of the least eigenvalue is noise, by the exact normals.
+    share = 0.4**2 / (1.0 + 3.0 * 0.4**2)
+    gradient = J.T @ (jacobian(lever, true) @ e)
+    information, projection = without_noise(J, weights, lever, share)
+    plain = np.linalg.solve(J.T @ J, gradient)
+    ours = np.linalg.solve(information, projection @ gradient)
+    assert plain[5] / e[5] < 0.4  # along z, where few normals point
+    assert abs(ours[5] / e[5] - 1.0) < 0.15
+
+
+@pytest.mark.parametrize(("sigma", "least", "most"), [(2e-4, 0.0, 0.02), (1e-2, 0.05, 0.3)])
+def test_how_much_normals_err_is_measured(sigma, least, most):
+    surface = Raycaster(SHAPES["box"].vertices, SHAPES["box"].faces)
+    camera, rng = camera_at([0.3, 0.2, 0.2]), np.random.default_rng(7)
+    exact = look(surface, np.eye(4), camera)
+    towards = camera[:3, 3] - exact.points_W
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    noisy = exact.points_W + sigma * rng.standard_normal((len(towards), 1)) * towards
+    cloud = FusedCloud.empty(0.003, smooth=True).merged(noisy, camera[:3, 3])
+    assert least <= TrackedModel(complete_shape(cloud, max_points=320)).noise_share <= most
 
 
 def test_the_deviation_of_a_surface_is_that_of_samples():

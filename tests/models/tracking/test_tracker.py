@@ -66,6 +66,20 @@ def test_it_knows_the_twist(followed):
             assert np.abs(estimate.V_WO[3:] - v).max() < 0.012
 
 
+def test_what_the_first_view_errs_is_no_motion():
+    """The images that follow show the object a little beside a model of one noisy view."""
+    rng, tracker = np.random.default_rng(3), SequenceTracker()
+    for k in range(20):
+        exact = look(SURFACE, X0, CAMERA)
+        along = exact.points_W - CAMERA[:3, 3]
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        points = exact.points_W + 4e-3 * rng.standard_normal((len(along), 1)) * along
+        view = ObjectView(replace(exact.camera, depth_noise=0.03), CAMERA, points, exact.depth)
+        tracker = tracker.looked(view, k * PERIOD).learnt()
+    assert np.abs(tracker.track.estimate.V_WO[:3]).max() < 0.15
+    assert np.abs(tracker.track.estimate.V_WO[3:]).max() < 0.015
+
+
 def test_out_of_sight_it_coasts_and_is_back_at_once(followed):
     coasting = [tr.track for t, tr, _, _ in followed if GAP[0] + 0.15 < t < GAP[1]]
     times = [t for t, _, _, _ in followed if GAP[0] + 0.15 < t < GAP[1]]
