@@ -151,7 +151,7 @@ def test_a_scenario_may_track_with_its_camera():
     tracker = diagram.GetSubsystemByName("tracker")
     assert isinstance(tracker, FieldTracker)
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(0.7)
+    simulator.AdvanceTo(1.2)
     context = simulator.get_context()
     tracking = tracker.tracking(tracker.GetMyContextFromRoot(context))
     assert tracking.state is TrackingState.TRACKING
