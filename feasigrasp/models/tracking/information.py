@@ -32,7 +32,9 @@ def jacobian(lever: Array, normals: Array) -> Array:
     Returns:
         Shape (n, 6).
     """
-    return -np.hstack([np.cross(lever, normals), normals])
+    (x, y, z), (a, b, c) = lever.T, normals.T
+    # -(lever x normal); np.cross takes five times as long.
+    return np.stack([z * b - y * c, x * c - z * a, y * a - x * b, -a, -b, -c], axis=1)
 
 
 def without_noise(

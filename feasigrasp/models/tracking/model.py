@@ -12,12 +12,12 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.tracking.information import NOISE_SHARE
+from feasigrasp.models.tracking.information import NOISE_SHARE, jacobian
 
 #: Points of the model that are looked for in an image.
 _PROBES = 300
 #: Rigid displacements that tell how much the normals err, and how far they move the points [m].
-_DISPLACEMENTS, _DISPLACED = 6, 4e-3
+_DISPLACEMENTS, _DISPLACED = 4, 4e-3
 #: Slopes of the raw distance below this are no slopes, as in the field's own Newton step.
 _LEAST_SLOPE = 0.2
 
@@ -72,13 +72,14 @@ class TrackedModel(Frozen):
             e = np.concatenate([y[:3] / max(radius, 1e-3), y[3:]])
             way = np.cross(e[:3], lever) + e[3:]
             e *= _DISPLACED / np.sqrt(np.square(way).sum(axis=1).mean())
-            for sign in (1.0, -1.0):
-                at = lever @ se3.so3_exp(sign * e[:3]).T + sign * e[3:]
-                distance, normals = self.distance(at + middle)
-                known = self.tree.query(at + middle)[0] < _DISPLACED
-                promised = np.cross(at, normals) @ e[:3] + normals @ e[3:]
-                missing += known @ (np.square(promised) - sign * promised * distance)
-                total += known.sum() * (np.square(e[:3] * radius).sum() + np.square(e[3:]).sum())
+            both = [lever @ se3.so3_exp(sign * e[:3]).T + sign * e[3:] for sign in (1.0, -1.0)]
+            at = np.concatenate(both)
+            distance, normals = self.distance(at + middle)
+            known = self.tree.query(at + middle, distance_upper_bound=_DISPLACED)[0] < _DISPLACED
+            promised = jacobian(at, normals) @ -e
+            gained = np.repeat([1.0, -1.0], len(lever)) * promised * distance
+            missing += known @ (np.square(promised) - gained)
+            total += known.sum() * (np.square(e[:3] * radius).sum() + np.square(e[3:]).sum())
         return max(NOISE_SHARE, missing / max(total, 1e-12))
 
     def placed(self, R_WO: Array) -> tuple[Array, Array]:

@@ -47,6 +47,9 @@ _OTHER_SIDE = np.deg2rad(30.0)
 _OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
+#: A keyframe has so many points at most: what more there are of a near object are closer together
+#: than the model is fine.
+_KEY_POINTS = 6000
 #: Of a side that was seen so many times there are fewer: so much time between them [s].
 _KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
 #: After so long without a pose the object is searched for from several starts, and again so much
@@ -300,7 +303,8 @@ def _good_enough(after: FieldTrack, found: Registration, *, other: bool) -> bool
 
 
 def _keyframe(view: ObjectView, X_WO: Array, time: float) -> Keyframe:
-    return Keyframe(_in_object(X_WO, view.points_W), _in_object(X_WO, view.X_WC[:3, 3]), time)
+    points_W = view.points_W[:: -(-len(view.points_W) // _KEY_POINTS)]
+    return Keyframe(_in_object(X_WO, points_W), _in_object(X_WO, view.X_WC[:3, 3]), time)
 
 
 def _in_object(X_WO: Array, points_W: Array) -> Array:

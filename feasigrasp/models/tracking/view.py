@@ -7,7 +7,7 @@ no part of it can be there.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -130,6 +130,7 @@ class ObjectView(Frozen):
         depth = self.depth[: h * CELL, : w * CELL]
         part = depth[top * CELL : (bottom + 1) * CELL, left * CELL : (right + 1) * CELL]
         # A pixel that was not measured says nothing, nor do its neighbours.
-        least = part.reshape(shape[0], CELL, shape[1], CELL).min(axis=(1, 3))
+        cells = (part[i::CELL, j::CELL] for i in range(CELL) for j in range(CELL))
+        least = reduce(np.minimum, cells)
         distance, nearest = distance_transform_edt(~mask, return_indices=True)
         return (int(left), int(top)), nearest, distance, minimum_filter(least, 3)
