@@ -16,10 +16,10 @@ from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_solve_kernel
 
 #: Neighbours that a patch is fitted to, if depths err by at most so much [m].
-NEIGHBOURS, _USUAL_NOISE = 32, 1e-3
+NEIGHBOURS, _USUAL_NOISE = 32, 1.7e-3
 #: Where they err w times as much, by up to so many times, patches have these powers of w more
 #: neighbours and are wider: normals would turn with the noise.
-_WIDEST, _MORE, _FARTHER = 3.0, 2.3, 0.7
+_WIDEST, _MORE, _FARTHER = 1.6, 5.0, 1.5
 #: The noise is that of so many patches.
 _SAMPLES = 100
 #: Neighbours farther away hardly count, however sparse the view [m].
