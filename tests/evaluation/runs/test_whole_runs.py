@@ -44,14 +44,11 @@ def test_it_is_held_by_where_it_is_too(held):
 
 
 def test_the_shake_shakes_the_object(held):
-    """It goes to and fro in the world, by about the amplitude that the arm is asked for.
-
-    The arm lags behind where its accelerations are limited: the more, the farther it is stretched.
-    """
+    """It goes to and fro in the world, by about the amplitude that the arm is asked for."""
     x = dict(zip(SAMPLE_NAMES, held.samples, strict=True))
     p_WO = np.array([x[f"p_WO_{axis}"] for axis in "xyz"]).T
     shaken, kept = (p_WO[x["phase"] == phase] for phase in (Phase.SHAKE, Phase.HOLD))
-    assert np.all(np.ptp(shaken, axis=0) > 0.012)  # from -1 cm to 1 cm along every axis
+    assert np.all(np.ptp(shaken, axis=0) > 0.015)  # from -1 cm to 1 cm along every axis
     assert np.all(np.ptp(shaken, axis=0) < 0.045)
     assert np.all(np.ptp(kept[len(kept) // 2 :], axis=0) < 0.004)  # it rings down
 
