@@ -128,8 +128,7 @@ class FusedCloud(Frozen):
         camera = np.array(p_OC, dtype=float)
         # One mean point per voxel and view first, so that a view of many pixels weighs no more.
         at = grouped_means(points, voxel_keys(points, self.voxel_size), np.ones(len(points)))[0]
-        towards = camera - at
-        towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+        towards = _units(camera - at)
         if not self.smooth:
             return self._averaged(at, towards)
         if len(at) < _MIN_SURFACE:

@@ -55,13 +55,13 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Arr
     tree = cKDTree(thin)
 
     def patches(where: Array, count: int, radius: float, most: float) -> tuple[Array, ...]:
-        distance, near = tree.query(where, k=min(count, len(thin)))
+        distance, near = tree.query(where, k=count)
         return _fit_patches(thin, where, camera, near, distance, radius, most)
 
     some = np.ascontiguousarray(at[:: max(1, len(at) // _SAMPLES)])
-    noise = float(np.median(patches(some, NEIGHBOURS, _MAX_RADIUS, _MAX_SHIFT)[2]))
+    noise = float(np.median(patches(some, min(NEIGHBOURS, len(thin)), _MAX_RADIUS, _MAX_SHIFT)[2]))
     wider = min(max(noise / _USUAL_NOISE, 1.0), _WIDEST)
-    count = round(NEIGHBOURS * wider**_MORE)
+    count = min(round(NEIGHBOURS * wider**_MORE), len(thin))
     most = max(_MAX_SHIFT, _SHIFT_SIGMAS * noise)
     points, normals, spread = patches(at, count, _MAX_RADIUS * wider**_FARTHER, most)
     return points, normals, spread * np.sqrt(_CORRELATED / count)
