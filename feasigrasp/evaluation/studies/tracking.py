@@ -39,7 +39,7 @@ OBJECTS = (
     "mustard_bottle,mug,soup_can,small_box,drill,banana,bowl,hammer,spray_can,water_bottle,"
     "l_block,duck"
 )
-SCENARIOS = ("ReachLinearMocap", "ReachCircularMocap", "ReachSinusoidalMocap")
+SCENARIOS = ("ReachLinear", "ReachCircular", "ReachSinusoidal")
 #: How the arm moves: what is changed of the scenario, and how long is recorded [s].
 KINDS = {
     # As it grasps, until it lets go of the object's motion.
@@ -60,6 +60,9 @@ FIGURES = (
     ("surface_mm", "tracking.surface_mm.median", "mm", 50.0),
     ("surface_mm", "tracking.surface_mm.p95", "mm", 95.0),
     ("rotation_deg", "tracking.rotation_deg", "deg", 50.0),
+    ("path_mm", "tracking.path_mm.median", "mm", 50.0),
+    ("path_mm", "tracking.path_mm.p95", "mm", 95.0),
+    ("path_deg", "tracking.path_deg", "deg", 50.0),
     ("spin_rad_s", "tracking.spin_rad_s", "rad/s", 50.0),
     ("speed_mm_s", "tracking.twist_mm_s", "mm/s", 50.0),
     ("turn_rad_s", "tracking.twist_rad_s", "rad/s", 50.0),

@@ -3,6 +3,10 @@
 The frame O is the tracker's own, so at the first view it is aligned with the object once; from then
 on every error is the tracker's. A pose is judged by the mean distance of the surface at the tracked
 pose from that at the true one (ADD-S, by the mesh itself).
+
+What the first view leaves open of O stays in every later pose, though nothing that lies in O feels
+it. So the path is judged a second time, with O where it is on an average over the run, as is usual
+for trajectories (Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012).
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ from time import thread_time
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.tracking.recording import RATE, Recording
@@ -139,6 +144,8 @@ class Frame:
         hold: Whether the object still moved by itself.
         surface_mm: Mean distance of the surface from where it is.
         rotation_deg: Angle of the orientation's error, without a turn about an axis of symmetry.
+        path_mm: As ``surface_mm``, with O aligned over the whole run; NaN if it was never in view.
+        path_deg: As ``rotation_deg``, in the same way.
         spin_rad_s: Turn about such an axis that the tracker reports; NaN without one.
         speed_mm_s: Error of the velocity of the object's middle.
         turn_rad_s: Error of the angular velocity, without that about an axis of symmetry.
@@ -154,6 +161,8 @@ class Frame:
     hold: bool
     surface_mm: float
     rotation_deg: float
+    path_mm: float
+    path_deg: float
     spin_rad_s: float
     speed_mm_s: float
     turn_rad_s: float
@@ -258,16 +267,41 @@ def judge(
         for k, view in images(recording, sensor, seed, hidden):
             for run in runs.values():
                 run.play(k, replace(view))  # without what another one has worked out
-    return {name: run.frames for name, run in runs.items()}
+    return {name: run.judged() for name, run in runs.items()}
 
 
 class _Run:
     """One tracker, and how far off it was."""
 
     def __init__(self, tracker: Tracker, recording: Recording, truth: TrueObject) -> None:
-        self.frames: list[Frame] = []
+        self._frames: list[Frame] = []
         self._tracker, self._recording, self._truth = tracker, recording, truth
         self._X_BO: Array | None = None
+        self._poses: list[tuple[Array, Array]] = []  # true ones, and those of O
+
+    def judged(self) -> list[Frame]:
+        """The images so far."""
+        shown = [
+            se3.inverse(X_true) @ X
+            for frame, (X_true, X) in zip(self._frames, self._poses, strict=True)
+            if frame.hold and frame.points >= IN_VIEW
+        ]
+        if not shown:
+            return self._frames
+        R = Rotation.from_matrix([X[:3, :3] for X in shown]).mean().as_matrix()
+        X_OB = se3.inverse(se3.make_pose(R, np.mean([X[:3, 3] for X in shown], axis=0)))
+        errors = (self._errors(X @ X_OB, X_true) for X_true, X in self._poses)
+        return [
+            replace(frame, path_mm=surface, path_deg=turn)
+            for frame, (surface, turn) in zip(self._frames, errors, strict=True)
+        ]
+
+    def _errors(self, X: Array, X_true: Array) -> tuple[float, float]:
+        """Mean distance of the surface [mm] and angle [deg], see `Frame`."""
+        turned = se3.so3_log(X[:3, :3] @ X_true[:3, :3].T)
+        swing, _ = self._truth.split(turned, X_true[:3, :3])
+        surface = 1e3 * self._truth.surface_error(X, X_true)
+        return surface, float(np.rad2deg(np.linalg.norm(swing)))
 
     def play(self, k: int, view: ObjectView) -> None:
         """Shows image k of the recording."""
@@ -283,8 +317,7 @@ class _Run:
             self._X_BO = se3.inverse(X_true) @ tracker.X_WO
         X_OB = se3.inverse(self._X_BO)
         X, V = tracker.X_WO @ X_OB, tracker.V_WO
-        turned = se3.so3_log(X[:3, :3] @ X_true[:3, :3].T)
-        swing, _ = truth.split(turned, X_true[:3, :3])
+        surface, angle = self._errors(X, X_true)
         w, _ = truth.split(V[:3] - recording.V_WO[k, :3], X_true[:3, :3])
         _, spin = truth.split(V[:3], X[:3, :3])
         v = V[3:] + np.cross(V[:3], X[:3, 3] - tracker.X_WO[:3, 3]) - recording.V_WO[k, 3:]
@@ -295,14 +328,17 @@ class _Run:
         began = thread_time()
         learnt = tracker.learnt()
         keyframe_ms = 1e3 * (thread_time() - began)
-        self.frames.append(
+        self._poses.append((X_true, tracker.X_WO))
+        self._frames.append(
             Frame(
                 time=time,
                 points=len(view.points_W),
                 measured=tracker.measured,
                 hold=bool(recording.hold[k]),
-                surface_mm=1e3 * truth.surface_error(X, X_true),
-                rotation_deg=float(np.rad2deg(np.linalg.norm(swing))),
+                surface_mm=surface,
+                rotation_deg=angle,
+                path_mm=np.nan,
+                path_deg=np.nan,
                 spin_rad_s=spin,
                 speed_mm_s=1e3 * float(np.linalg.norm(v)),
                 turn_rad_s=float(np.linalg.norm(w)),

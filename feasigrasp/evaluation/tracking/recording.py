@@ -1,7 +1,8 @@
-"""What the wrist camera sees while today's pipeline, told the true pose, follows an object.
+"""What the wrist camera sees while today's pipeline follows an object, with perfect depth images.
 
-A recording holds perfect depth images; the errors of a sensor are put on when it is played, so that
-one recording serves every sensor. The true poses are there for judging alone.
+The arm keeps the object in view as it does by itself, and no tracker that is judged moves it. The
+errors of a sensor are put on the images when they are played, so that one recording serves every
+sensor. The true poses are there for judging alone.
 """
 
 from __future__ import annotations

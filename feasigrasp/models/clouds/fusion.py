@@ -32,7 +32,7 @@ _IN_FREE_SPACE, _MAX_IN_FREE_SPACE = 6e-3, 0.03
 _OUT_OF_PLACE = 0.01
 #: Below this many points a view shows no surface.
 _MIN_SURFACE = 12
-#: Standard deviation of a view's place, across its surface [m].
+#: Standard deviation of a view's place, across its surface, at least [m].
 _POSE_SIGMA = 5e-4
 #: A view shows a point again that is beside its nearest one by less than this share of a voxel,
 #: apart from it by less than so many standard deviations, and so much at most [m], and faces the
@@ -107,6 +107,7 @@ class FusedCloud(Frozen):
         *,
         register: bool = True,
         outline: Outline | None = None,
+        deviation: float = 0.0,
     ) -> FusedCloud:
         """Adds one view.
 
@@ -120,6 +121,7 @@ class FusedCloud(Frozen):
             register: Whether to. A view that was tracked by this very cloud has been already, and
                 must not move it.
             outline: Where the object may go on beside its points, in O; nowhere if not given.
+            deviation: Standard deviation of its place across its surface, as far as known [m].
 
         Returns:
             The cloud with the mean over the views in every voxel, or at every surfel.
@@ -136,7 +138,7 @@ class FusedCloud(Frozen):
 
         image = view_image(points, camera, outline)
         at, normals, sigma = smooth_view(points, at, camera)
-        weights = 1.0 / (np.square(sigma) + _POSE_SIGMA**2)
+        weights = 1.0 / (np.square(sigma) + max(deviation, _POSE_SIGMA) ** 2)
         old = self
         if self.views and register:
             X = register_view(at, normals, self.points, self.normals)

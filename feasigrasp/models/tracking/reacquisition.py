@@ -66,7 +66,7 @@ def reacquire(
 
 def _score(found: Registration) -> float:
     """What speaks for a pose: points on the model, and its surface where it should be seen."""
-    return found.inliers + found.covered - _BESIDE * found.beside
+    return found.on_model + found.covered - _BESIDE * found.beside
 
 
 def _fit(model: TrackedModel, view: ObjectView, X_WO: Array) -> float:

@@ -42,6 +42,8 @@ _MODEL_SIGMA = 5e-4
 #: A point this near to an observed one is on observed surface [m]; beyond, the surface is a guess
 #: that errs by this share of the distance.
 _OBSERVED, _GUESS = 4e-3, 0.5
+#: One so far from any is new, beyond what the sensor's noise explains [m].
+_NEW = 1e-2
 #: A tangent plane is one for points so near [m] whose field has the same normal (cosine).
 _PLANE, _SAME_SIDE = 5e-3, 0.8
 #: Standard deviation of the silhouette, in pixels.
@@ -66,13 +68,15 @@ class Registration:
     Attributes:
         X_WO: The most likely pose, shape (4, 4).
         information: What the image alone says of [theta, p] there, shape (6, 6).
-        inliers: Share of the object's points that lie on the model.
+        inliers: Share of the object's points that lie on the model, of those that are not new.
         beside: Share of the model's points facing the camera that project onto the background.
-        in_view: Share of the known surface that faces the camera which is in the image and far
-            enough away to be measured.
-        inside: The same share of all of the known surface, which says more of a side that is new.
-        covered: Share of the model's points facing the camera, of those in the image that nothing
-            hides, that project onto the object; 0 without any.
+        in_view: Share of the known surface that faces the camera which is in the image, far enough
+            away to be measured and, where it is expected, behind nothing else.
+        inside: Share of all of the known surface that is in the image and far enough away, which
+            says more of a side that is new.
+        covered: Share of the model's points in view that project onto the object; 0 without any.
+        new: Share of the object's points that are neither on the model nor near any that was
+            observed: of a side of which the model is a guess.
     """
 
     X_WO: Array
@@ -82,6 +86,12 @@ class Registration:
     in_view: float
     inside: float
     covered: float
+    new: float
+
+    @property
+    def on_model(self) -> float:
+        """Share of all the object's points that lie on the model."""
+        return self.inliers * (1.0 - self.new)
 
 
 def register(
@@ -152,7 +162,10 @@ def register(
         X = moved(X, change)
         if scale < 1e-3 and np.abs(change).max() < _SMALL:
             break
-    return Registration(X, information, float(inlier.mean()), *shares)
+    known = inlier | (gap < _NEW + _INLIER_SIGMAS * np.sqrt(sensor))
+    new = float(1.0 - known.mean())
+    inliers = float(inlier[known].mean()) if known.any() else 0.0
+    return Registration(X, information, inliers, *shares, new)
 
 
 def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
@@ -177,8 +190,8 @@ def _silhouette(
     """Rows, weights and residuals of model points that the camera sees past.
 
     Returns:
-        Those, the share of the facing points that they are, the shares of the facing points and of
-        all that are in the image, and that of the facing ones there that are seen.
+        Those, the share of the facing points that they are, that of the facing points in view, that
+        of all in the image, and that of those in view that are seen.
     """
     lever, normals_W = model.placed(X_WO[:3, :3])
     points_W = lever + X_WO[:3, 3]
@@ -191,9 +204,9 @@ def _silhouette(
     if not facing.any():
         return np.zeros((0, 6)), np.zeros(0), np.zeros(0), 0.0, 0.0, inside, 0.0
     lever, points_C, shown = lever[facing], points_C[facing], shown[facing]
-    in_view = float(shown.mean())
     on = view.on_object(points_C[shown])
     told = on | ~view.hidden(points_C[shown])  # what a finger is before may be there or not
+    in_view = told.sum() / len(shown)
     covered = float(on[told].mean()) if told.any() else 0.0
     found, way = view.beside(points_C)
     excess = np.linalg.norm(way, axis=1)

@@ -33,6 +33,8 @@ _FIRST_POINTS, _LEAST_POINTS = 300, 80
 #: most, of the facing model that projects beside the object. How much it then says is left to the
 #: information: little of the object determines little.
 _LEAST_INSIDE, _LEAST_INLIERS, _LEAST_COVERED, _MOST_BESIDE = 0.05, 0.6, 0.5, 0.35
+#: Points of a side that is new are not asked to be on the model; others are at least so many of all.
+_LEAST_ON_MODEL = 0.45
 #: Where less than this share of the known, facing surface is in the image, so many points must be;
 #: where hardly any is, what is seen is a new side, and what of it is seen says nothing.
 _LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
@@ -40,10 +42,10 @@ _LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
 _MOST_DEVIATION = 5e-3
 #: The same for a keyframe, and the surface's standard deviation [m]; the shares are also asked for
 #: after a gap.
-_KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.2e-3
-#: A side so far from all that were seen [rad] is taken as soon as these allow it: once nothing that
-#: is known is in the image any more, it is too late.
-_OTHER_SIDE = np.deg2rad(30.0)
+_KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.6e-3
+#: A side so far from all that were seen [rad], or a view of which such a share is new, is taken as
+#: soon as these allow it: once nothing that is known is in the image any more, it is too late.
+_OTHER_SIDE, _NEW_PART = np.deg2rad(30.0), 0.25
 _OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
 #: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
 KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
@@ -75,11 +77,13 @@ class Keyframe(Frozen):
         points_O: Points of the object in O, shape (n, 3) [m].
         p_OC: Position of the camera in O, shape (3,) [m].
         time: Of the image [s].
+        deviation: How far the surface may be from there, across itself [m].
     """
 
     points_O: Array
     p_OC: Array
     time: float
+    deviation: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +176,7 @@ def track(
     if found is not None:
         if not held and _is_key(after, found, view, views):
             assert after.estimate is not None
-            after = replace(after, keyframe=_keyframe(view, after.estimate.X_WO, time))
+            after = replace(after, keyframe=_keyframe(view, after.estimate.X_WO, time, after.deviation))
         return _passed_on(after)
     other = second() if second is not None else None
     if other is not None:
@@ -268,6 +272,7 @@ def _believed(found: Registration) -> bool:
     return (
         found.inside >= _LEAST_INSIDE
         and found.inliers >= (_INLIERS_OF_LITTLE if little else _LEAST_INLIERS)
+        and found.on_model >= _LEAST_ON_MODEL
         and (found.covered >= _LEAST_COVERED or found.in_view < _NEW_SIDE)
         and found.beside <= _MOST_BESIDE
     )
@@ -275,7 +280,7 @@ def _believed(found: Registration) -> bool:
 
 def _fits(found: Registration) -> bool:
     """Whether nothing speaks against a pose."""
-    return _believed(found) and found.inliers > _KEY_INLIERS and found.beside < _KEY_BESIDE
+    return _believed(found) and found.on_model > _KEY_INLIERS and found.beside < _KEY_BESIDE
 
 
 def _is_key(after: FieldTrack, found: Registration, view: ObjectView, views: ViewRecord) -> bool:
@@ -285,9 +290,10 @@ def _is_key(after: FieldTrack, found: Registration, view: ObjectView, views: Vie
     if not _believed(found) or time < after.keyframe.time + KEY_PERIOD:
         return False
     p_OC = _in_object(after.estimate.X_WO, view.X_WC[:3, 3])
-    if not _good_enough(after, found, other=views.turned(p_OC) > _OTHER_SIDE):
+    new_part = found.new > _NEW_PART
+    if not _good_enough(after, found, other=new_part or views.turned(p_OC) > _OTHER_SIDE):
         return False
-    if views.tells_more(p_OC, time, _KNOWN_SIDE, _KEY_REVISIT):
+    if new_part or views.tells_more(p_OC, time, _KNOWN_SIDE, _KEY_REVISIT):
         return True
     late = time >= after.keyframe.time + _KNOWN_PERIOD
     return late and views.tells_more(p_OC, time, KEY_VIEWS, _KEY_REVISIT)
@@ -302,9 +308,10 @@ def _good_enough(after: FieldTrack, found: Registration, *, other: bool) -> bool
     return sure and found.in_view > in_view and after.deviation < deviation
 
 
-def _keyframe(view: ObjectView, X_WO: Array, time: float) -> Keyframe:
+def _keyframe(view: ObjectView, X_WO: Array, time: float, deviation: float = 0.0) -> Keyframe:
     points_W = view.points_W[:: -(-len(view.points_W) // _KEY_POINTS)]
-    return Keyframe(_in_object(X_WO, points_W), _in_object(X_WO, view.X_WC[:3, 3]), time)
+    p_OC = _in_object(X_WO, view.X_WC[:3, 3])
+    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation)
 
 
 def _in_object(X_WO: Array, points_W: Array) -> Array:
