@@ -82,11 +82,16 @@ def test_errors_are_those_that_were_made(mug):
         def predicted(self, time, ahead):
             return self.X_WO
 
-    frame = judge({"it": Wrong()}, recording, SENSORS["d435"], truth, 0)["it"][-1]
+    frames = judge({"it": Wrong()}, recording, SENSORS["d435"], truth, 0)["it"]
+    frame = frames[-1]
     assert frame.rotation_deg == pytest.approx(np.rad2deg(0.1), abs=1e-6)
     assert frame.turn_rad_s == pytest.approx(0.3)
     assert frame.speed_mm_s == pytest.approx(20.0)
     assert 0.5 < frame.surface_mm < 10.0
+    # Of the path, only the first image was wrong.
+    assert frame.path_deg < 0.1 * frame.rotation_deg
+    assert frames[0].path_deg > 0.9 * frame.rotation_deg
+    assert frame.path_mm < 0.2 * frame.surface_mm
 
 
 def test_a_turn_about_an_axis_of_symmetry_is_no_error():

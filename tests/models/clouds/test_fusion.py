@@ -220,6 +220,20 @@ def test_a_sure_view_outweighs_many_that_are_not():
     assert error_of_noisy_views([6e-3] * 4 + [3e-4]) < 0.7 * noisy
 
 
+def test_a_view_whose_place_is_unsure_weighs_little():
+    cloud = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT), FRONT)
+    beside = pear_view(FRONT, seed=1) + 1e-3 * FRONT / np.linalg.norm(FRONT)
+
+    def way(deviation):
+        """How far the points have moved towards the camera."""
+        after = cloud.merged(beside, FRONT, register=False, deviation=deviation)
+        moved = after.points[: len(cloud.points)] - cloud.points
+        return np.median(moved @ FRONT) / np.linalg.norm(FRONT)
+
+    assert way(0.0) > 1e-4
+    assert way(3e-3) < 0.2 * way(0.0)
+
+
 def half_hidden():
     """A pear seen whole, and then from nearly there while a hand hides half of it."""
     whole = FusedCloud.empty(0.003, smooth=True).merged(pear_view(FRONT), FRONT)

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.tracker import track
@@ -100,6 +102,9 @@ def test_keyframes_are_points_of_the_object(followed):
     assert tracker.shape.cloud.views >= 3
     cloud = tracker.shape.cloud.points @ X_BO[:3, :3].T + X_BO[:3, 3]
     assert np.quantile(SURFACE.distance(cloud), 0.9) < 2e-3
+    last = tracker.track.keyframe
+    (deviation,) = (tr.track.deviation for t, tr, _, _ in followed if t == last.time)
+    assert last.deviation == deviation > 0.0
 
 
 def test_a_side_that_is_known_gives_fewer_keyframes():
@@ -124,6 +129,23 @@ def test_another_side_is_learnt_though_the_object_is_at_the_edge_of_the_image():
         X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO if X_BO is None else X_BO
     assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X_WB) < 6e-3
     assert tracker.track.state(t, 0.5) is TrackingState.TRACKING
+
+
+def test_a_long_side_that_comes_into_view_is_learnt():
+    """A beam, seen end-on at first, turns: of most of what is seen then, nothing was known."""
+    mesh = trimesh.creation.box((0.05, 0.07, 0.3))
+    beam, rng = Raycaster(mesh.vertices, mesh.faces), np.random.default_rng(0)
+    tracker, X_BO = SequenceTracker(), None
+    towards = se3.make_pose(se3.so3_exp([0.0, 0.5 * np.pi, 0.0]), np.zeros(3))
+    for k in range(75):
+        turn = [0.0, 0.0, 0.5 * max(0.0, k * PERIOD - 0.5)]
+        X_WB = se3.make_pose(se3.so3_exp(turn), [0.6, 0.0, 0.5]) @ towards
+        tracker = tracker.looked(look(beam, X_WB, CAMERA, rng), k * PERIOD).learnt()
+        X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO if X_BO is None else X_BO
+    E = se3.inverse(X_WB) @ tracker.track.estimate.X_WO @ se3.inverse(X_BO)
+    points = np.asarray(mesh.sample(300, seed=0))
+    assert beam.distance(points @ E[:3, :3].T + E[:3, 3]).mean() < 4e-3
+    assert np.ptp(tracker.shape.cloud.points @ X_BO[:3, :3].T, axis=0)[2] > 0.28
 
 
 @pytest.mark.parametrize("slips", [False, True])
