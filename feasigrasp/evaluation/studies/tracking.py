@@ -40,14 +40,14 @@ OBJECTS = (
     "l_block,duck"
 )
 SCENARIOS = ("ReachLinear", "ReachCircular", "ReachSinusoidal")
-#: How the arm moves: what is changed of the scenario, and how long is recorded [s].
+#: How the arm moves: end of the scenario's name, what is changed of it, and for how long [s].
 KINDS = {
     # As it grasps, until it lets go of the object's motion.
-    "approach": ("", 10.0),
-    # It never knows a grasp, and stands still.
-    "observe": ("{perception: {latency: 10.0}}", 8.0),
+    "approach": ("", "", 10.0),
+    # It never knows a grasp; and where it does not lead its camera, it stands still.
+    "observe": ("Mocap", "{perception: {latency: 10.0}}", 8.0),
     # It follows, and does not close.
-    "follow": ("{grasp: {close: false}}", 60.0),
+    "follow": ("", "{grasp: {close: false}}", 60.0),
 }
 #: Something hides the object in the observing runs, in a run of its own [s].
 HIDDEN = (3.0, 4.0)
@@ -94,9 +94,9 @@ def judge_object(
     _warm_up(truth, name, path, Path(folder))
     found = []
     for kind in kinds:
-        change, duration = KINDS[kind]
+        ending, change, duration = KINDS[kind]
         for number in range(seed, seed + (1 if kind == "follow" else seeds)):
-            scenario = SCENARIOS[number % len(SCENARIOS)]
+            scenario = SCENARIOS[number % len(SCENARIOS)] + ending
             text = f"{{object: {{model: {path!r}}}, random_seed: {number}}}"
             file = Path(folder) / f"{name}_{kind}_{number}.npz"
             recording = recorded(file, scenario, (text, change), duration, Path(path))

@@ -58,9 +58,7 @@ class LearntShape(Frozen):
         if fault is not None:
             return replace(looked, faults=self.faults + Counter([fault]))
         # The tracker has registered it to this very cloud; merging must not move O.
-        cloud = self.cloud.merged(
-            kept, keyframe.p_OC, register=False, deviation=keyframe.deviation
-        )
+        cloud = self.cloud.merged(kept, keyframe.p_OC, register=False, deviation=keyframe.deviation)
         try:
             gpdf = complete_shape(cloud, **options)
         # Whatever numerics make of a strange cloud (LinAlgError is a ValueError).

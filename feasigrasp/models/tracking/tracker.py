@@ -33,7 +33,7 @@ _FIRST_POINTS, _LEAST_POINTS = 300, 80
 #: most, of the facing model that projects beside the object. How much it then says is left to the
 #: information: little of the object determines little.
 _LEAST_INSIDE, _LEAST_INLIERS, _LEAST_COVERED, _MOST_BESIDE = 0.05, 0.6, 0.5, 0.35
-#: Points of a side that is new are not asked to be on the model; others are at least so many of all.
+#: Points of a new side are not asked to be on the model; so many of all are at least.
 _LEAST_ON_MODEL = 0.45
 #: Where less than this share of the known, facing surface is in the image, so many points must be;
 #: where hardly any is, what is seen is a new side, and what of it is seen says nothing.
@@ -176,7 +176,8 @@ def track(
     if found is not None:
         if not held and _is_key(after, found, view, views):
             assert after.estimate is not None
-            after = replace(after, keyframe=_keyframe(view, after.estimate.X_WO, time, after.deviation))
+            key = _keyframe(view, after.estimate.X_WO, time, after.deviation)
+            after = replace(after, keyframe=key)
         return _passed_on(after)
     other = second() if second is not None else None
     if other is not None:
