@@ -165,7 +165,7 @@ def register(
     known = inlier | (gap < _NEW + _INLIER_SIGMAS * np.sqrt(sensor))
     new = float(1.0 - known.mean())
     inliers = float(inlier[known].mean()) if known.any() else 0.0
-    return Registration(X, information, inliers, *shares, new)
+    return Registration(X, information, inliers, *shares, new=new)
 
 
 def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
