@@ -150,9 +150,11 @@ def register(
         both_levers = np.vstack([lever, lever])
         information, projection = without_noise(rows, weights, both_levers, model.noise_share)
         gradient = projection @ (rows.T @ (weights * residuals))
-        rim_rows, rim_weights, rim_residuals, *shares = _silhouette(model, view, X)
+        rim_rows, rim_weights, rim_residuals, beside, in_view, inside, covered = _silhouette(
+            model, view, X
+        )
         # A small part of the object errs together.
-        share = min(1.0, shares[2] / _WHOLE) ** 2
+        share = min(1.0, inside / _WHOLE) ** 2
         information, gradient = share * information, share * gradient
         information = information + rim_rows.T @ (rim_weights[:, None] * rim_rows)
         gradient = gradient + rim_rows.T @ (rim_weights * rim_residuals)
@@ -165,7 +167,7 @@ def register(
     known = inlier | (gap < _NEW + _INLIER_SIGMAS * np.sqrt(sensor))
     new = float(1.0 - known.mean())
     inliers = float(inlier[known].mean()) if known.any() else 0.0
-    return Registration(X, information, inliers, *shares, new=new)
+    return Registration(X, information, inliers, beside, in_view, inside, covered, new)
 
 
 def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
@@ -206,7 +208,7 @@ def _silhouette(
     lever, points_C, shown = lever[facing], points_C[facing], shown[facing]
     on = view.on_object(points_C[shown])
     told = on | ~view.hidden(points_C[shown])  # what a finger is before may be there or not
-    in_view = told.sum() / len(shown)
+    in_view = float(told.sum() / len(shown))
     covered = float(on[told].mean()) if told.any() else 0.0
     found, way = view.beside(points_C)
     excess = np.linalg.norm(way, axis=1)
