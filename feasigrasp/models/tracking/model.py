@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,11 @@ from feasigrasp.models.tracking.information import NOISE_SHARE, jacobian
 _PROBES = 300
 #: Rigid displacements that tell how much the normals err, and how far they move the points [m].
 _DISPLACEMENTS, _DISPLACED = 4, 4e-3
+#: Neighbours of an observed point that tell whether the surface goes on around it, and how far off
+#: their middle is at an edge, in units of their distance.
+_NEIGHBOURS, _ONE_SIDED = 16, 0.25
+#: Such an edge is that of an image, and not of the object, near to where one ended [m].
+_NEAR_CUT = 0.01
 #: Slopes of the raw distance below this are no slopes, as in the field's own Newton step.
 _LEAST_SLOPE = 0.2
 
@@ -28,9 +33,11 @@ class TrackedModel(Frozen):
 
     Attributes:
         gpdf: The field, in O.
+        cut: Points of the object where an image that it was learnt from ended, in O, shape (k, 3).
     """
 
     gpdf: Gpdf
+    cut: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @cached_property
     def points(self) -> Array:
@@ -47,6 +54,23 @@ class TrackedModel(Frozen):
     def tree(self) -> cKDTree:
         """For the observed point nearest to another."""
         return cKDTree(self.points)
+
+    @cached_property
+    def open_ends(self) -> Array:
+        """Where the observed surface ends because an image did, (n, 3); zero elsewhere.
+
+        They are directions out of the surface along it. Nothing is known of what is beyond, not
+        even that the object ends there, as its silhouette would tell.
+        """
+        if len(self.cut) == 0:
+            return np.zeros_like(self.points)
+        near_cut = cKDTree(self.cut).query(self.points)[0] < _NEAR_CUT
+        gap, near = self.tree.query(self.points, k=min(_NEIGHBOURS, len(self.points)))
+        way = self.points - self.points[near].mean(axis=1)
+        way -= np.einsum("ij,ij->i", way, self.normals)[:, None] * self.normals
+        length = np.linalg.norm(way, axis=1)
+        found = near_cut & (length > _ONE_SIDED * gap[:, -1])
+        return np.where(found[:, None], way / np.maximum(length, 1e-12)[:, None], 0.0)
 
     @cached_property
     def probes(self) -> tuple[Array, Array]:

@@ -52,6 +52,10 @@ KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
 #: A keyframe has so many points at most: what more there are of a near object are closer together
 #: than the model is fine.
 _KEY_POINTS = 6000
+#: Points so near to the border of an image are where it cuts the object off, until an image shows
+#: what is so far around them [px]; so many are kept of an image, and of all.
+_AT_BORDER, _SEEN_PAST = 4.0, 12.0
+_CUT_POINTS, _MOST_CUT = 60, 600
 #: Of a side that was seen so many times there are fewer: so much time between them [s].
 _KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
 #: After so long without a pose the object is searched for from several starts, and again so much
@@ -101,6 +105,7 @@ class FieldTrack(Frozen):
         deviation: Standard deviation of the surface across itself [m].
         information: What that image alone said of the pose, shape (6, 6); zero before.
         keyframe: The last view worth merging; None before the first.
+        cut: Points of the object where the images worth merging ended, in O, shape (k, 3) [m].
         searched_at: When it was last searched for from several starts [s].
         motion: State of the filter that predicts, see `feasigrasp.models.objects.pose_filter`.
     """
@@ -114,6 +119,7 @@ class FieldTrack(Frozen):
     deviation: float = np.inf
     information: Array = field(default_factory=lambda: np.zeros((6, 6)))
     keyframe: Keyframe | None = None
+    cut: Array = field(default_factory=lambda: np.zeros((0, 3)))
     searched_at: float = -np.inf
     motion: Array = field(default_factory=empty_state)
 
@@ -162,7 +168,7 @@ def track(
     if estimate is None or last is None:
         return _begun(before, view, time)
     if gpdf is not None and (model is None or model.gpdf is not gpdf):
-        model = TrackedModel(gpdf)
+        model = TrackedModel(gpdf, before.cut)
         estimate = estimate.widened(_one_view(before.information, len(views.times)))
     X_WC_before = before.X_WC
     before = replace(before, image_time=time, model=model, X_WC=view.X_WC)
@@ -177,7 +183,7 @@ def track(
         if not held and _is_key(after, found, view, views):
             assert after.estimate is not None
             key = _keyframe(view, after.estimate.X_WO, time, after.deviation)
-            after = replace(after, keyframe=key)
+            after = replace(after, keyframe=key, cut=_cut(after.cut, view, after.estimate.X_WO))
         return _passed_on(after)
     other = second() if second is not None else None
     if other is not None:
@@ -264,6 +270,7 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
             in_view=1.0,
             deviation=0.0,
             keyframe=_keyframe(view, X_WO, time),
+            cut=_cut(before.cut, view, X_WO),
         )
     )
 
@@ -313,6 +320,15 @@ def _keyframe(view: ObjectView, X_WO: Array, time: float, deviation: float = 0.0
     points_W = view.points_W[:: -(-len(view.points_W) // _KEY_POINTS)]
     p_OC = _in_object(X_WO, view.X_WC[:3, 3])
     return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation)
+
+
+def _cut(known: Array, view: ObjectView, X_WO: Array) -> Array:
+    """Where what has been merged was cut off by an image, after one more view, shape (k, 3)."""
+    known_W = known @ X_WO[:3, :3].T + X_WO[:3, 3]
+    known = known[view.to_border(view.in_camera(known_W)) < _SEEN_PAST]
+    found = _in_object(X_WO, view.points_W[view.to_border(view.points_C) < _AT_BORDER])
+    some = found[:: max(1, -(-len(found) // _CUT_POINTS))]
+    return np.concatenate([known, some])[-_MOST_CUT:]
 
 
 def _in_object(X_WO: Array, points_W: Array) -> Array:

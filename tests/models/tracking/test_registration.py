@@ -235,3 +235,21 @@ def test_what_something_nearer_hides_is_not_in_view(shape):
     )
     assert half.inside == 1.0 and half.covered > 0.9
     assert half.in_view == pytest.approx(1.0 - hidden.mean(), abs=0.15)
+
+
+def test_what_comes_into_the_image_does_not_pull_along_the_object():
+    """Of a beam the first image showed one end only; where the other is, nobody knows."""
+    mesh = trimesh.creation.box((0.05, 0.07, 0.3))
+    surface, camera = Raycaster(mesh.vertices, mesh.faces), camera_at([0.4, 0.1, 0.0])
+    aside = camera @ se3.make_pose(se3.so3_exp([0.25, 0.0, 0.0]), np.zeros(3))
+    first = look(surface, np.eye(4), aside)
+    ended = first.to_border(first.points_C) < 4.0
+    assert 0 < ended.sum() < 0.1 * len(ended)
+    cloud = FusedCloud.empty(0.003, smooth=True).merged(first.points_W, aside[:3, 3])
+    gpdf = complete_shape(cloud, max_points=320)
+    whole = look(surface, np.eye(4), camera)
+    along = [
+        abs(register(TrackedModel(gpdf, cut), whole, np.eye(4), PRIOR).X_WO[2, 3])
+        for cut in (first.points_W[ended], np.zeros((0, 3)))
+    ]
+    assert along[0] < 1.5e-3 < 4e-3 < along[1]

@@ -148,6 +148,22 @@ def test_a_long_side_that_comes_into_view_is_learnt():
     assert np.ptp(tracker.shape.cloud.points @ X_BO[:3, :3].T, axis=0)[2] > 0.28
 
 
+def test_what_enters_the_image_does_not_drag_the_object_along():
+    """A beam comes down into the image, along itself: until then its upper end is anywhere."""
+    mesh = trimesh.creation.box((0.05, 0.07, 0.2))
+    beam, rng = Raycaster(mesh.vertices, mesh.faces), np.random.default_rng(0)
+    tracker, X_BO, R = SequenceTracker(), None, se3.so3_exp([0.3, 0.0, 0.5])
+    points, known = np.asarray(mesh.sample(300, seed=0)), []
+    for k in range(48):
+        X_WB = se3.make_pose(R, [0.5, 0.0, 0.73 - 0.1 * k * PERIOD])
+        tracker = tracker.looked(look(beam, X_WB, CAMERA, rng), k * PERIOD).learnt()
+        X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO if X_BO is None else X_BO
+        E = se3.inverse(X_WB) @ tracker.track.estimate.X_WO @ se3.inverse(X_BO)
+        assert beam.distance(points @ E[:3, :3].T + E[:3, 3]).mean() < 5e-4
+        known.append(len(tracker.track.cut) == 0)
+    assert not known[0] and known[-1]  # that it is whole, in the end
+
+
 @pytest.mark.parametrize("slips", [False, True])
 def test_what_is_held_moves_with_the_hand(slips):
     """Camera and object are shaken together; in 0.3 s of it the object is out of sight."""
