@@ -15,10 +15,13 @@ summed:
 - for model points that project onto the background, the way back to the silhouette. Without
   it a model that sticks out beyond the data would cost nothing.
 
-Of the information that the shape seems to give, that of noise is taken off (`without_noise`).
+Points at an open end of the observed surface (`TrackedModel.open_ends`) are left out, as those at
+the rim of a mesh usually are. Of the information that the shape seems to give, that of noise is
+taken off (`without_noise`).
 
 References: Geman, McClure, "Statistical methods for tomographic image reconstruction", 1987; Chen,
-Medioni, "Object modelling by registration of multiple range images", 1992.
+Medioni, "Object modelling by registration of multiple range images", 1992; Turk, Levoy, "Zippered
+polygon meshes from range images", 1994.
 """
 
 from __future__ import annotations
