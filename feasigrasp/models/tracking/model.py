@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.shape.gpdf import Gpdf
@@ -56,21 +56,19 @@ class TrackedModel(Frozen):
         return cKDTree(self.points)
 
     @cached_property
-    def open_ends(self) -> Array:
-        """Where the observed surface ends because an image did, (n, 3); zero elsewhere.
+    def open_ends(self) -> Mask:
+        """Which of the points are where the observed surface ends because an image did, (n,).
 
-        They are directions out of the surface along it. Nothing is known of what is beyond, not
-        even that the object ends there, as its silhouette would tell.
+        Nothing is known of what is beyond, not even that the object ends there, as its silhouette
+        would tell.
         """
         if len(self.cut) == 0:
-            return np.zeros_like(self.points)
+            return np.zeros(len(self.points), dtype=bool)
         near_cut = cKDTree(self.cut).query(self.points)[0] < _NEAR_CUT
         gap, near = self.tree.query(self.points, k=min(_NEIGHBOURS, len(self.points)))
         way = self.points - self.points[near].mean(axis=1)
         way -= np.einsum("ij,ij->i", way, self.normals)[:, None] * self.normals
-        length = np.linalg.norm(way, axis=1)
-        found = near_cut & (length > _ONE_SIDED * gap[:, -1])
-        return np.where(found[:, None], way / np.maximum(length, 1e-12)[:, None], 0.0)
+        return np.asarray(near_cut & (np.linalg.norm(way, axis=1) > _ONE_SIDED * gap[:, -1]))
 
     @cached_property
     def probes(self) -> tuple[Array, Array]:

@@ -126,7 +126,7 @@ def register(
         wide = min(_WIDE, 3.0 * float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0)) + 2e-3)
     information: Array = np.zeros((6, 6))
     inlier: Mask = np.zeros(len(x), dtype=bool)
-    beyond: Mask = np.zeros(len(x), dtype=bool)
+    at_end: Mask = np.zeros(len(x), dtype=bool)
     gap, nearest = model.tree.query((x - X[:3, 3]) @ X[:3, :3])
     for step in range(_STEPS + 1):
         rotation, center = X[:3, :3], X[:3, 3]
@@ -135,16 +135,15 @@ def register(
         if step < _STEPS and step % 3 == 2:
             gap, nearest = model.tree.query(local)
         distance, normals = model.distance(local)
-        way = local - model.points[nearest]
-        beyond = model.open_ends[nearest].any(axis=1)
+        at_end = model.open_ends[nearest]
         guess = (_GUESS * np.maximum(gap - _OBSERVED, 0.0)) ** 2
         variance = sensor + guess
         inlier = np.abs(distance) < np.maximum(_INLIER, _INLIER_SIGMAS * np.sqrt(sensor))
         scale = wide * 0.5**step
-        weight = np.where(beyond, 0.0, _robust(distance, variance, scale))
-        on_plane = _on_plane(model, gap, nearest, normals) & ~beyond
+        weight = np.where(at_end, 0.0, _robust(distance, variance, scale))
+        on_plane = _on_plane(model, gap, nearest, normals) & ~at_end
         planes = model.normals[nearest]
-        offset = np.einsum("ij,ij->i", way, planes)
+        offset = np.einsum("ij,ij->i", local - model.points[nearest], planes)
         plane_weight = np.where(on_plane, _robust(offset, variance, scale), 0.0)
         # Both together count as one.
         both = np.where(on_plane, 0.5, 1.0)
@@ -170,7 +169,7 @@ def register(
         X = moved(X, change)
         if scale < 1e-3 and np.abs(change).max() < _SMALL:
             break
-    known = inlier | ~beyond & (gap < _NEW + _INLIER_SIGMAS * np.sqrt(sensor))
+    known = inlier | ~at_end & (gap < _NEW + _INLIER_SIGMAS * np.sqrt(sensor))
     new = float(1.0 - known.mean())
     inliers = float(inlier[known].mean()) if known.any() else 0.0
     return Registration(X, information, inliers, beside, in_view, inside, covered, new)
