@@ -45,6 +45,12 @@ class Camera(Frozen):
         inside = (u > 1.0) & (u < self.width - 2.0) & (v > 1.0) & (v < self.height - 2.0)
         return np.asarray(inside & (points_C[:, 2] > self.near))
 
+    def to_border(self, points_C: Array) -> Array:
+        """How far inside the image points (n, 3) are, negative outside, shape (n,) [px]."""
+        u, v = self.pixels(points_C)
+        across = np.minimum(u, self.width - 1 - u)
+        return np.asarray(np.minimum(across, np.minimum(v, self.height - 1 - v)))
+
 
 def project(points_C: Array, intrinsics: tuple[float, float, float, float]) -> tuple[Array, Array]:
     """Columns and rows of points (n, 3) in a camera's frame, shape (n,) each [px].

@@ -325,8 +325,8 @@ def _keyframe(view: ObjectView, X_WO: Array, time: float, deviation: float = 0.0
 def _cut(known: Array, view: ObjectView, X_WO: Array) -> Array:
     """Where what has been merged was cut off by an image, after one more view, shape (k, 3)."""
     known_W = known @ X_WO[:3, :3].T + X_WO[:3, 3]
-    known = known[view.to_border(view.in_camera(known_W)) < _SEEN_PAST]
-    found = _in_object(X_WO, view.points_W[view.to_border(view.points_C) < _AT_BORDER])
+    known = known[view.camera.to_border(view.in_camera(known_W)) < _SEEN_PAST]
+    found = _in_object(X_WO, view.points_W[view.camera.to_border(view.points_C) < _AT_BORDER])
     some = found[:: max(1, -(-len(found) // _CUT_POINTS))]
     return np.concatenate([known, some])[-_MOST_CUT:]
 

@@ -48,12 +48,6 @@ class ObjectView(Frozen):
         """The points in the camera's frame, shape (n, 3) [m]."""
         return self.in_camera(self.points_W)
 
-    def to_border(self, points_C: Array) -> Array:
-        """How far inside the image points (n, 3) are, negative outside, shape (n,) [px]."""
-        u, v = self.camera.pixels(points_C)
-        across = np.minimum(u, self.camera.width - 1 - u)
-        return np.asarray(np.minimum(across, np.minimum(v, self.camera.height - 1 - v)))
-
     def in_camera(self, points_W: Array) -> Array:
         """Points (n, 3) of the world in the camera's frame."""
         return np.asarray((points_W - self.X_WC[:3, 3]) @ self.X_WC[:3, :3])

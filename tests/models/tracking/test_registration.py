@@ -243,7 +243,7 @@ def test_what_comes_into_the_image_does_not_pull_along_the_object():
     surface, camera = Raycaster(mesh.vertices, mesh.faces), camera_at([0.4, 0.1, 0.0])
     aside = camera @ se3.make_pose(se3.so3_exp([0.25, 0.0, 0.0]), np.zeros(3))
     first = look(surface, np.eye(4), aside)
-    ended = first.to_border(first.points_C) < 4.0
+    ended = first.camera.to_border(first.points_C) < 4.0
     assert 0 < ended.sum() < 0.1 * len(ended)
     cloud = FusedCloud.empty(0.003, smooth=True).merged(first.points_W, aside[:3, 3])
     gpdf = complete_shape(cloud, max_points=320)
