@@ -17,18 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.evaluation.tracking.judge import (
-    IN_VIEW,
-    SENSORS,
-    Frame,
-    OurTracker,
-    Tracker,
-    TrueObject,
-    judge,
-    lost,
-)
+from feasigrasp.evaluation.tracking.judge import IN_VIEW, Frame, TrueObject, judge, lost
 from feasigrasp.evaluation.tracking.peers import PeerTracker, peers
 from feasigrasp.evaluation.tracking.recording import recorded
+from feasigrasp.evaluation.tracking.sensors import SENSORS
+from feasigrasp.evaluation.tracking.trackers import OurTracker, Tracker
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
 from feasigrasp.results.finished import Record, finish_all

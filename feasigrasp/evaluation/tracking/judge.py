@@ -11,27 +11,23 @@ for trajectories (Sturm et al., "A benchmark for the evaluation of RGB-D SLAM sy
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import thread_time
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.tracking.recording import RATE, Recording
+from feasigrasp.evaluation.tracking.sensors import Sensor, images
+from feasigrasp.evaluation.tracking.trackers import Tracker
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.clouds.camera import Camera, unproject
-from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.tracking.information import jacobian
-from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.view import ObjectView
 
 #: Points of the true surface that are compared.
@@ -45,92 +41,6 @@ _ROUND = 5e-3
 AHEAD = 0.5
 #: An image with fewer points of the object does not show it.
 IN_VIEW = 300
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """A depth camera.
-
-    Attributes:
-        noise: Its errors.
-        near: Least depth that it measures [m].
-    """
-
-    noise: DepthNoise
-    near: float
-
-
-#: Those that the tracker is judged with; focal length and size are those of the recording. The
-#: second has the errors of the Reach scenarios' camera, but for its calibration.
-SENSORS = {
-    "d435": Sensor(DepthNoise(), 0.105),
-    "d405": Sensor(
-        DepthNoise(baseline=0.018, correlation=1.0, motion_blur=1.0, dropped=0.02), 0.07
-    ),
-}
-
-
-class Tracker(Protocol):
-    """What plays a recording: a tracker, or a peer."""
-
-    def looked(self, view: ObjectView, time: float) -> None:
-        """Takes in an image."""
-
-    def learnt(self) -> bool:
-        """Merges what was seen last, if it is worth it; whether it did."""
-
-    @property
-    def X_WO(self) -> Array | None:
-        """The pose now, shape (4, 4); None before the first view."""
-
-    @property
-    def V_WO(self) -> Array:
-        """The twist now, shape (6,)."""
-
-    def predicted(self, time: float, ahead: float) -> Array:
-        """The pose ``ahead`` seconds after now, shape (4, 4)."""
-
-    @property
-    def measured(self) -> bool:
-        """Whether the last image gave a pose."""
-
-
-class OurTracker:
-    """`SequenceTracker`, image by image."""
-
-    def __init__(self) -> None:
-        self._now = SequenceTracker()
-
-    def looked(self, view: ObjectView, time: float) -> None:
-        """Takes in an image."""
-        self._now = self._now.looked(view, time)
-
-    def learnt(self) -> bool:
-        """Merges a keyframe, if there is a new one."""
-        before, self._now = self._now, self._now.learnt()
-        return self._now is not before
-
-    @property
-    def X_WO(self) -> Array | None:
-        """The pose at the time of the last image."""
-        estimate = self._now.track.estimate
-        return None if estimate is None else estimate.X_WO
-
-    @property
-    def V_WO(self) -> Array:
-        """The twist."""
-        estimate = self._now.track.estimate
-        return np.zeros(6) if estimate is None else estimate.V_WO
-
-    def predicted(self, time: float, ahead: float) -> Array:
-        """As the motion of the last seconds goes on."""
-        X: Array = MotionEstimate(self._now.track.motion, time).predict([ahead])[0]
-        return X
-
-    @property
-    def measured(self) -> bool:
-        """Whether the last image gave a pose."""
-        return self._now.track.measured_at == self._now.track.image_time
 
 
 @dataclass(frozen=True)
@@ -221,35 +131,6 @@ class TrueObject:
         axes = self.axes @ R.T
         about = axes.T @ (axes @ w)
         return w - about, float(np.linalg.norm(about))
-
-
-def images(
-    recording: Recording, sensor: Sensor, seed: int, hidden: tuple[float, float] = (0.0, 0.0)
-) -> Iterator[tuple[int, ObjectView]]:
-    """The images of a recording, as a sensor would have made them.
-
-    Args:
-        recording: The recording.
-        sensor: The sensor.
-        seed: Of its errors.
-        hidden: From when to when something hides the object [s].
-    """
-    h, w = recording.depths.shape[1:]
-    fx, fy, cx, cy = recording.intrinsics
-    camera = Camera((fx, fy, cx, cy), w, h, sensor.near, sensor.noise.axial(fx))
-    for k, X_WC in enumerate(recording.X_WC):
-        depth = recording.depth(k)
-        depth[depth < sensor.near] = 0.0
-        rng = np.random.default_rng([seed, k])
-        depth = sensor.noise.apply(depth, recording.intrinsics, rng, near=sensor.near, far=3.0)
-        if hidden[0] < recording.times[k] < hidden[1]:
-            depth[:] = 0.0
-        seen = np.isfinite(depth) & (depth > 0.0)
-        points = unproject(np.where(seen, depth, np.inf), camera.intrinsics)
-        mask = recording.masks[k]
-        used = mask & seen & ~edge_pixels(points, seen, mask, EDGE_JUMP)
-        points_W = points[:, used].T @ X_WC[:3, :3].T + X_WC[:3, 3]
-        yield k, ObjectView(camera, X_WC, points_W, depth)
 
 
 def judge(

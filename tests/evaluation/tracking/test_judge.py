@@ -5,16 +5,11 @@ import pytest
 
 from feasigrasp.evaluation.studies.tracking import FIGURES, summary_rows
 from feasigrasp.evaluation.tracking import recording as module
-from feasigrasp.evaluation.tracking.judge import (
-    SENSORS,
-    OurTracker,
-    TrueObject,
-    images,
-    judge,
-    lost,
-)
+from feasigrasp.evaluation.tracking.judge import TrueObject, judge, lost
 from feasigrasp.evaluation.tracking.peers import PeerTracker, point_to_plane_open3d
 from feasigrasp.evaluation.tracking.recording import RATE, Recording, recorded
+from feasigrasp.evaluation.tracking.sensors import SENSORS, images
+from feasigrasp.evaluation.tracking.trackers import OurTracker
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import load_object
