@@ -57,6 +57,7 @@ def check_scenario(scenario: Scenario) -> None:
     _check_cameras(scenario)
     _check_company(scenario)
     _check_law(scenario)
+    _check_standoff(scenario)
     phase = getattr(scenario.motion, "start_phase", 0.0)
     if not isinstance(phase, float | int) and phase.min > phase.max:
         raise ScenarioError(
@@ -233,6 +234,23 @@ def _check_law(scenario: Scenario) -> None:
                 f"control.{name} is {value} in task space, where safe mode has {ours}; give "
                 "control.mode: corrected or paper"
             )
+
+
+def _check_standoff(scenario: Scenario) -> None:
+    """A hand that waits behind a grasp never closes; only ours that plan know how to."""
+    grasp, config = scenario.grasp, scenario.control
+    if grasp.standoff == 0.0:
+        return
+    if grasp.close:
+        raise ScenarioError(
+            f"grasp.standoff is {grasp.standoff:g} m, but grasp.close is true: the hand would "
+            "never be where it closes; give grasp.close: false"
+        )
+    if not config.safe or config.controller not in (ControlSpace.TASK, ControlSpace.JOINT):
+        raise ScenarioError(
+            f"grasp.standoff is {grasp.standoff:g} m, which only the controllers task and joint "
+            "keep in safe mode; give control.controller: task and control.mode: safe, or 0"
+        )
 
 
 def _check_camera_noise(scenario: Scenario) -> None:

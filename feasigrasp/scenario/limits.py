@@ -84,6 +84,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "control.n_solutions": (1, 10_000, ""),
     "execution.position_error": (0.0, 0.1, "m"),
     "execution.angle_error": (0.0, 1.0, "rad"),
+    "grasp.standoff": (0.0, 0.3, "m"),
     "grasp.position_tolerance": (1e-4, 0.1, "m"),
     "grasp.angle_tolerance": (0.001, 3.15, "rad"),
     "grasp.dwell": (0.0, 60.0, "s"),

@@ -22,6 +22,7 @@ from feasigrasp.models.control.task.nearest import NearestOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry.points import sphere_points
+from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.tracker_config import TrackerKind
@@ -146,7 +147,7 @@ def carries_its_camera(scenario: Scenario) -> bool:
 
 def make_view_filter(scenario: Scenario, gripper: ParallelGripper) -> ViewFilter:
     """What rates grasps by what perception's camera sees there."""
-    return ViewFilter(gripper, make_camera(scenario))
+    return ViewFilter(gripper, make_camera(scenario), scenario.grasp.standoff)
 
 
 def make_camera(
@@ -240,11 +241,14 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
             look_ahead=config.look_ahead,
             safety=safety,
         )
+        way_in = joint_options.funnel._replace(min_standoff=scenario.grasp.standoff)
+        joint_options = replace(joint_options, funnel=way_in)
         return GPJointController(reachability, joint_options, period=period, mode=config.mode)
     if config.controller != ControlSpace.TASK:
         return _make_baseline(config, reachability, safety, period)
     prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
-    choice = ChoiceOptions(_prices(config, prices), config.look_ahead)
+    way_in = Funnel(min_standoff=scenario.grasp.standoff)
+    choice = ChoiceOptions(_prices(config, prices), config.look_ahead, funnel=way_in)
     if not config.density:
         choice = replace(choice, neighbourhood=0.0)
     options = TaskControlOptions(

@@ -73,6 +73,7 @@ BAD = {
     "control.period": ("0.5", "1e-9"),
     "control.source": ("magic",),
     "grasp.position_tolerance": ("-1",),
+    "grasp.standoff": ("-1", "1"),
     "grasp.angle_tolerance": (".nan",),
     "grasp.dwell": ("-1",),
     "grasp.closing_speed": ("0", ".nan"),

@@ -98,6 +98,11 @@ def test_a_key_that_is_given_wins():
             "control.look_ahead is none, but only safe mode plans",
         ),
         ("{control: {controller: joint, density: false}}", "control.density .*controller: task"),
+        ("{grasp: {standoff: 0.1}}", "grasp.standoff is 0.1 m, but grasp.close .*close: false"),
+        (
+            "{grasp: {standoff: 0.1, close: false}, control: {mode: corrected}}",
+            "grasp.standoff is 0.1 m, .*mode: safe",
+        ),
     ],
 )
 def test_wrong_values_are_refused(text, message):

@@ -39,13 +39,14 @@ KINDS = {
     "approach": ("", "", 10.0),
     # It never knows a grasp; and where it does not lead its camera, it stands still.
     "observe": ("Mocap", "{perception: {latency: 10.0}}", 8.0),
-    # It follows, and does not close.
-    "follow": ("", "{grasp: {close: false}}", 60.0),
+    # It follows some way behind a grasp, as far as both sensors can measure, and does not close.
+    "follow": ("", "{grasp: {close: false, standoff: 0.15}}", 60.0),
 }
 #: Something hides the object in the observing runs, in a run of its own [s].
 HIDDEN = (3.0, 4.0)
-#: After such a gap the object is back when its surface is this near [mm] within a time [s].
-_BACK, _BACK_WITHIN = 10.0, 1.0
+#: A tracker is on the object when its surface is this near [mm]; after a gap it is back if it is
+#: within a time [s].
+_FAR, _BACK_WITHIN = 10.0, 1.0
 #: Twist and prediction count from here on [s].
 _SETTLED = 0.5
 #: Figures per image: column, row, unit and percentile.
@@ -88,7 +89,7 @@ def judge_object(
     found = []
     for kind in kinds:
         ending, change, duration = KINDS[kind]
-        for number in range(seed, seed + (1 if kind == "follow" else seeds)):
+        for number in range(seed, seed + seeds):
             scenario = SCENARIOS[number % len(SCENARIOS)] + ending
             text = f"{{object: {{model: {path!r}}}, random_seed: {number}}}"
             file = Path(folder) / f"{name}_{kind}_{number}.npz"
@@ -135,7 +136,7 @@ def _figures(frames: list[Frame], hidden: tuple[float, float]) -> Record:
     result["lost"] = lost(frames)
     result["end_mm"] = rows[-1]["surface_mm"] if rows else None
     after = [r for r in rows if hidden[1] <= r["time"] <= hidden[1] + _BACK_WITHIN]
-    back = [r["measured"] and r["surface_mm"] < _BACK for r in after]
+    back = [r["measured"] and r["surface_mm"] < _FAR for r in after]
     result["back"] = bool(back and back[-1]) if hidden[1] > 0.0 else None
     return result
 
@@ -178,6 +179,8 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
         if back:
             rows.append(Row.percent("tracking.recovered_percent", preset, back))
         if condition.startswith("follow"):
-            drift = mean([r["end_mm"] for r in runs if r["end_mm"] is not None], 0.0)
-            rows.append(Row.of("tracking.drift_mm.60s", preset, drift, "mm"))
+            ends = [r["end_mm"] for r in runs if r["end_mm"] is not None]
+            rows.append(Row.of("tracking.drift_mm.60s", preset, mean(ends, 0.0), "mm"))
+            on = [r["end_mm"] is not None and r["end_mm"] < _FAR for r in runs]
+            rows.append(Row.percent("tracking.on_object_percent.60s", preset, on))
     return rows

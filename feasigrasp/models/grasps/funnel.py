@@ -27,6 +27,7 @@ class Funnel(NamedTuple):
         angular_tolerance: Angle error without standoff [rad].
         closing_axis_share: What a turn about the closing direction counts as an angle error: the
             fingers stay beside the object, and only the palm goes round it.
+        min_standoff: Distance that is kept behind even where the hand has lined up [m].
     """
 
     max_standoff: float = 0.10
@@ -36,6 +37,7 @@ class Funnel(NamedTuple):
     width_tolerance: float = 0.015
     angular_tolerance: float = 0.2
     closing_axis_share: float = 1.0
+    min_standoff: float = 0.0
 
     @property
     def parameters(self) -> Funnel:
@@ -81,7 +83,7 @@ def standoff_kernel(X_OG, X_OH, funnel):
         angle *= _closing_axis_factor(X_OG, X_OH, funnel.closing_axis_share)
     angle = max(0.0, angle - funnel.angular_tolerance)
     standoff = funnel.lateral_gain * np.hypot(x, y) + funnel.angular_gain * angle
-    return min(funnel.max_standoff, standoff)
+    return max(funnel.min_standoff, min(funnel.max_standoff, standoff))
 
 
 @njit(cache=True)

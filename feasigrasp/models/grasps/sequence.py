@@ -42,6 +42,8 @@ class GraspSequenceConfig:
 
     Attributes:
         close: Whether the gripper closes at all; if not, the arm follows for ever.
+        standoff: How far behind a grasp a hand that does not close follows [m]; with 0 the object
+            is between its fingers.
         position_tolerance: Distance to a grasp below which the hand is there [m].
         angle_tolerance: The same for the angle [rad].
         dwell: How long the hand must be there before the fingers close [s].
@@ -61,6 +63,7 @@ class GraspSequenceConfig:
     """
 
     close: bool = True
+    standoff: float = 0.0
     position_tolerance: float = 0.006
     angle_tolerance: float = 0.08
     dwell: float = 0.1

@@ -34,10 +34,10 @@ class ViewFilter(LeafSystem):
     ``camera_pose`` X_WC tell where on the hand the camera is. None is dropped.
     """
 
-    def __init__(self, gripper: ParallelGripper, camera: Camera) -> None:
-        """A filter for a hand that carries ``camera``."""
+    def __init__(self, gripper: ParallelGripper, camera: Camera, standoff: float = 0.0) -> None:
+        """A filter for a hand with ``camera`` on it that waits ``standoff`` behind grasps [m]."""
         super().__init__()
-        self._gripper, self._camera = gripper, camera
+        self._gripper, self._camera, self._standoff = gripper, camera, standoff
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._gpdf = declare_input(self, "gpdf")
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
@@ -50,4 +50,5 @@ class ViewFilter(LeafSystem):
             return grasps
         X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
         X_HC = se3.inverse(X_WH) @ self._pose.Eval(context).GetAsMatrix4()
+        X_HC[2, 3] -= self._standoff
         return rated_by_view(grasps, gpdf.points, X_HC, self._camera)

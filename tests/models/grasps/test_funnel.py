@@ -37,6 +37,12 @@ def test_no_standoff_once_lined_up(grasp, z):
     assert standoff(grasp, inside) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize(("least", "x", "expected"), [(0.15, 0.0, 0.15), (0.05, 1.0, 0.10)])
+def test_a_hand_that_waits_never_comes_nearer(grasp, least, x, expected):
+    funnel = FUNNEL._replace(min_standoff=least)
+    assert standoff(grasp, hand_at(grasp, x=x), funnel) == pytest.approx(expected)
+
+
 def test_the_standoff_grows_with_what_exceeds_the_tolerances(grasp):
     beyond = 0.004
     x, y = FUNNEL.closing_tolerance + beyond, FUNNEL.width_tolerance + beyond

@@ -23,8 +23,8 @@ FIELD = fit_gpdf(sphere_points(64, 0.03) + [0.0, 0.1, 0.0])
 GRASPS = GraspSet(se3.random_pose(np.random.default_rng(0), 8), np.full(8, 0.03), np.full(8, 0.9))
 
 
-def rated(gpdf):
-    dut = ViewFilter(GRIPPER, CAMERA)
+def rated(gpdf, **options):
+    dut = ViewFilter(GRIPPER, CAMERA, **options)
     context = dut.CreateDefaultContext()
     X_WC = RigidTransform(forward_kinematics(Q, GRIPPER.X_FG) @ X_HC)
     for name, value in {
@@ -46,6 +46,14 @@ def test_the_camera_is_where_pose_and_joints_say():
     expected = rated_by_view(GRASPS, FIELD.points, X_HC, CAMERA)
     np.testing.assert_allclose(rated(FIELD).score, expected.score)
     assert np.ptp(expected.score) > 0.1
+
+
+def test_a_hand_that_waits_is_rated_where_it_waits():
+    back = se3.make_pose(np.eye(3), [0.0, 0.0, -0.15])
+    behind = GraspSet(GRASPS.X_OG @ back, GRASPS.width, GRASPS.score)
+    expected = rated_by_view(behind, FIELD.points, X_HC, CAMERA)
+    np.testing.assert_allclose(rated(FIELD, standoff=0.15).score, expected.score)
+    assert np.abs(expected.score - rated(FIELD).score).max() > 0.1
 
 
 def test_without_a_field_nothing_is_rated():
