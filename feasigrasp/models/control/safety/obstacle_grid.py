@@ -34,6 +34,8 @@ ARM_BOX = (
 )
 #: Nodes so many voxels from an observed point ask the field.
 _BAND = 2.0
+#: A point with a raw distance below this is on the surface [m].
+_ON_SURFACE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,11 +232,14 @@ def object_grid(
     low = surface.min(axis=0) - max_distance
     cells = np.ceil((np.ptp(surface, axis=0) + 2 * max_distance) / voxel_size).astype(int)
     shape = tuple((cells + 1).tolist())
-    values = _to_nearest(surface, low, voxel_size, np.full(shape, max_distance))
     nodes = np.moveaxis(np.indices(shape), 0, -1) * voxel_size + low
-    near = values < _BAND * voxel_size
+    band = _BAND * voxel_size
+    inside = ((nodes > gpdf.bounds[0] - band) & (nodes < gpdf.bounds[1] + band)).all(axis=-1)
+    surface = np.concatenate([surface, _between(gpdf, surface, nodes[inside], voxel_size)])
+    values = _to_nearest(surface, low, voxel_size, np.full(shape, max_distance))
+    near = values < band
     # Farther inside only the sign matters: the way out is towards the surface.
-    bulk = ~near & ((nodes > gpdf.bounds[0]) & (nodes < gpdf.bounds[1])).all(axis=-1)
+    bulk = ~near & inside
     field = values.copy()
     field[bulk] *= np.where(gpdf.distance(nodes[bulk]) < 0.0, -1.0, 1.0)
     distance, at, _ = gpdf.refine(nodes[near], 3)
@@ -249,9 +254,21 @@ def object_grid(
         return ObstacleGrid(whole, frame)
     values = _to_nearest(surface[known], low, voxel_size, np.full(shape, max_distance))
     filled[filled] = nearest_distance(nodes[filled], observed) < INVENTED
-    told = (values < _BAND * voxel_size) & (field >= 0.0) | filled
+    told = (values < band) & (field >= 0.0) | filled
     seen = ObstacleGrid(np.where(told, field, values).astype(np.float32), frame)
     return ObstacleGrid(whole, frame, seen)
+
+
+def _between(gpdf: Gpdf, surface: Array, nodes: Array, size: float) -> Array:
+    """Surface that is far from the points of it (k, 3), as seen from some of the nodes (n, 3).
+
+    On a long object they are farther apart than a finger is wide.
+    """
+    nodes = nodes[nearest_distance(nodes, surface) > _BAND * size]
+    points = gpdf.refine(nodes[np.abs(gpdf.distance(nodes)) < size], 3)[1]
+    there = np.abs(gpdf.distance(points)) < _ON_SURFACE
+    there[there] = gpdf.possible(points[there])
+    return points[there]
 
 
 def _to_nearest(points: Array, low: Array, voxel_size: float, farthest: Array) -> Array:

@@ -75,6 +75,17 @@ def test_the_grid_is_the_distance_of_the_ball(grid):
     assert (distance[truth < -0.01] < 0).all() and (distance[truth > 0.005] > 0).all()
 
 
+def test_a_long_object_has_no_holes():
+    """Between the few points that complete it there is surface as well."""
+    rng = np.random.default_rng(0)
+    turn, along = rng.uniform(0.0, 2.0 * np.pi, 3000), rng.uniform(-0.12, 0.12, 3000)
+    rod = np.column_stack([0.012 * np.cos(turn), 0.012 * np.sin(turn), along])
+    gpdf = fit_gpdf(rod[:2000], max_points=320)
+    assert cKDTree(gpdf.completion.points).query(rod[2000:])[0].max() > 0.012
+    distance, _ = object_grid(gpdf).distance_and_gradient(rod[2000:])
+    assert np.abs(distance).max() < 0.004
+
+
 def test_beyond_the_grid_the_distance_is_that_of_the_box_of_the_surface(grid):
     """A lower bound of the true distance, with the gradient that finite differences give."""
     rng = np.random.default_rng(2)
