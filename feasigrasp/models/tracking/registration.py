@@ -58,6 +58,9 @@ _WIDE = 0.012
 #: A residual below this, or so many standard deviations, is an inlier's [m].
 _INLIER, _INLIER_SIGMAS = 3e-3, 3.0
 _STEPS = 6
+#: Less of the known surface than this faces the camera: what is seen is another side, of which no
+#: more can be said.
+_LEAST_FACING = 0.03
 #: Where less of the surface than this share is inside the image, it counts by the square of that.
 _WHOLE = 0.5
 #: Steps smaller than this end the search [rad, m].
@@ -208,7 +211,7 @@ def _silhouette(
     points_C = view.in_camera(points_W)
     shown = view.camera.in_image(points_C)
     inside = float(shown.mean())
-    if not facing.any():
+    if np.count_nonzero(facing) < _LEAST_FACING * len(facing):
         return np.zeros((0, 6)), np.zeros(0), np.zeros(0), 0.0, 0.0, inside, 0.0
     lever, points_C, shown = lever[facing], points_C[facing], shown[facing]
     on = view.on_object(points_C[shown])

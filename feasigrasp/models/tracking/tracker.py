@@ -62,8 +62,13 @@ _KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
 #: later [s].
 _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
 #: After such a gap little in the image is not enough, and any turn is tried [s]; a pose that was
-#: searched for shows such a share of the facing surface in the image, of which so much is seen.
-_LONG_GAP, _FOUND_VIEW, _FOUND_COVERED = 1.0, 0.3, 0.7
+#: searched for shows such a share of the facing surface in the image.
+_LONG_GAP, _FOUND_VIEW = 1.0, 0.3
+#: It has so much of the points on the model, of the model beside the object, and of what is in view
+#: seen; and if any turn was tried.
+_FOUND, _ANYHOW_FOUND = (0.85, 0.1, 0.7), (0.95, 0.05, 0.8)
+#: A pose so far from the expected one is asked for the same [m].
+_LARGE_STEP = 0.01
 #: A merged view moves the model by its own error, as one of so many views, and by this share of it
 #: at least: where it shows another side it is the only one.
 _LEAST_SHARE = 0.2
@@ -228,6 +233,8 @@ def _located(
     time = before.image_time
     found = register(model, view, expected.X_WO, expected.pose_covariance)
     good = _believed(found) and (gap < _LONG_GAP or found.in_view >= _LITTLE)
+    if np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) > _LARGE_STEP:
+        good = good and _is_found(found)
     may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
     if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
         before = replace(before, searched_at=time)
@@ -236,8 +243,7 @@ def _located(
         unsure = np.diag(np.square(np.repeat(UNSURE if anyhow is None else ANYHOW, 3)))
         wide, on = expected.widened(unsure), last.pose(time)
         found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance, anyhow=anyhow)
-        shown = found.in_view >= _FOUND_VIEW and found.covered >= _FOUND_COVERED
-        good = shown and _fits(found)
+        good = _is_found(found, anyhow=anyhow is not None)
         expected = wide if good else expected
     if not good:
         return before, None
@@ -286,9 +292,21 @@ def _believed(found: Registration) -> bool:
     )
 
 
-def _fits(found: Registration) -> bool:
-    """Whether nothing speaks against a pose."""
-    return _believed(found) and found.on_model > _KEY_INLIERS and found.beside < _KEY_BESIDE
+def _is_found(found: Registration, *, anyhow: bool = False) -> bool:
+    """Whether a pose that is not where it was expected is believed: nothing speaks against it.
+
+    Args:
+        found: The pose.
+        anyhow: Whether it was searched for at all orientations, where some wrong one fits as well.
+    """
+    least_on, most_beside, least_covered = _ANYHOW_FOUND if anyhow else _FOUND
+    return (
+        _believed(found)
+        and found.in_view >= _FOUND_VIEW
+        and found.on_model > least_on
+        and found.beside < most_beside
+        and found.covered >= least_covered
+    )
 
 
 def _is_key(after: FieldTrack, found: Registration, view: ObjectView, views: ViewRecord) -> bool:
