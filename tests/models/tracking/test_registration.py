@@ -224,6 +224,22 @@ def test_points_of_a_side_that_was_never_seen_are_no_outliers():
     assert again.inliers > 0.99 and again.new < 0.01
 
 
+def test_of_a_side_that_is_hardly_known_nothing_is_in_view(shape):
+    """A single point that faces the camera is no view of the object."""
+    _, surface, model = shape
+    shares = []
+    for angle in np.linspace(1.5, 4.2, 12):
+        camera = camera_at([0.3 * np.cos(angle), 0.3 * np.sin(angle), 0.0])
+        points, normals = model.placed(np.eye(3))
+        towards = camera[:3, 3] - points
+        cosine = (towards * normals).sum(axis=1) / np.linalg.norm(towards, axis=1)
+        shares.append((cosine > 0.3).mean())
+        found = register(model, look(surface, np.eye(4), camera), np.eye(4), 1e-12 * np.eye(6))
+        assert (found.in_view > 0.0) == (shares[-1] >= 0.03)
+        assert found.in_view > 0.9 or found.covered == 0.0
+    assert min(shares) < 0.03 < max(shares)
+
+
 def test_what_something_nearer_hides_is_not_in_view(shape):
     _, surface, model = shape
     view, fixed = look(surface, np.eye(4), camera_at([0.25, 0.2, 0.2])), 1e-12 * np.eye(6)

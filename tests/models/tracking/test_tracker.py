@@ -231,6 +231,23 @@ def test_after_a_long_gap_it_is_found_though_it_has_turned_far(followed, turn):
     assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X) < 3e-3
 
 
+def test_a_pose_far_from_the_expected_one_must_fit(followed):
+    """Its back, 4 cm off, looks a little like its front: that is no reason to be there."""
+    t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
+    unsure = tracker.track.estimate.widened(np.diag(np.square(np.repeat([0.1, 0.04], 3))))
+    tracker = replace(tracker, track=replace(tracker.track, estimate=unsure))
+    for turn, shift in (
+        ([0.0, 0.0, 2.5], [0.0, -0.03, 0.03]),
+        ([0.0, 0.0, 0.1], [0.0, 0.015, 0.0]),
+    ):
+        X = se3.make_pose(se3.so3_exp(turn) @ X_WB[:3, :3], X_WB[:3, 3] + shift)
+        view = look(SURFACE, X, CAMERA, np.random.default_rng(0))
+        track = tracker.looked(view, t + PERIOD).track
+        found = track.measured_at > t
+        assert found == (turn[2] < 1.0)
+        assert not found or surface_error(track.estimate.X_WO @ se3.inverse(X_BO), X) < 3e-3
+
+
 def test_what_hides_a_part_of_it_is_not_taken_for_its_absence(followed):
     """Most of it is behind something nearer, such as a finger."""
     t, tracker, X_WB, X_BO = [row for row in followed if row[0] < GAP[0]][-1]
