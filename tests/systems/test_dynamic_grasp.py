@@ -134,7 +134,7 @@ def test_a_sampler_and_a_controller_of_one_s_own(mode):
 
 @pytest.mark.parametrize("controller", ["task", "joint"])
 def test_a_hand_that_is_told_to_waits_behind_the_grasps(controller):
-    """It follows the object, and is as far from every grasp as it is told."""
+    """It is as far behind one as it is told; on its way to another it passes some nearer."""
     text = f"{{grasp: {{close: false, standoff: 0.1}}, control: {{controller: {controller}}}}}"
     diagram = make_dynamic_grasp(scenario("ReachLinearMocap", text))
     simulator = Simulator(diagram)
@@ -142,8 +142,8 @@ def test_a_hand_that_is_told_to_waits_behind_the_grasps(controller):
     log = diagram.GetSubsystemByName("log(metrics)").FindLog(simulator.get_context())
     samples = dict(zip(SAMPLE_NAMES, log.data(), strict=True))
     error = samples["grasp_position_error"][log.sample_times() > 4.0]
-    assert np.nanmin(error) > 0.07
-    assert np.nanmedian(error) < 0.13
+    assert np.nanmin(error) > 0.02
+    assert 0.07 < np.nanmedian(error) < 0.13
 
 
 class Still(LeafSystem):
