@@ -46,7 +46,7 @@ KINDS = {
 HIDDEN = (3.0, 4.0)
 #: A tracker is on the object when its surface is this near [mm]; after a gap it is back if it is
 #: within a time [s].
-_FAR, _BACK_WITHIN = 10.0, 1.0
+_ON_OBJECT, _BACK_WITHIN = 10.0, 1.0
 #: Twist and prediction count from here on [s].
 _SETTLED = 0.5
 #: Figures per image: column, row, unit and percentile.
@@ -136,7 +136,7 @@ def _figures(frames: list[Frame], hidden: tuple[float, float]) -> Record:
     result["lost"] = lost(frames)
     result["end_mm"] = rows[-1]["surface_mm"] if rows else None
     after = [r for r in rows if hidden[1] <= r["time"] <= hidden[1] + _BACK_WITHIN]
-    back = [r["measured"] and r["surface_mm"] < _FAR for r in after]
+    back = [r["measured"] and r["surface_mm"] < _ON_OBJECT for r in after]
     result["back"] = bool(back and back[-1]) if hidden[1] > 0.0 else None
     return result
 
@@ -181,6 +181,6 @@ def summary_rows(records: Sequence[Record]) -> list[Row]:
         if condition.startswith("follow"):
             ends = [r["end_mm"] for r in runs if r["end_mm"] is not None]
             rows.append(Row.of("tracking.drift_mm.60s", preset, mean(ends, 0.0), "mm"))
-            on = [r["end_mm"] is not None and r["end_mm"] < _FAR for r in runs]
+            on = [r["end_mm"] is not None and r["end_mm"] < _ON_OBJECT for r in runs]
             rows.append(Row.percent("tracking.on_object_percent.60s", preset, on))
     return rows

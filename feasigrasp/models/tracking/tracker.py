@@ -232,9 +232,9 @@ def _located(
         return before, None
     time = before.image_time
     found = register(model, view, expected.X_WO, expected.pose_covariance)
-    good = _believed(found) and (gap < _LONG_GAP or found.in_view >= _LITTLE)
-    if np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) > _LARGE_STEP:
-        good = good and _is_found(found)
+    near = np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) <= _LARGE_STEP
+    good = _believed(found) if near else _is_found(found)
+    good = good and (gap < _LONG_GAP or found.in_view >= _LITTLE)
     may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
     if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
         before = replace(before, searched_at=time)
