@@ -15,7 +15,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.tracking.tracker import KEY_PERIOD, KEY_VIEWS
+from feasigrasp.models.tracking.keyframe import KEY_PERIOD, KEY_VIEWS
 from feasigrasp.models.tracking.view import ObjectView
 
 #: Points of an image that are registered, and how far a pair may be apart [m].

@@ -90,9 +90,9 @@ def _of_the_object(points: Array, near: Indices, link: Mask, keep: Mask) -> Mask
     The largest group is of the object. What lies behind its rim, for example, when the mask is too
     large, hangs together as well, but far from it.
     """
-    n, k = near.shape
-    rows = np.repeat(np.arange(n), k)[link.ravel()]
-    graph = csr_matrix((np.ones(len(rows)), (rows, near[link])), shape=(n, n))
+    n = len(near)
+    ends = np.concatenate([[0], np.cumsum(np.count_nonzero(link, axis=1))])
+    graph = csr_matrix((np.ones(ends[-1]), near[link], ends), shape=(n, n))
     _, group = connected_components(graph, directed=False)
     sizes = np.bincount(group, weights=keep)
     belongs = sizes >= MIN_GROUP

@@ -171,7 +171,8 @@ def march_to_exit(
     """Length along each ray at which it first leaves the inside (d < 0), from ``start_length`` on.
 
     Inside, |d| underestimates the way out, so steps of |d| (at least ``min_step``) are safe; the
-    sign change is then bisected. NaN where the start is outside or ``max_length`` is reached.
+    sign change is then found by false position, since d is nearly linear over one step. NaN where
+    the start is outside or ``max_length`` is reached.
     """
     out = np.full(len(starts), np.nan)
     work = make_workspace()
@@ -186,17 +187,19 @@ def march_to_exit(
             continue
         while inside <= max_length:
             t = inside + max(min_step, -d)
+            before = d
             d = value_at(tiles, work, length_scale, px + t * ux, py + t * uy, pz + t * uz)
             if d >= 0.0:
                 low, high = inside, t
-                for _ in range(6):
-                    middle = 0.5 * (low + high)
+                for _ in range(2):
+                    middle = low + (high - low) * before / (before - d)
                     x, y, z = px + middle * ux, py + middle * uy, pz + middle * uz
-                    if value_at(tiles, work, length_scale, x, y, z) < 0.0:
-                        low = middle
+                    value = value_at(tiles, work, length_scale, x, y, z)
+                    if value < 0.0:
+                        low, before = middle, value
                     else:
-                        high = middle
-                out[i] = 0.5 * (low + high)
+                        high, d = middle, value
+                out[i] = low + (high - low) * before / (before - d)
                 break
             inside = t
     return out

@@ -56,16 +56,17 @@ def hidden_nodes(
         network: Tells far sides.
         count: Number of nodes, at most.
     """
-    backs = [network.back_surface(image, field) for image in images]
+    backs = network.back_surfaces(images, field)
     parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
     points, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
     several = len(images) > 1
     clearance = CLEARANCE_OF_SEVERAL if several else CLEARANCE
     doubt = DOUBT_OF_SEVERAL if several else DOUBT
-    kept = cKDTree(observed).query(points)[0] > np.maximum(clearance, doubt * deviation)
-    kept &= free_distance(images, points) < _FREE
+    kept = free_distance(images, points) < _FREE
     for image, back in zip(images, backs, strict=True):
         kept &= ~_inside(image, back, points)
+    points, deviation = points[kept], deviation[kept]
+    kept = cKDTree(observed).query(points)[0] > np.maximum(clearance, doubt * deviation)
     points, deviation = points[kept], deviation[kept]
     if len(points) == 0:
         return HiddenNodes(points, deviation)

@@ -6,6 +6,7 @@ The one file here that loads torch.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -95,17 +96,19 @@ class HiddenSide:
     def __init__(self, network: HiddenSideNetwork) -> None:
         self.network = network.eval().requires_grad_(False)
 
-    def back_surface(self, image: ViewImage, field: Gpdf) -> BackSurface:
-        """Where the object in a picture probably ends, given the field of what was seen."""
+    def back_surfaces(self, images: Sequence[ViewImage], field: Gpdf) -> list[BackSurface]:
+        """Where the object in every picture probably ends, given the field of what was seen."""
+        seen = np.stack([features(image, field) for image in images])
         with torch.inference_mode():
-            median, spread = self.network(torch.from_numpy(features(image, field)[None]))
-        scale = picture_scale(image)
-        thickness = scale * median[0].double().clamp(min=0.0).numpy()
-        deviation = scale * spread[0].double().numpy()
-        return BackSurface(
-            np.where(image.mask, image.depth + thickness, 0.0),
-            np.where(image.mask, deviation, 0.0),
-        )
+            median, spread = self.network(torch.from_numpy(seen))
+        backs = []
+        for k, image in enumerate(images):
+            scale = picture_scale(image)
+            thickness = scale * median[k].double().clamp(min=0.0).numpy()
+            deviation = scale * spread[k].double().numpy()
+            depth = np.where(image.mask, image.depth + thickness, 0.0)
+            backs.append(BackSurface(depth, np.where(image.mask, deviation, 0.0)))
+        return backs
 
     def save(self, filename: Path) -> None:
         """Writes the weights."""

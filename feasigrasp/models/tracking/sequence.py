@@ -14,7 +14,8 @@ from feasigrasp.models.clouds.usable import ViewFault, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.tracking.tracker import FieldTrack, Keyframe, track
+from feasigrasp.models.tracking.keyframe import Keyframe
+from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 
 #: Fewer points are no view to merge.

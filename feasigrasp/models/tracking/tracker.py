@@ -19,7 +19,14 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
 from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.tracking.belief import LITTLE, is_believed, is_found
 from feasigrasp.models.tracking.information import surface_deviation
+from feasigrasp.models.tracking.keyframe import (
+    Keyframe,
+    cut_off,
+    is_worth_merging,
+    keyframe_of,
+)
 from feasigrasp.models.tracking.model import TrackedModel
 from feasigrasp.models.tracking.reacquisition import ANYHOW, UNSURE, reacquire
 from feasigrasp.models.tracking.registration import Registration, register
@@ -28,47 +35,14 @@ from feasigrasp.models.tracking.view import ObjectView
 
 #: A first view has at least so many points, any other so many.
 _FIRST_POINTS, _LEAST_POINTS = 300, 80
-#: What an image must show for its pose to be believed: shares of the known surface that are inside
-#: the image, of points on the model, of the facing model inside the image that is seen, and, at
-#: most, of the facing model that projects beside the object. How much it then says is left to the
-#: information: little of the object determines little.
-_LEAST_INSIDE, _LEAST_INLIERS, _LEAST_COVERED, _MOST_BESIDE = 0.05, 0.6, 0.5, 0.35
-#: Points of a new side are not asked to be on the model; so many of all are at least.
-_LEAST_ON_MODEL = 0.45
-#: Where less than this share of the known, facing surface is in the image, so many points must be;
-#: where hardly any is, what is seen is a new side, and what of it is seen says nothing.
-_LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
 #: An object whose surface is known no better than this is not tracked, though some is seen [m].
 _MOST_DEVIATION = 5e-3
-#: The same for a keyframe, and the surface's standard deviation [m]; the shares are also asked for
-#: after a gap.
-_KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.6e-3
-#: A side so far from all that were seen [rad], or a view of which such a share is new, is taken as
-#: soon as these allow it: once nothing that is known is in the image any more, it is too late.
-_OTHER_SIDE, _NEW_PART = np.deg2rad(30.0), 0.25
-_OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
-#: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
-KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
-#: A keyframe has so many points at most: what more there are of a near object are closer together
-#: than the model is fine.
-_KEY_POINTS = 6000
-#: Points so near to the border of an image are where it cuts the object off, until an image shows
-#: what is so far around them [px]; so many are kept of an image, and of all.
-_AT_BORDER, _SEEN_PAST = 4.0, 12.0
-_CUT_POINTS, _MOST_CUT = 60, 600
-#: Of a side that was seen so many times there are fewer: so much time between them [s].
-_KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
 #: After so long without a pose the object is searched for from several starts, and again so much
 #: later [s].
 _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
-#: After such a gap little in the image is not enough, and any turn is tried [s]; a pose that was
-#: searched for shows such a share of the facing surface in the image.
-_LONG_GAP, _FOUND_VIEW = 1.0, 0.3
-#: It has so much of the points on the model, of the model beside the object, and of what is in view
-#: seen; and if any turn was tried.
-_FOUND, _ANYHOW_FOUND = (0.85, 0.1, 0.7), (0.95, 0.05, 0.8)
-#: A pose so far from the expected one is asked for the same [m].
-_LARGE_STEP = 0.01
+#: After such a gap little in the image is not enough, and any turn is tried [s]; a pose so far from
+#: the expected one is asked for as much as one that was searched for [m].
+_LONG_GAP, _LARGE_STEP = 1.0, 0.01
 #: A merged view moves the model by its own error, as one of so many views, and by this share of it
 #: at least: where it shows another side it is the only one.
 _LEAST_SHARE = 0.2
@@ -76,23 +50,6 @@ _LEAST_SHARE = 0.2
 _UNKNOWN = (0.3, 0.03)
 #: What the tracked path is worth to the predictor of the motion.
 _PATH_NOISE = Noise(position=1.5e-3, rotation=8e-3)
-
-
-@dataclass(frozen=True, eq=False)
-class Keyframe(Frozen):
-    """A view that is worth merging.
-
-    Attributes:
-        points_O: Points of the object in O, shape (n, 3) [m].
-        p_OC: Position of the camera in O, shape (3,) [m].
-        time: Of the image [s].
-        deviation: How far the surface may be from there, across itself [m].
-    """
-
-    points_O: Array
-    p_OC: Array
-    time: float
-    deviation: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,10 +142,12 @@ def track(
     before = replace(before, estimate=expected)
     after, found = _located(before, view, gap)
     if found is not None:
-        if not held and _is_key(after, found, view, views):
-            assert after.estimate is not None
-            key = _keyframe(view, after.estimate.X_WO, time, after.deviation)
-            after = replace(after, keyframe=key, cut=_cut(after.cut, view, after.estimate.X_WO))
+        if not held and is_believed(found):
+            assert after.estimate is not None and before.keyframe is not None
+            X_WO = after.estimate.X_WO
+            key = keyframe_of(view, X_WO, time, after.deviation)
+            if is_worth_merging(key, found, before.keyframe.time, views):
+                after = replace(after, keyframe=key, cut=cut_off(after.cut, view, X_WO))
         return _passed_on(after)
     other = second() if second is not None else None
     if other is not None:
@@ -233,8 +192,8 @@ def _located(
     time = before.image_time
     found = register(model, view, expected.X_WO, expected.pose_covariance)
     near = np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) <= _LARGE_STEP
-    good = _believed(found) if near else _is_found(found)
-    good = good and (gap < _LONG_GAP or found.in_view >= _LITTLE)
+    good = is_believed(found) if near else is_found(found)
+    good = good and (gap < _LONG_GAP or found.in_view >= LITTLE)
     may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
     if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
         before = replace(before, searched_at=time)
@@ -243,7 +202,7 @@ def _located(
         unsure = np.diag(np.square(np.repeat(UNSURE if anyhow is None else ANYHOW, 3)))
         wide, on = expected.widened(unsure), last.pose(time)
         found = reacquire(model, view, (wide.X_WO, on), wide.pose_covariance, anyhow=anyhow)
-        good = _is_found(found, anyhow=anyhow is not None)
+        good = is_found(found, anyhow=anyhow is not None)
         expected = wide if good else expected
     if not good:
         return before, None
@@ -275,82 +234,10 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
             estimate=estimate,
             in_view=1.0,
             deviation=0.0,
-            keyframe=_keyframe(view, X_WO, time),
-            cut=_cut(before.cut, view, X_WO),
+            keyframe=keyframe_of(view, X_WO, time),
+            cut=cut_off(before.cut, view, X_WO),
         )
     )
-
-
-def _believed(found: Registration) -> bool:
-    little = found.in_view < _LITTLE
-    return (
-        found.inside >= _LEAST_INSIDE
-        and found.inliers >= (_INLIERS_OF_LITTLE if little else _LEAST_INLIERS)
-        and found.on_model >= _LEAST_ON_MODEL
-        and (found.covered >= _LEAST_COVERED or found.in_view < _NEW_SIDE)
-        and found.beside <= _MOST_BESIDE
-    )
-
-
-def _is_found(found: Registration, *, anyhow: bool = False) -> bool:
-    """Whether a pose that is not where it was expected is believed: nothing speaks against it.
-
-    Args:
-        found: The pose.
-        anyhow: Whether it was searched for at all orientations, where some wrong one fits as well.
-    """
-    least_on, most_beside, least_covered = _ANYHOW_FOUND if anyhow else _FOUND
-    return (
-        _believed(found)
-        and found.in_view >= _FOUND_VIEW
-        and found.on_model > least_on
-        and found.beside < most_beside
-        and found.covered >= least_covered
-    )
-
-
-def _is_key(after: FieldTrack, found: Registration, view: ObjectView, views: ViewRecord) -> bool:
-    """Whether the view is good enough to be merged, and tells something."""
-    assert after.keyframe is not None and after.estimate is not None
-    time = after.image_time
-    if not _believed(found) or time < after.keyframe.time + KEY_PERIOD:
-        return False
-    p_OC = _in_object(after.estimate.X_WO, view.X_WC[:3, 3])
-    new_part = found.new > _NEW_PART
-    if not _good_enough(after, found, other=new_part or views.turned(p_OC) > _OTHER_SIDE):
-        return False
-    if new_part or views.tells_more(p_OC, time, _KNOWN_SIDE, _KEY_REVISIT):
-        return True
-    late = time >= after.keyframe.time + _KNOWN_PERIOD
-    return late and views.tells_more(p_OC, time, KEY_VIEWS, _KEY_REVISIT)
-
-
-def _good_enough(after: FieldTrack, found: Registration, *, other: bool) -> bool:
-    """Whether a pose is good enough to merge the view by it, of another side or of a known one."""
-    in_view = _OTHER_VIEW if other else _KEY_VIEW
-    inliers = _OTHER_INLIERS if other else _KEY_INLIERS
-    deviation = _OTHER_DEVIATION if other else _KEY_DEVIATION
-    sure = found.inliers > inliers and found.beside < _KEY_BESIDE
-    return sure and found.in_view > in_view and after.deviation < deviation
-
-
-def _keyframe(view: ObjectView, X_WO: Array, time: float, deviation: float = 0.0) -> Keyframe:
-    points_W = view.points_W[:: -(-len(view.points_W) // _KEY_POINTS)]
-    p_OC = _in_object(X_WO, view.X_WC[:3, 3])
-    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation)
-
-
-def _cut(known: Array, view: ObjectView, X_WO: Array) -> Array:
-    """Where what has been merged was cut off by an image, after one more view, shape (k, 3)."""
-    known_W = known @ X_WO[:3, :3].T + X_WO[:3, 3]
-    known = known[view.camera.to_border(view.in_camera(known_W)) < _SEEN_PAST]
-    found = _in_object(X_WO, view.points_W[view.camera.to_border(view.points_C) < _AT_BORDER])
-    some = found[:: max(1, -(-len(found) // _CUT_POINTS))]
-    return np.concatenate([known, some])[-_MOST_CUT:]
-
-
-def _in_object(X_WO: Array, points_W: Array) -> Array:
-    return np.asarray((points_W - X_WO[:3, 3]) @ X_WO[:3, :3])
 
 
 def _passed_on(track: FieldTrack) -> FieldTrack:

@@ -11,8 +11,8 @@ from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import Preset
+from feasigrasp.models.tracking.keyframe import Keyframe
 from feasigrasp.models.tracking.sequence import LearntShape
-from feasigrasp.models.tracking.tracker import Keyframe
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived, declare_perceived
 from feasigrasp.systems.ports import PeriodicState, declare_input

@@ -19,7 +19,11 @@ from feasigrasp.models.shape.hidden_side import (
     features,
     picture_scale,
 )
-from feasigrasp.models.shape.hidden_side_network import HiddenSide, HiddenSideNetwork
+from feasigrasp.models.shape.hidden_side_network import (
+    HiddenSide,
+    HiddenSideNetwork,
+    load_hidden_side,
+)
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError
 
 VOXEL_SIZE = 0.005
@@ -30,7 +34,11 @@ CAMERA = np.array([0.0, 0.0, 0.5])
 class Ball:
     """Knows that what it looks at is a ball at the origin."""
 
-    def back_surface(self, image, field):
+    def back_surfaces(self, images, field):
+        return [self._back(image) for image in images]
+
+    @staticmethod
+    def _back(image):
         rays = image.rays() / np.linalg.norm(image.rays(), axis=-1, keepdims=True)
         towards = rays @ image.X_OC[:3, :3].T @ -image.X_OC[:3, 3]
         square = towards**2 - image.X_OC[:3, 3] @ image.X_OC[:3, 3] + RADIUS**2
@@ -120,9 +128,11 @@ def test_nodes_of_several_pictures_keep_farther_off(image):
 class Deep:
     """Believes that everything reaches back 20 cm."""
 
-    def back_surface(self, image, field):
-        depth = np.where(image.mask, image.depth + 0.2, 0.0)
-        return BackSurface(depth, np.where(image.mask, 1e-3, 0.0))
+    def back_surfaces(self, images, field):
+        return [
+            BackSurface(*(np.where(image.mask, part, 0.0) for part in (image.depth + 0.2, 1e-3)))
+            for image in images
+        ]
 
 
 def test_a_picture_from_the_side_contradicts_what_it_looks_through(image):
@@ -139,19 +149,29 @@ def test_a_weights_file_comes_back(tmp_path, image, field):
     network.save(tmp_path / "weights.npz")
     again = HiddenSide.load(tmp_path / "weights.npz")
     for before, after in zip(
-        vars(network.back_surface(image, field)).values(),
-        vars(again.back_surface(image, field)).values(),
+        vars(network.back_surfaces([image], field)[0]).values(),
+        vars(again.back_surfaces([image], field)[0]).values(),
         strict=True,
     ):
         np.testing.assert_array_equal(before, after)
 
 
 def test_an_untrained_network_believes_the_field(image, field):
-    back = HiddenSide(HiddenSideNetwork()).back_surface(image, field)
+    (back,) = HiddenSide(HiddenSideNetwork()).back_surfaces([image], field)
     believed, _ = believed_thickness(image, field)
     known = np.isfinite(believed)
     change = (back.depth - image.depth)[known] - believed[known]
     np.testing.assert_allclose(change, change[0], atol=1e-6)
+
+
+def test_pictures_together_tell_what_each_tells_alone(image, field):
+    network, side = load_hidden_side(), np.array([0.5, 0.0, 0.0])
+    images = [image, view_image(front(side), side)]
+    together = network.back_surfaces(images, field)
+    for picture, back in zip(images, together, strict=True):
+        (alone,) = network.back_surfaces([picture], field)
+        np.testing.assert_allclose(back.depth, alone.depth, atol=1e-6)
+        np.testing.assert_allclose(back.deviation, alone.deviation, atol=1e-6)
 
 
 def test_weights_of_something_else_are_refused(tmp_path):

@@ -150,11 +150,15 @@ def test_a_scenario_may_track_with_its_camera():
     diagram = make_dynamic_grasp(scenario)
     tracker = diagram.GetSubsystemByName("tracker")
     assert isinstance(tracker, FieldTracker)
+    sequencer = diagram.GetSubsystemByName("sequencer")
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(1.2)
     context = simulator.get_context()
+
+    def grasps():
+        return sequencer.GetOutputPort("grasps").Eval(sequencer.GetMyContextFromRoot(context))
+
+    while len(grasps().X_OG) == 0 and context.get_time() < 2.0:  # that some are offered once
+        simulator.AdvanceTo(context.get_time() + 0.1)
+    assert len(grasps().X_OG) > 0
     tracking = tracker.tracking(tracker.GetMyContextFromRoot(context))
     assert tracking.state is TrackingState.TRACKING
-    sequencer = diagram.GetSubsystemByName("sequencer")
-    grasps = sequencer.GetOutputPort("grasps").Eval(sequencer.GetMyContextFromRoot(context))
-    assert len(grasps.X_OG) > 0

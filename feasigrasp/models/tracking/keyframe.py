@@ -1,0 +1,113 @@
+"""Views that are worth merging into the model, and where they end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.tracking.registration import Registration
+from feasigrasp.models.tracking.view import ObjectView
+
+#: A keyframe shows such a share of the known surface and has such a share of its points on the
+#: model and of the model beside the object; so far may the surface be, one standard deviation [m].
+_KEY_VIEW, _KEY_INLIERS, _KEY_BESIDE, _KEY_DEVIATION = 0.7, 0.85, 0.1, 1.6e-3
+#: A side so far from all that were seen [rad], or a view of which such a share is new, is taken as
+#: soon as these allow it: once nothing that is known is in the image any more, it is too late.
+_OTHER_SIDE, _NEW_PART = np.deg2rad(30.0), 0.25
+_OTHER_VIEW, _OTHER_INLIERS, _OTHER_DEVIATION = 0.35, 0.75, 2.5e-3
+#: Time between keyframes at least [s]; views of one side that suffice; when it is looked at again.
+KEY_PERIOD, KEY_VIEWS, _KEY_REVISIT = 0.09, 10, 5.0
+#: Of a side that was seen so many times there are fewer: so much time between them [s].
+_KNOWN_SIDE, _KNOWN_PERIOD = 3, 0.4
+#: A keyframe has so many points at most: what more there are of a near object are closer together
+#: than the model is fine.
+_MOST_POINTS = 6000
+#: Points so near to the border of an image are where it cuts the object off, until an image shows
+#: what is so far around them [px]; so many are kept of an image, and of all.
+_AT_BORDER, _SEEN_PAST = 4.0, 12.0
+_CUT_POINTS, _MOST_CUT = 60, 600
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe(Frozen):
+    """A view that is worth merging.
+
+    Attributes:
+        points_O: Points of the object in O, shape (n, 3) [m].
+        p_OC: Position of the camera in O, shape (3,) [m].
+        time: Of the image [s].
+        deviation: How far the surface may be from there, across itself [m].
+    """
+
+    points_O: Array
+    p_OC: Array
+    time: float
+    deviation: float = 0.0
+
+
+def keyframe_of(view: ObjectView, X_WO: Array, time: float, deviation: float = 0.0) -> Keyframe:
+    """A view as a keyframe.
+
+    Args:
+        view: The view.
+        X_WO: Pose of the object in it, shape (4, 4).
+        time: When it was taken [s].
+        deviation: How far the surface may be from there, across itself [m].
+    """
+    points_W = view.points_W[:: -(-len(view.points_W) // _MOST_POINTS)]
+    p_OC = _in_object(X_WO, view.X_WC[:3, 3])
+    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation)
+
+
+def is_worth_merging(key: Keyframe, found: Registration, last: float, views: ViewRecord) -> bool:
+    """Whether a view is good enough to be merged, and tells something.
+
+    Args:
+        key: The view, as a keyframe.
+        found: How it fits the model.
+        last: Time of the last keyframe [s].
+        views: From where the merged views were taken.
+    """
+    if key.time < last + KEY_PERIOD:
+        return False
+    new_part = found.new > _NEW_PART
+    if not _good_enough(key, found, other=new_part or views.turned(key.p_OC) > _OTHER_SIDE):
+        return False
+    if new_part or views.tells_more(key.p_OC, key.time, _KNOWN_SIDE, _KEY_REVISIT):
+        return True
+    late = key.time >= last + _KNOWN_PERIOD
+    return late and views.tells_more(key.p_OC, key.time, KEY_VIEWS, _KEY_REVISIT)
+
+
+def _good_enough(key: Keyframe, found: Registration, *, other: bool) -> bool:
+    """Whether a pose is good enough to merge the view by it, of another side or of a known one."""
+    in_view = _OTHER_VIEW if other else _KEY_VIEW
+    inliers = _OTHER_INLIERS if other else _KEY_INLIERS
+    deviation = _OTHER_DEVIATION if other else _KEY_DEVIATION
+    sure = found.inliers > inliers and found.beside < _KEY_BESIDE
+    return sure and found.in_view > in_view and key.deviation < deviation
+
+
+def cut_off(known: Array, view: ObjectView, X_WO: Array) -> Array:
+    """Where what has been merged was cut off by an image, after one more view.
+
+    Args:
+        known: Such points before it, in O, shape (k, 3) [m].
+        view: The view.
+        X_WO: Pose of the object in it, shape (4, 4).
+
+    Returns:
+        Points in O, shape (l, 3) [m].
+    """
+    known_W = known @ X_WO[:3, :3].T + X_WO[:3, 3]
+    known = known[view.camera.to_border(view.in_camera(known_W)) < _SEEN_PAST]
+    found = _in_object(X_WO, view.points_W[view.camera.to_border(view.points_C) < _AT_BORDER])
+    some = found[:: max(1, -(-len(found) // _CUT_POINTS))]
+    return np.concatenate([known, some])[-_MOST_CUT:]
+
+
+def _in_object(X_WO: Array, points_W: Array) -> Array:
+    return np.asarray((points_W - X_WO[:3, 3]) @ X_WO[:3, :3])
