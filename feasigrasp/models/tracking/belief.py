@@ -14,7 +14,9 @@ _LEAST_ON_MODEL = 0.45
 #: Where less than this share of the known, facing surface is in the image, so many points must be
 #: on the model; where hardly any is, what is seen is a new side, and what of it is seen says
 #: nothing.
-LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
+_LITTLE, _INLIERS_OF_LITTLE, _NEW_SIDE = 0.25, 0.7, 0.02
+#: Less of the known surface than this faces a camera that sees another side.
+_LEAST_FACING = 0.03
 #: A pose that is not where it was expected shows such a share of the facing surface in the image,
 _FOUND_VIEW = 0.3
 #: and has so much of the points on the model, of the model beside the object, and of what is in
@@ -24,7 +26,7 @@ _FOUND, _ANYHOW_FOUND = (0.85, 0.1, 0.7), (0.95, 0.05, 0.8)
 
 def is_believed(found: Registration) -> bool:
     """Whether a pose near to the expected one is believed."""
-    little = found.in_view < LITTLE
+    little = found.in_view < _LITTLE
     return (
         found.inside >= _LEAST_INSIDE
         and found.inliers >= (_INLIERS_OF_LITTLE if little else _LEAST_INLIERS)
@@ -32,6 +34,11 @@ def is_believed(found: Registration) -> bool:
         and (found.covered >= _LEAST_COVERED or found.in_view < _NEW_SIDE)
         and found.beside <= _MOST_BESIDE
     )
+
+
+def shows_known(found: Registration) -> bool:
+    """Whether more than a little of what is known of the object is in the image."""
+    return found.in_view >= _LITTLE and found.facing >= _LEAST_FACING
 
 
 def is_found(found: Registration, *, anyhow: bool = False) -> bool:
@@ -44,6 +51,7 @@ def is_found(found: Registration, *, anyhow: bool = False) -> bool:
     least_on, most_beside, least_covered = _ANYHOW_FOUND if anyhow else _FOUND
     return (
         is_believed(found)
+        and shows_known(found)
         and found.in_view >= _FOUND_VIEW
         and found.on_model > least_on
         and found.beside < most_beside

@@ -27,6 +27,7 @@ polygon meshes from range images", 1994.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 
@@ -58,9 +59,6 @@ _WIDE = 0.012
 #: A residual below this, or so many standard deviations, is an inlier's [m].
 _INLIER, _INLIER_SIGMAS = 3e-3, 3.0
 _STEPS = 6
-#: Less of the known surface than this faces the camera: what is seen is another side, of which no
-#: more can be said.
-_LEAST_FACING = 0.03
 #: Where less of the surface than this share is inside the image, it counts by the square of that.
 _WHOLE = 0.5
 #: Steps smaller than this end the search [rad, m].
@@ -81,6 +79,8 @@ class Registration:
         inside: Share of all of the known surface that is in the image and far enough away, which
             says more of a side that is new.
         covered: Share of the model's points in view that project onto the object; 0 without any.
+        facing: Share of the known surface that faces the camera. Where there is hardly any, the
+            other shares of it say nothing: what is seen is another side.
         new: Share of the object's points that are neither on the model nor near any that was
             observed: of a side of which the model is a guess.
     """
@@ -92,12 +92,23 @@ class Registration:
     in_view: float
     inside: float
     covered: float
+    facing: float
     new: float
 
     @property
     def on_model(self) -> float:
         """Share of all the object's points that lie on the model."""
         return self.inliers * (1.0 - self.new)
+
+
+class _Shown(TypedDict):
+    """What an image shows of the model, see `Registration`."""
+
+    beside: float
+    in_view: float
+    inside: float
+    covered: float
+    facing: float
 
 
 def register(
@@ -158,11 +169,9 @@ def register(
         both_levers = np.vstack([lever, lever])
         information, projection = without_noise(rows, weights, both_levers, model.noise_share)
         gradient = projection @ (rows.T @ (weights * residuals))
-        rim_rows, rim_weights, rim_residuals, beside, in_view, inside, covered = _silhouette(
-            model, view, X
-        )
+        rim_rows, rim_weights, rim_residuals, shown = _silhouette(model, view, X)
         # A small part of the object errs together.
-        share = min(1.0, inside / _WHOLE) ** 2
+        share = min(1.0, shown["inside"] / _WHOLE) ** 2
         information, gradient = share * information, share * gradient
         information = information + rim_rows.T @ (rim_weights[:, None] * rim_rows)
         gradient = gradient + rim_rows.T @ (rim_weights * rim_residuals)
@@ -175,7 +184,7 @@ def register(
     known = inlier | ~at_end & (gap < _NEW + _INLIER_SIGMAS * np.sqrt(sensor))
     new = float(1.0 - known.mean())
     inliers = float(inlier[known].mean()) if known.any() else 0.0
-    return Registration(X, information, inliers, beside, in_view, inside, covered, new)
+    return Registration(X, information, inliers, new=new, **shown)
 
 
 def _prior_gradient(prior: Array, X_expected: Array, X: Array) -> Array:
@@ -196,13 +205,8 @@ def _on_plane(model: TrackedModel, gap: Array, nearest: Array, normals: Array) -
 
 def _silhouette(
     model: TrackedModel, view: ObjectView, X_WO: Array
-) -> tuple[Array, Array, Array, float, float, float, float]:
-    """Rows, weights and residuals of model points that the camera sees past.
-
-    Returns:
-        Those, the share of the facing points that they are, that of the facing points in view, that
-        of all in the image, and that of those in view that are seen.
-    """
+) -> tuple[Array, Array, Array, _Shown]:
+    """Rows, weights and residuals of model points that the camera sees past, and what it shows."""
     lever, normals_W = model.placed(X_WO[:3, :3])
     points_W = lever + X_WO[:3, 3]
     towards = view.X_WC[:3, 3] - points_W
@@ -211,14 +215,20 @@ def _silhouette(
     points_C = view.in_camera(points_W)
     shown = view.camera.in_image(points_C)
     inside = float(shown.mean())
-    if np.count_nonzero(facing) < _LEAST_FACING * len(facing):
-        return np.zeros((0, 6)), np.zeros(0), np.zeros(0), 0.0, 0.0, inside, 0.0
+    if not facing.any():
+        nothing = _Shown(beside=0.0, in_view=0.0, inside=inside, covered=0.0, facing=0.0)
+        return np.zeros((0, 6)), np.zeros(0), np.zeros(0), nothing
     lever, points_C, shown = lever[facing], points_C[facing], shown[facing]
     on = view.on_object(points_C[shown])
     told = on | ~view.hidden(points_C[shown])  # what a finger is before may be there or not
-    in_view = float(told.sum() / len(shown))
-    covered = float(on[told].mean()) if told.any() else 0.0
     found, way = view.beside(points_C)
+    result = _Shown(
+        beside=float(found.mean()),
+        in_view=float(told.sum() / len(shown)),
+        inside=inside,
+        covered=float(on[told].mean()) if told.any() else 0.0,
+        facing=float(facing.mean()),
+    )
     excess = np.linalg.norm(way, axis=1)
     # Towards the silhouette, at right angles to the line of sight; r = -excess grows towards it.
     direction = np.column_stack([way / np.maximum(excess, 1e-9)[:, None], np.zeros(len(way))])
@@ -228,4 +238,4 @@ def _silhouette(
     rows = -jacobian(lever[found], normals_W)
     sigma = _SILHOUETTE_SIGMA * at[:, 2] / view.camera.intrinsics[0]
     weights = _robust(excess, sigma**2, 5e-3) / CORRELATED
-    return rows, weights, -excess, float(found.mean()), in_view, inside, covered
+    return rows, weights, -excess, result

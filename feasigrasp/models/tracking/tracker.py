@@ -19,7 +19,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
 from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.models.tracking.belief import LITTLE, is_believed, is_found
+from feasigrasp.models.tracking.belief import is_believed, is_found, shows_known
 from feasigrasp.models.tracking.information import surface_deviation
 from feasigrasp.models.tracking.keyframe import (
     Keyframe,
@@ -193,7 +193,7 @@ def _located(
     found = register(model, view, expected.X_WO, expected.pose_covariance)
     near = np.linalg.norm(found.X_WO[:3, 3] - expected.X_WO[:3, 3]) <= _LARGE_STEP
     good = is_believed(found) if near else is_found(found)
-    good = good and (gap < _LONG_GAP or found.in_view >= LITTLE)
+    good = good and (gap < _LONG_GAP or shows_known(found))
     may_search = gap > _SEARCH_AFTER and time >= before.searched_at + _SEARCH_PERIOD
     if not good and may_search and len(view.points_W) >= _FIRST_POINTS:
         before = replace(before, searched_at=time)

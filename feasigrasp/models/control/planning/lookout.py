@@ -5,7 +5,8 @@ camera there. If the object does not show, the view goes round that place in cir
 object that moves to and fro in front of the arm comes into such a view by itself, too.
 
 The poses from which the camera would see the place are many: from where it is or from nearer to the
-robot's base, at any turn about its axis. The arm goes to the one that it is soonest at.
+robot's base, at any turn about its axis. The arm goes to the one that it is soonest at; where it
+cannot be at any of them, the camera looks from all round the place, and from nearer and farther.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -27,6 +29,8 @@ SOUGHT_AFTER = 0.25
 _DISTANCE = 0.38
 #: The camera looks from where it is, from the base, or from between: shares of the latter.
 _FROM_BASE = (0.0, 0.4, 1.0)
+#: Directions and distances [m] to look from where none of these can be reached.
+_ALL_ROUND, _DISTANCES = sphere_points(24, 1.0), (0.3, _DISTANCE, 0.46)
 #: Turns about the camera's axis that are tried.
 _ROLLS = 6
 #: The view begins to circle when the object has been out of sight so long [s], once in so long [s],
@@ -65,10 +69,12 @@ def lookout(sought: Sought, q: Array, X_WC: Array, reachability: Reachability) -
     Returns:
         Shape (7,) [rad]; None if there is none.
     """
-    views = np.concatenate(list(_views(sought, X_WC)))
-    found, times = configurations_at(views, q, X_WC, reachability)
-    best = int(np.argmin(times))
-    return found[best] if np.isfinite(times[best]) else None
+    for views in (_views(sought, X_WC), _views_all_round(sought, X_WC)):
+        found, times = configurations_at(np.concatenate(list(views)), q, X_WC, reachability)
+        best = int(np.argmin(times))
+        if np.isfinite(times[best]):
+            return found[best]
+    return None
 
 
 def configurations_at(
@@ -121,6 +127,14 @@ def _views(sought: Sought, X_WC: Array) -> Iterator[Array]:
     for share in _FROM_BASE:
         back = direction((1.0 - share) * to_camera + share * to_base, to_base)
         yield turned_views(p_WO + _DISTANCE * back, _aside(-back, sought.age), X_WC)
+
+
+def _views_all_round(sought: Sought, X_WC: Array) -> Iterator[Array]:
+    """The same from every side of the place."""
+    p_WO = sought.X_WO[:3, 3]
+    for back in _ALL_ROUND:
+        for distance in _DISTANCES:
+            yield turned_views(p_WO + distance * back, _aside(-back, sought.age), X_WC)
 
 
 def _aside(z: Array, age: float) -> Array:

@@ -49,6 +49,17 @@ def test_the_view_goes_round_the_place_in_circles_that_widen_to_a_limit():
     assert (directions[:-4] * directions[4:]).sum(axis=1).min() < 0.0  # to either side
 
 
+def test_a_place_that_neither_the_camera_s_side_nor_the_base_s_shows_is_seen_from_another():
+    """From here no camera at 0.38 m on either of these sides is in the arm's reach."""
+    p_W = np.array([0.566, -0.078, 0.582])
+    q = np.array([0.435, 0.591, -0.696, -0.837, -0.706, 1.853, -0.483])
+    for age in (0.3, 2.0, 5.0, 9.0):
+        found = lookout(sought(p_W, age), q, camera(q), REACH)
+        assert REACH.admissible(found[None])[0]
+        x, y, z, _ = se3.inverse(camera(found)) @ [*p_W, 1.0]
+        assert 0.25 < z < 0.5 and np.hypot(x, y) < np.tan(np.deg2rad(24.0)) * z
+
+
 def test_nothing_is_found_for_a_place_out_of_reach():
     assert lookout(sought([3.0, 0.0, 0.5]), HOME, camera(HOME), REACH) is None
 
