@@ -5,11 +5,13 @@ import pytest
 import trimesh
 
 from feasigrasp.models.clouds.fusion import FusedCloud
+from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.tracking.belief import is_found, shows_known
+from feasigrasp.models.tracking.belief import is_believed, is_found, shows_known
 from feasigrasp.models.tracking.information import jacobian, surface_deviation, without_noise
+from feasigrasp.models.tracking.keyframe import is_worth_merging, keyframe_of
 from feasigrasp.models.tracking.model import TrackedModel
 from feasigrasp.models.tracking.registration import register
 from feasigrasp.models.tracking.twist_filter import moved, pose_error
@@ -240,6 +242,24 @@ def test_a_side_of_which_hardly_anything_is_known_shows_nothing_that_is(shape):
         assert shows_known(found) == (shares[-1] >= 0.03)
         assert shows_known(found) or not is_found(found)
     assert min(shares) < 0.03 < max(shares)
+
+
+def test_a_side_of_which_hardly_anything_is_known_is_learnt():
+    """A sure view of it is merged, though next to nothing of what is known faces the camera."""
+    mesh = trimesh.creation.icosphere(4, 0.045)
+    surface, cloud = Raycaster(mesh.vertices, mesh.faces), FusedCloud.empty(0.003, smooth=True)
+    cameras = [camera_at([0.35 * np.cos(a), 0.35 * np.sin(a), 0.0]) for a in (-0.1, 0.0, 0.1)]
+    for camera in cameras:
+        cloud = cloud.merged(look(surface, np.eye(4), camera).points_W, camera[:3, 3])
+    model = TrackedModel(complete_shape(cloud, max_points=320))
+    views, learnt = ViewRecord(np.stack([X[:3, 3] for X in cameras]), np.zeros(3)), []
+    for angle in np.linspace(1.8, 3.0, 25):
+        view = look(surface, np.eye(4), camera_at([0.3 * np.cos(angle), 0.3 * np.sin(angle), 0.0]))
+        found = register(model, view, np.eye(4), 1e-12 * np.eye(6))
+        if 0.0 < found.facing < 0.03:
+            key = keyframe_of(view, np.eye(4), 1.0, 1e-3)
+            learnt.append(is_believed(found) and is_worth_merging(key, found, 0.0, views))
+    assert len(learnt) > 0 and all(learnt)
 
 
 def test_what_something_nearer_hides_is_not_in_view(shape):
