@@ -51,7 +51,7 @@ def is_found(found: Registration, *, anyhow: bool = False) -> bool:
     least_on, most_beside, least_covered = _ANYHOW_FOUND if anyhow else _FOUND
     return (
         is_believed(found)
-        and shows_known(found)
+        and found.facing >= _LEAST_FACING
         and found.in_view >= _FOUND_VIEW
         and found.on_model > least_on
         and found.beside < most_beside

@@ -68,11 +68,9 @@ def is_worth_merging(key: Keyframe, found: Registration, last: float, views: Vie
     Args:
         key: The view, as a keyframe.
         found: How it fits the model.
-        last: Time of the last keyframe [s].
+        last: Time of the last keyframe [s], at least `KEY_PERIOD` ago.
         views: From where the merged views were taken.
     """
-    if key.time < last + KEY_PERIOD:
-        return False
     new_part = found.new > _NEW_PART
     if not _good_enough(key, found, other=new_part or views.turned(key.p_OC) > _OTHER_SIDE):
         return False

@@ -22,6 +22,7 @@ from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.tracking.belief import is_believed, is_found, shows_known
 from feasigrasp.models.tracking.information import surface_deviation
 from feasigrasp.models.tracking.keyframe import (
+    KEY_PERIOD,
     Keyframe,
     cut_off,
     is_worth_merging,
@@ -142,8 +143,8 @@ def track(
     before = replace(before, estimate=expected)
     after, found = _located(before, view, gap)
     if found is not None:
-        if not held and is_believed(found):
-            assert after.estimate is not None and before.keyframe is not None
+        assert after.estimate is not None and before.keyframe is not None
+        if not held and time >= before.keyframe.time + KEY_PERIOD:
             X_WO = after.estimate.X_WO
             key = keyframe_of(view, X_WO, time, after.deviation)
             if is_worth_merging(key, found, before.keyframe.time, views):

@@ -11,7 +11,6 @@ cannot be at any of them, the camera looks from all round the place, and from ne
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,8 +68,12 @@ def lookout(sought: Sought, q: Array, X_WC: Array, reachability: Reachability) -
     Returns:
         Shape (7,) [rad]; None if there is none.
     """
-    for views in (_views(sought, X_WC), _views_all_round(sought, X_WC)):
-        found, times = configurations_at(np.concatenate(list(views)), q, X_WC, reachability)
+    p_W = sought.X_WO[:3, 3]
+    for sides, distances in ((_usual_sides(p_W, X_WC), (_DISTANCE,)), (_ALL_ROUND, _DISTANCES)):
+        z_W = _aside(-sides, sought.age)
+        p_WC = p_W + np.array(distances)[:, None, None] * sides
+        views = turned_views(p_WC, np.broadcast_to(z_W, p_WC.shape), X_WC).reshape(-1, 4, 4)
+        found, times = configurations_at(views, q, X_WC, reachability)
         best = int(np.argmin(times))
         if np.isfinite(times[best]):
             return found[best]
@@ -97,18 +100,18 @@ def configurations_at(
 
 
 def turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
-    """Poses of a camera at p (3,) that looks along unit z (3,), at any turn, shape (m, 4, 4).
+    """Poses of a camera at p (..., 3) that looks along unit z (..., 3), at any turn.
 
-    The first turn is the nearest to that of the camera at ``X_WC`` (4, 4).
+    Returns:
+        Shape (..., m, 4, 4); the first turn is the nearest to that of the camera at X_WC (4, 4).
     """
-    x = direction(X_WC[:3, 0] - (X_WC[:3, 0] @ z_W) * z_W, se3.perpendiculars(z_W)[0])
-    y = np.cross(z_W, x)
-    views = []
-    for roll in np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False):
-        turned = np.cos(roll) * x + np.sin(roll) * y
-        R_WC = np.column_stack([turned, np.cross(z_W, turned), z_W])
-        views.append(se3.make_pose(R_WC, p_WC))
-    return np.stack(views)
+    across = X_WC[:3, 0] - (z_W @ X_WC[:3, 0])[..., None] * z_W
+    x = direction(across, se3.perpendiculars(z_W)[0])
+    y, z = np.cross(z_W, x)[..., None, :], z_W[..., None, :]
+    roll = np.linspace(0.0, 2.0 * np.pi, _ROLLS, endpoint=False)[:, None]
+    turned = np.cos(roll) * x[..., None, :] + np.sin(roll) * y
+    R_WC = np.stack([turned, np.cross(z, turned), np.broadcast_to(z, turned.shape)], axis=-1)
+    return se3.make_pose(R_WC, p_WC[..., None, :])
 
 
 def lookout_velocity(q: Array, q_lookout: Array) -> Array:
@@ -118,27 +121,17 @@ def lookout_velocity(q: Array, q_lookout: Array) -> Array:
     return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
 
 
-def _views(sought: Sought, X_WC: Array) -> Iterator[Array]:
-    """Poses (m, 4, 4) of the camera in which it looks at the place, or beside it."""
-    p_WO = sought.X_WO[:3, 3]
-    to_camera = direction(X_WC[:3, 3] - p_WO, -X_WC[:3, 2])
+def _usual_sides(p_W: Array, X_WC: Array) -> Array:
+    """Directions from a place to the camera, to the robot's shoulder, and between, shape (n, 3)."""
+    to_camera = direction(X_WC[:3, 3] - p_W, -X_WC[:3, 2])
     shoulder = np.array([0.0, 0.0, IIWA_7.joint_heights[1]])
-    to_base = direction(shoulder - p_WO, to_camera)
-    for share in _FROM_BASE:
-        back = direction((1.0 - share) * to_camera + share * to_base, to_base)
-        yield turned_views(p_WO + _DISTANCE * back, _aside(-back, sought.age), X_WC)
-
-
-def _views_all_round(sought: Sought, X_WC: Array) -> Iterator[Array]:
-    """The same from every side of the place."""
-    p_WO = sought.X_WO[:3, 3]
-    for back in _ALL_ROUND:
-        for distance in _DISTANCES:
-            yield turned_views(p_WO + distance * back, _aside(-back, sought.age), X_WC)
+    to_base = direction(shoulder - p_W, to_camera)
+    share = np.array(_FROM_BASE)[:, None]
+    return direction((1.0 - share) * to_camera + share * to_base, to_base)
 
 
 def _aside(z: Array, age: float) -> Array:
-    """The direction (3,) in which is looked when the object has been out of sight so long."""
+    """Where is looked instead of along unit z (n, 3), after so long out of sight, shape (n, 3)."""
     circling = max(age - _CIRCLES_AFTER, 0.0)
     angle, phase = min(_WIDENS * circling, _WIDEST), 2.0 * np.pi * circling / _CIRCLE_PERIOD
     x, y = se3.perpendiculars(z)
@@ -146,6 +139,6 @@ def _aside(z: Array, age: float) -> Array:
 
 
 def direction(v: Array, otherwise: Array) -> Array:
-    """Unit vector along v (3,); another if v has no length."""
-    length = float(np.linalg.norm(v))
-    return v / length if length > 1e-6 else otherwise
+    """Unit vectors along v (..., 3); another where v has no length."""
+    length = np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.where(length > 1e-6, v / np.maximum(length, 1e-6), otherwise)

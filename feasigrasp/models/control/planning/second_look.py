@@ -202,7 +202,7 @@ def another_side(
     others = directions[(directions @ known.T).max(axis=1) < _SAME_SIDE]
     if len(others) == 0:
         return None, np.inf
-    views = np.stack([_views_from(each, gpdf, X_WO, X_WC) for each in others])
+    views = _views_from(others, gpdf, X_WO, X_WC)
     times = configurations_at(views.reshape(-1, 4, 4), q, X_WC, reachability)[1]
     times = times.reshape(len(others), -1).min(axis=1)
     worth = (_unseen_share(gpdf, others) + _CURIOSITY) / (times / SPEED_SHARE + _DWELL)
@@ -223,10 +223,10 @@ def view_configuration(
     return found[best] if np.isfinite(times[best]) else None
 
 
-def _views_from(side: Array, gpdf: Gpdf, X_WO: Array, X_WC: Array) -> Array:
-    """Poses (m, 4, 4) of the camera in which it looks at the object's middle from a side."""
+def _views_from(sides: Array, gpdf: Gpdf, X_WO: Array, X_WC: Array) -> Array:
+    """Poses (..., m, 4, 4) of the camera that looks at the object's middle from sides (..., 3)."""
     half = 0.5 * float(np.linalg.norm(gpdf.bounds[1] - gpdf.bounds[0]))
-    away = X_WO[:3, :3] @ side
+    away = sides @ X_WO[:3, :3].T
     middle = X_WO[:3, :3] @ gpdf.bounds.mean(axis=0) + X_WO[:3, 3]
     return turned_views(middle + (_DISTANCE + 0.5 * half) * away, -away, X_WC)
 
