@@ -11,12 +11,15 @@ from __future__ import annotations
 from numba import njit
 
 from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
+from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Time over which a velocity is taken [s]; its error is of the order of the squared angle that the
 #: object turns meanwhile.
 _INSTANT = 1e-5
+#: In so many steps the way back from a grasp is shortened until no limit is in the way.
+_BACKS = 4
 
 
 @njit(cache=True, forceinline=True)
@@ -59,6 +62,23 @@ def solve_kernel(X_WF, branch, psi, q):
     s, c = fast_sincos(psi)
     configuration_kernel(circle, s, c, branch, q)
     return True
+
+
+@njit(cache=True)
+def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q):
+    """Writes flange pose (4, 4) and configuration (7,) of a hand behind a grasp.
+
+    It stands back by the standoff [m], or by less where a joint limit does not allow more. Returns
+    how far it is back, and whether it is in reach.
+    """
+    back, reached = 0.0, False
+    for step in range(_BACKS + 1):
+        back = standoff * (1.0 - step / _BACKS)
+        flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
+        reached = solve_kernel(X_WF, branch, psi, q)
+        if reached and inside_limits_kernel(q, margin):
+            break
+    return back, reached
 
 
 @njit(cache=True)

@@ -41,6 +41,7 @@ class Prices:
         end: Of a strand that ends at once [s]; it falls to zero over `outlook`.
         outlook: A strand that lasts this long counts as lasting for ever [s].
         collision: Of every point of the straight way to a strand that collides [s].
+        no_way_in: Of a grasp behind which a joint limit leaves no place to line up [s].
         motion: Of joint motion, per second of it at the speed limits.
         waiting: Of being at a place before the grasp is, per second.
         speed_share: Share of the joints' speed limits that a plan counts on.
@@ -58,6 +59,7 @@ class Prices:
     end: float = 10.0
     outlook: float = 16.0
     collision: float = 2.0
+    no_way_in: float = 3.0
     motion: float = 0.2
     waiting: float = 0.5
     speed_share: float = 0.7

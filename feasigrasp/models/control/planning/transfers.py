@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.planning.continuation import stand_behind_kernel
 from feasigrasp.models.control.planning.strands import Strands
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
@@ -113,7 +114,8 @@ def transfer_kernel(q, k0, only, skipped, plan):
     best, prices = _NO_TRANSFER, plan.prices[0]
     strands, X_WO, times, X_OG = plan.strands, plan.X_WO, plan.times, plan.X_OG
     K, n, P = len(times) - 1, len(X_OG), strands.rate.shape[3]
-    X_WH = np.empty((4, 4))
+    X_WH, X_WF, behind = np.empty((4, 4)), np.empty((4, 4)), np.empty(IIWA_7.joints)
+    X_GF = inverse_kernel(plan.X_FG)
     pose_jacobian_kernel(q, plan.X_FG, X_WH, None)
     X_OH = inverse_kernel(X_WO[k0]) @ X_WH
     start = np.sqrt(X_OH[0, 3] ** 2 + X_OH[1, 3] ** 2 + X_OH[2, 3] ** 2)
@@ -143,6 +145,12 @@ def transfer_kernel(q, k0, only, skipped, plan):
                     cost += (rate + prices.waiting) * wait
                     if not late and cost + _CLOSEST / prices.lost * travel >= best.cost:
                         continue
+                    if standoff > 0.0:
+                        psi, margin = plan.search.psis[j], plan.search.limit_margin
+                        back, _ = stand_behind_kernel(
+                            X_OG[i], standoff, X_WO[k], X_GF, b, psi, margin, X_WF, behind
+                        )
+                        cost += prices.no_way_in * (standoff - back) / plan.funnel.max_standoff
                     cost += way_kernel(
                         *(q, node, k0, k, travel, X_WO, times, start, standoff),
                         *(plan.search, plan.X_FG, prices),

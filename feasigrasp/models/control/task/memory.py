@@ -9,11 +9,11 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice, choose_grasp
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 
-#: How long a grasp can still be followed after it has left the set [s]. It mostly leaves because
-#: it will be out of reach before long, which is no reason to drop everything at once.
+#: How long a grasp can still be followed that has left the set because it will be out of reach
+#: before long, which is no reason to drop everything at once [s].
 GRACE = 1.0
 
 
@@ -27,6 +27,7 @@ class TaskMemory(Frozen):
         choice: False if no grasp can be reached.
         last: The last mixture there was, so that grasps that come back find it again.
         seen: When the grasp followed was last among the grasps [s].
+        followed: Its id.
     """
 
     mixture: GraspMixture | None = None
@@ -34,6 +35,7 @@ class TaskMemory(Frozen):
     choice: GraspChoice = field(default_factory=GraspChoice)
     last: GraspMixture | None = None
     seen: float = -np.inf
+    followed: int = UNKNOWN
 
     def with_grasps(self, grasps: GraspSet, max_components: int, seed: int) -> TaskMemory:
         """The same with the mixture over ``grasps``, fitted anew only if they are others.
@@ -62,6 +64,8 @@ class TaskMemory(Frozen):
     ) -> TaskMemory:
         """The same with the choice confirmed or changed.
 
+        A grasp that is none any more, on what was seen by now, is not followed on.
+
         Args:
             time: Present time [s].
             q: Joint positions [rad], shape (7,).
@@ -73,12 +77,25 @@ class TaskMemory(Frozen):
         if self.mixture is not None:
             rates = options.prices.grasp_rates(self.grasps, self.mixture.mixture.log_density(X_OG))
         if self.choice:
-            if np.any(np.abs(X_OG - self.choice.X_OG).max(axis=(1, 2), initial=0.0) < 1e-9):
+            if _index(X_OG, self.choice.X_OG) >= 0:
                 seen = time
-            elif time <= seen + GRACE:
+            elif time <= seen + GRACE and self._is_still_one():
                 X_OG = np.concatenate([X_OG, self.choice.X_OG[None]])
                 rates = np.append(rates, self.choice.rate)
         choice = choose_grasp(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options)
         if choice.count != self.choice.count:
             seen = time
-        return replace(self, choice=choice, seen=seen)
+        index = _index(self.grasps.X_OG, choice.X_OG)
+        followed = int(self.grasps.id[index]) if index >= 0 else self.followed
+        return replace(self, choice=choice, seen=seen, followed=followed)
+
+    def _is_still_one(self) -> bool:
+        """Whether the grasp followed is a grasp on what was seen by now, as far as is known."""
+        known = self.grasps.on_object
+        return known is None or self.followed in known
+
+
+def _index(X_OG: Array, X_OA: Array) -> int:
+    """Which of the grasps (n, 4, 4) is exactly that one (4, 4); -1 for none."""
+    same = np.abs(X_OG - X_OA).max(axis=(1, 2), initial=0.0) < 1e-9
+    return int(np.argmax(same)) if same.any() else -1

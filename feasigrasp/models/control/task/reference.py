@@ -15,8 +15,7 @@ from numba import njit
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.planning.continuation import (
     branch_kernel,
-    flange_pose_kernel,
-    solve_kernel,
+    stand_behind_kernel,
     strand_velocity_kernel,
 )
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
@@ -35,8 +34,6 @@ _ARM_ANGLE_SPEED, _SHORTEST = 0.8, 0.6
 _TOO_FAST = 3.0
 #: If the arm angle of the plan is farther away than this, the arm goes there at once [s].
 _FAR = 0.4
-#: In so many steps the way back from a grasp is shortened until no limit is in the way.
-_BACKS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,22 +105,6 @@ def strand_reference(
 
 
 @njit(cache=True)
-def _stand_behind(X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q):
-    """Writes flange pose (4, 4) and configuration (7,) on the way into a grasp.
-
-    Returns how far it is back [m], and whether it is in reach.
-    """
-    standoff, back, reached = standoff_kernel(X_OG, X_OH, funnel), 0.0, False
-    for step in range(_BACKS + 1):
-        back = standoff * (1.0 - step / _BACKS)
-        flange_pose_kernel(X_WO, X_OG, back, X_GF, X_WF)
-        reached = solve_kernel(X_WF, branch, angle, q)
-        if reached and inside_limits_kernel(q, margin):
-            break
-    return back, reached
-
-
-@njit(cache=True)
 def _continue(
     X_OG, X_OH, X_WO, X_GF, q, branch, psi, remaining, on_strand, margin, funnel, X_WF, q_ref
 ):
@@ -131,7 +112,10 @@ def _continue(
 
     Returns how far it is back [m], whether it is in reach, that arm angle [rad] and its rate.
     """
-    back, reached = _stand_behind(X_OG, X_OH, X_WO, X_GF, branch, psi, margin, funnel, X_WF, q_ref)
+    standoff = standoff_kernel(X_OG, X_OH, funnel)
+    back, reached = stand_behind_kernel(
+        X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q_ref
+    )
     if not on_strand:
         return back, reached, psi, 0.0
     if reached and inside_limits_kernel(q_ref, margin) and travel_time_kernel(q, q_ref) > _FAR:
@@ -139,8 +123,8 @@ def _continue(
     angle = arm_angle_kernel(q)
     change = (psi - angle + np.pi) % (2.0 * np.pi) - np.pi
     rate = min(max(change / max(remaining, _SHORTEST), -_ARM_ANGLE_SPEED), _ARM_ANGLE_SPEED)
-    back, reached = _stand_behind(
-        X_OG, X_OH, X_WO, X_GF, branch, angle, margin, funnel, X_WF, q_ref
+    back, reached = stand_behind_kernel(
+        X_OG, standoff, X_WO, X_GF, branch, angle, margin, X_WF, q_ref
     )
     return back, reached, angle, rate
 
