@@ -153,7 +153,7 @@ def choose_grasp(
     poses, grasps = np.array(X_WO, dtype=float), np.array(X_OG, dtype=float)
     strands = strands_kernel(q, poses, times, grasps, grasp_rates, X_GF, search, prices)
     ways = Plan(strands, poses, times, grasps, X_FG, options.funnel.parameters, search, prices)
-    nobody, present = (-1, -1), _present(choice, grasps)
+    nobody, present = (-1, -1), present_index(choice, grasps)
     plan, margin = None, 0.0
     if present >= 0:
         plan, _ = stay_kernel(q, present, choice.branch, ways)
@@ -191,6 +191,18 @@ def choose_grasp(
     )
 
 
+def present_index(choice: GraspChoice, X_OG: Array) -> int:
+    """Index of the grasp that was chosen among grasps (n, 4, 4), or of the one in its place.
+
+    -1 if there is none any more, or nothing was chosen.
+    """
+    if not choice or len(X_OG) == 0:
+        return -1
+    errors = np.max(grasp_errors(X_OG, choice.X_OG) / SAME_GRASP, axis=1)
+    index = int(np.argmin(errors))
+    return index if errors[index] <= 1.0 else -1
+
+
 def _weighed(
     q: Array, index: int, branch: int, ways: Plan, options: ChoiceOptions
 ) -> tuple[Array, Array]:
@@ -201,15 +213,6 @@ def _weighed(
         return steps[:1], np.ones(1)
     weights = np.exp(np.minimum((cost[0] - cost) / options.temperature, _MOST))
     return steps, weights
-
-
-def _present(choice: GraspChoice, X_OG: Array) -> int:
-    """Index of the grasp that was chosen, -1 if it is not among them any more."""
-    if not choice:
-        return -1
-    errors = np.max(grasp_errors(X_OG, choice.X_OG) / SAME_GRASP, axis=1)
-    index = int(np.argmin(errors))
-    return index if errors[index] <= 1.0 else -1
 
 
 def _arm_angle(reachability: Reachability, index: int) -> float:

@@ -7,7 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice, choose_grasp
+from feasigrasp.models.control.task.choice import (
+    ChoiceOptions,
+    GraspChoice,
+    choose_grasp,
+    present_index,
+)
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
@@ -77,7 +82,7 @@ class TaskMemory(Frozen):
         if self.mixture is not None:
             rates = options.prices.grasp_rates(self.grasps, self.mixture.mixture.log_density(X_OG))
         if self.choice:
-            if _index(X_OG, self.choice.X_OG) >= 0:
+            if present_index(self.choice, X_OG) >= 0:
                 seen = time
             elif time <= seen + GRACE and self._is_still_one():
                 X_OG = np.concatenate([X_OG, self.choice.X_OG[None]])
@@ -85,7 +90,7 @@ class TaskMemory(Frozen):
         choice = choose_grasp(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options)
         if choice.count != self.choice.count:
             seen = time
-        index = _index(self.grasps.X_OG, choice.X_OG)
+        index = present_index(choice, self.grasps.X_OG)
         followed = int(self.grasps.id[index]) if index >= 0 else self.followed
         return replace(self, choice=choice, seen=seen, followed=followed)
 
@@ -93,9 +98,3 @@ class TaskMemory(Frozen):
         """Whether the grasp followed is a grasp on what was seen by now, as far as is known."""
         known = self.grasps.on_object
         return known is None or self.followed in known
-
-
-def _index(X_OG: Array, X_OA: Array) -> int:
-    """Which of the grasps (n, 4, 4) is exactly that one (4, 4); -1 for none."""
-    same = np.abs(X_OG - X_OA).max(axis=(1, 2), initial=0.0) < 1e-9
-    return int(np.argmax(same)) if same.any() else -1
