@@ -103,6 +103,35 @@ def test_the_plan_arrives_in_time_at_an_admissible_configuration():
     assert np.max(np.abs(q - START) / IIWA_7.velocity_limits) <= choice.due
 
 
+def test_a_grasp_behind_which_there_is_no_room_to_line_up_costs_more():
+    """Near the arm's base a limit is often in the way of a hand that stands back."""
+    rng, free = np.random.default_rng(3), ChoiceOptions(Prices(no_way_in=0.0))
+    room = {"free": [], "priced": []}
+    for _ in range(100):
+        p = rng.uniform([0.2, -0.4, 0.2], [0.5, 0.4, 0.8])
+        X_WO = se3.make_pose(se3.so3_exp(rng.normal(0.0, 1.0, 3)), p)
+        poses = np.repeat(X_WO[None], len(PRICES.times), axis=0)
+        for name, options in (("free", free), ("priced", OPTIONS)):
+            choice = choose_grasp(
+                *(GraspChoice(), 0.0, START, GRASPS, np.zeros(len(GRASPS)), poses),
+                *(REACHABILITY, options),
+            )
+            if choice:
+                room[name].append(room_behind(choice, X_WO))
+    least = {name: np.mean(np.array(back) < 0.06) for name, back in room.items()}
+    assert len(room["free"]) == len(room["priced"]) > 50
+    assert least["priced"] < 0.3 * least["free"]
+
+
+def room_behind(choice, X_WO):
+    """The largest distance up to 10 cm that the hand can stand back from a choice [m]."""
+    X_OG = np.repeat(choice.X_OG[None], 11, axis=0)
+    X_OG[:, :3, 3] -= np.linspace(0.0, 0.1, 11)[:, None] * choice.X_OG[:3, 2]
+    q = closed_form(X_WO @ X_OG @ np.linalg.inv(X_FG), choice.psi)[:, choice.branch]
+    inside = np.all(np.abs(q) < IIWA_7.position_limits, axis=1)  # NaN is not
+    return 0.01 * (np.argmin(inside) - 1) if not inside.all() else 0.1
+
+
 def from_the_side(yaw_deg):
     """A grasp at the object's origin with a level approach direction."""
     yaw = np.deg2rad(yaw_deg)

@@ -152,6 +152,33 @@ def test_a_grasp_that_is_gone_keeps_its_price():
     assert after.rate == first.rate > 0.0
 
 
+@pytest.mark.parametrize("on_object", [[3], [4]])
+def test_a_grasp_is_followed_on_while_it_is_one(on_object):
+    """Out of the set, it may be out of reach soon, or no grasp on what was seen by now."""
+    left, right = grasp_set(SIDE, SIDE[:0]), grasp_set(SIDE[:0], SIDE)
+    ahead = np.tile(X_WO, (len(OPTIONS.choice.prices.times), 1, 1))
+    memory = TaskMemory().with_grasps(replace(left, id=np.array([3])), 10, 0)
+    memory = memory.with_choice(0.0, HOME, ahead, REACHABILITY, OPTIONS.choice)
+    gone = replace(right, id=np.array([4]), on_object=np.array(on_object))
+    after = memory.with_grasps(gone, 10, 0).with_choice(
+        0.1, HOME, ahead, REACHABILITY, OPTIONS.choice
+    )
+    expected = left if on_object == [3] else right
+    np.testing.assert_array_equal(after.choice.X_OG, expected.X_OG[0])
+
+
+def test_what_took_the_place_of_a_grasp_is_followed():
+    memory = TaskMemory().with_grasps(grasp_set(SIDE, SIDE[:0]), 10, 0)
+    ahead = np.tile(X_WO, (len(OPTIONS.choice.prices.times), 1, 1))
+    memory = memory.with_choice(0.0, HOME, ahead, REACHABILITY, OPTIONS.choice)
+    moved = grasp_set(from_above([(0.003, 0.06)]), SIDE)
+    after = memory.with_grasps(moved, 10, 0).with_choice(
+        0.1, HOME, ahead, REACHABILITY, OPTIONS.choice
+    )
+    np.testing.assert_array_equal(after.choice.X_OG, moved.X_OG[0])
+    assert after.choice.count == memory.choice.count
+
+
 def test_the_hand_reaches_a_grasp_and_not_the_mean_of_several():
     """With a neighbour on one side only, the target is off the grasp until the hand is there."""
     X_OG = from_above([(0.0, 0.05), (0.014, 0.056), (0.020, 0.05)])
