@@ -11,7 +11,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.planning.lookout import SOUGHT_AFTER, Sought
+from feasigrasp.models.control.planning.lookout import SOUGHT_AFTER, SOUGHT_UNSURE, Sought
 from feasigrasp.models.control.planning.second_look import (
     Attempt,
     another_side,
@@ -78,8 +78,8 @@ class GripperSequencer(LeafSystem):
     the `StatusCode`. Neither are pose and twist (NaN), unless it is a view that contradicts them:
     then the hand that waits had better keep off where the object may be. Nor are the fingers
     closed on a pose that is merely extrapolated. These ports are optional. ``sought`` is a `Sought`
-    while an object that is to be approached has been out of sight for a moment, its tracker says
-    where it is expected, and the arm can look there; else None.
+    while an object that is to be approached has been out of sight for a moment, or its pose in doubt
+    for longer, its tracker says where it is expected, and the arm can look there; else None.
 
     ``arrival`` is a `GraspSet` as well: a controller that finds grasps of its own on the way tells
     them here, and they are passed on with the others.
@@ -275,7 +275,8 @@ class GripperSequencer(LeafSystem):
         if not (self._looks and approaching and self._tracking.HasValue(context)):
             return None
         tracking: Tracking = self._tracking.Eval(context)
-        if tracking.expected is None or tracking.age < SOUGHT_AFTER:
+        away = tracking.age >= SOUGHT_AFTER or tracking.unsure >= SOUGHT_UNSURE
+        if tracking.expected is None or not away:
             return None
         return Sought(tracking.expected, tracking.age)
 

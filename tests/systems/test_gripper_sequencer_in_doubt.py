@@ -1,5 +1,7 @@
 """What the sequencer does when the object is doubted, or the hand does not get on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value
@@ -75,6 +77,14 @@ def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
     mock.advance_to_phase(Phase.CLOSE)
     mock.fix(tracking=out_of_sight("lost", 7.0))
     assert mock.output("sought") is None
+
+
+def test_an_object_whose_pose_is_in_doubt_for_long_is_looked_at_from_some_way_off():
+    seen = Tracking(TrackingState.COASTING, 0.0, expected=X_WO.GetAsMatrix4(), unsure=0.8)
+    mock = Mock(tracking=Value[object](seen), looks=True)
+    assert mock.output("sought") is None
+    mock.fix(tracking=Value[object](replace(seen, unsure=1.2)))
+    assert mock.output("sought").age == 0.0
 
 
 def test_nothing_is_looked_for_without_a_place_or_a_camera_on_the_arm():
