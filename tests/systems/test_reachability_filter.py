@@ -103,6 +103,20 @@ def test_grasps_and_flips_are_either_kept_or_counted(evaluate, method):
         assert (given.width[k], given.score[k]) == (width, score)
 
 
+def test_a_grasp_that_the_hand_is_at_stays(fixed_context, filtered):
+    many = ring(60)
+    kept = filtered(many)
+    left_out = filtered(many.select(np.arange(30, 60)))
+    X_OG = next(
+        X for X in left_out.X_OG if not (np.abs(kept.X_OG - X).max(axis=(1, 2)) < 1e-9).any()
+    )
+    q, _ = REACH.nearest(NEAR.GetAsMatrix4() @ X_OG[None], np.zeros(7))
+    dut = ReachabilityFilter(REACH)
+    inputs = {"grasps": many, "object_pose": NEAR, "object_velocity": STILL, "position": q[0]}
+    with_hand = dut.GetOutputPort("grasps").Eval(fixed_context(dut, **inputs))
+    assert (np.abs(with_hand.X_OG - X_OG).max(axis=(1, 2)) < 1e-9).any()
+
+
 def test_a_flip_may_be_reachable_where_the_grasp_is_not(filtered):
     """The wrist camera and joint limits tell the two apart: with either sign given, both come."""
     given = ring()

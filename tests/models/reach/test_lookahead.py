@@ -114,6 +114,33 @@ def test_those_that_were_kept_stay_unless_others_are_clearly_better(grasps):
     np.testing.assert_array_equal(again.grasps.X_OG, plain.grasps.X_OG)
 
 
+def test_nothing_takes_the_place_of_a_grasp_that_the_hand_is_at(grasps):
+    every = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0).grasps
+    worst = every.X_OG[-1]
+    X_WH = X_WO @ worst @ se3.make_pose(se3.so3_exp([0.1, 0.0, 0.0]), [0.0, 0.0, -0.01])
+
+    def kept(**options):
+        few = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=5, score_share=0.0, **options)
+        return rows(few.grasps.X_OG)
+
+    assert not rows(worst[None]) & kept()
+    assert rows(worst[None]) <= kept(X_WH=X_WH) and len(kept(X_WH=X_WH)) == 5
+    far = X_WH.copy()
+    far[2, 3] += 0.3
+    assert kept(X_WH=far) == kept()
+
+
+def test_what_leaves_the_reach_is_told(grasps):
+    """And not what is dropped beside better ones."""
+    V_WO = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
+    judged = judge_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=3, score_share=0.0)
+    both = grasps.with_twins().X_OG
+    verdicts = np.array(judged.verdicts)
+    leaving = ~np.isin(verdicts, ["kept", "better grasps in reach"])
+    assert rows(judged.grasps.leaving) == rows(both[leaving])
+    assert 0 < leaving.sum() < len(both) - 3
+
+
 def test_grasps_far_below_the_best_are_left_out(grasps):
     every = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0).grasps
     good = judge_grasps(grasps, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.5).grasps
@@ -153,13 +180,14 @@ def test_every_grasp_and_flip_has_a_verdict(grasps):
 
 
 def test_grasps_without_a_way_in_are_left_out_where_others_have_one(grasps):
-    def judged(some, way_in):
+    def judged(some, way_in, X_WH=None):
         return judge_grasps(
             *(some, X_WO, STILL, REACHABILITY),
             horizon=0.0,
             n_best=1000,
             score_share=0.0,
             way_in=way_in,
+            X_WH=X_WH,
         )
 
     every = judged(grasps, 0.0).grasps
@@ -171,6 +199,10 @@ def test_grasps_without_a_way_in_are_left_out_where_others_have_one(grasps):
     assert rows(kept.grasps.X_OG) == rows(every.X_OG[comes])
     assert kept.grasps.rejected["no way in"] == (~comes).sum()
     assert kept.verdicts.count("no way in") == (~comes).sum()
+    # A hand that is at one of them already need not come.
+    X_OG = every.X_OG[~comes][:1]
+    there = judged(grasps, 0.1, X_WH=X_WO @ X_OG[0]).grasps
+    assert rows(X_OG) <= rows(there.X_OG) and len(there) > len(kept.grasps)
     # Better one that cannot be come by than none: the hand may find another way.
     blocked = judged(every.select(np.flatnonzero(~comes)[:1]), 0.1).grasps
     assert len(blocked) >= 1

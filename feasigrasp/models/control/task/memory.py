@@ -14,7 +14,7 @@ from feasigrasp.models.control.task.choice import (
     present_index,
 )
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
-from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
+from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 
 #: How long a grasp can still be followed that has left the set because it will be out of reach
@@ -32,7 +32,6 @@ class TaskMemory(Frozen):
         choice: False if no grasp can be reached.
         last: The last mixture there was, so that grasps that come back find it again.
         seen: When the grasp followed was last among the grasps [s].
-        followed: Its id.
     """
 
     mixture: GraspMixture | None = None
@@ -40,7 +39,6 @@ class TaskMemory(Frozen):
     choice: GraspChoice = field(default_factory=GraspChoice)
     last: GraspMixture | None = None
     seen: float = -np.inf
-    followed: int = UNKNOWN
 
     def with_grasps(self, grasps: GraspSet, max_components: int, seed: int) -> TaskMemory:
         """The same with the mixture over ``grasps``, fitted anew only if they are others.
@@ -69,7 +67,8 @@ class TaskMemory(Frozen):
     ) -> TaskMemory:
         """The same with the choice confirmed or changed.
 
-        A grasp that is none any more, on what was seen by now, is not followed on.
+        A grasp that left the set for another reason than that it will be out of reach, as that it
+        is none on what was seen by now, is not followed on.
 
         Args:
             time: Present time [s].
@@ -84,17 +83,15 @@ class TaskMemory(Frozen):
         if self.choice:
             if present_index(self.choice, X_OG) >= 0:
                 seen = time
-            elif time <= seen + GRACE and self._is_still_one():
+            elif time <= seen + GRACE and self._is_leaving():
                 X_OG = np.concatenate([X_OG, self.choice.X_OG[None]])
                 rates = np.append(rates, self.choice.rate)
         choice = choose_grasp(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options)
         if choice.count != self.choice.count:
             seen = time
-        index = present_index(choice, self.grasps.X_OG)
-        followed = int(self.grasps.id[index]) if index >= 0 else self.followed
-        return replace(self, choice=choice, seen=seen, followed=followed)
+        return replace(self, choice=choice, seen=seen)
 
-    def _is_still_one(self) -> bool:
-        """Whether the grasp followed is a grasp on what was seen by now, as far as is known."""
-        known = self.grasps.on_object
-        return known is None or self.followed in known
+    def _is_leaving(self) -> bool:
+        """Whether the grasp followed is one that will be out of reach, as far as is known."""
+        leaving = self.grasps.leaving
+        return leaving is None or present_index(self.choice, leaving) >= 0
