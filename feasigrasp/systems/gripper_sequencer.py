@@ -78,8 +78,8 @@ class GripperSequencer(LeafSystem):
     the `StatusCode`. Neither are pose and twist (NaN), unless it is a view that contradicts them:
     then the hand that waits had better keep off where the object may be. Nor are the fingers
     closed on a pose that is merely extrapolated. These ports are optional. ``sought`` is a `Sought`
-    while an object that is to be approached has been out of sight for a moment, or its pose in doubt
-    for longer, its tracker says where it is expected, and the arm can look there; else None.
+    while an object that is to be approached has been out of sight for a moment, or its pose in
+    doubt for longer, its tracker says where it is expected, and the arm can look there; else None.
 
     ``arrival`` is a `GraspSet` as well: a controller that finds grasps of its own on the way tells
     them here, and they are passed on with the others.

@@ -32,8 +32,8 @@ class JudgedGrasps(Frozen):
     """The grasps in reach, and what became of every one.
 
     Attributes:
-        grasps: Those that are kept, in the object frame, best score first; their ``leaving`` has those
-            that are dropped since they are out of reach, or will be.
+        grasps: Those that are kept, in the object frame, best score first; their ``leaving`` has
+            those that are dropped since they are out of reach, or will be.
         verdicts: A `Verdict` on every grasp given, then on the 180-degree flip of every grasp, if
             those count.
     """
