@@ -57,9 +57,9 @@ class ReachabilityFilter(LeafSystem):
     approach direction, unless that leaves none. Of more than can be planned for, those are kept
     that score best; which they are changes only for clearly better ones, since whoever follows a
     grasp has to find it again. With ``position``, V7 [rad], nothing takes the place of a grasp that
-    the hand is at. What is dropped is counted by reason in ``rejected``; ``verdicts``
-    is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in, then of
-    every flip.
+    was kept and that the hand is at. What is dropped is counted by reason in ``rejected``;
+    ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in,
+    then of every flip.
     """
 
     def __init__(

@@ -73,8 +73,8 @@ def judge_grasps(
             neither now nor within the horizon, are left out if there are others [m].
         kept_before: Ids of the grasps that were kept last; another takes the place of one of them
             only if it scores `HYSTERESIS` times as much.
-        X_WH: Pose of the hand, shape (4, 4): nothing takes the place of grasps that it is at, nor
-            need it stand back from them.
+        X_WH: Pose of the hand, shape (4, 4): of those kept last nothing takes the place of one that
+            it is at, nor need it stand back from that.
 
     Returns:
         The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
@@ -85,7 +85,7 @@ def judge_grasps(
     here = np.zeros(len(both), dtype=bool)
     if X_WH is not None:
         errors = grasp_errors(both.X_OG, se3.inverse(X_WO) @ X_WH)
-        here = np.all(errors < _AT_HAND, axis=1)
+        here = known & np.all(errors < _AT_HAND, axis=1)
     preference = both.score * np.where(known, HYSTERESIS, 1.0)
     order = np.lexsort((-preference, ~here))
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
