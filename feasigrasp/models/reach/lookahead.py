@@ -23,7 +23,6 @@ _CHUNK = 32  # hand poses judged at first, best scores first; twice as many each
 WAY_IN = 0.05
 #: A hand no farther than this from a grasp is at it [m], [rad].
 _AT_HAND = np.array([0.03, 0.4])
-_IN_REACH = [Verdict.KEPT, Verdict.BETTER, Verdict.NO_WAY_IN]
 _INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
 
 
@@ -32,8 +31,8 @@ class JudgedGrasps(Frozen):
     """The grasps in reach, and what became of every one.
 
     Attributes:
-        grasps: Those that are kept, in the object frame, best score first; their ``leaving`` has
-            those that are dropped since they are out of reach, or will be.
+        grasps: Those that are kept, in the object frame, best score first; their ``others`` has
+            the rest of them, but for those without a way in.
         verdicts: A `Verdict` on every grasp given, then on the 180-degree flip of every grasp, if
             those count.
     """
@@ -120,8 +119,8 @@ def judge_grasps(
     verdicts[kept] = Verdict.KEPT
     counts = Counter(reason for reason in verdicts if reason != Verdict.KEPT)
     chosen = both.select(np.array(kept, dtype=int)).counted(counts)
-    leaving = both.X_OG[~np.isin(verdicts, _IN_REACH)]
-    return JudgedGrasps(replace(chosen, leaving=leaving), tuple(verdicts.tolist()))
+    others = both.X_OG[~np.isin(verdicts, [Verdict.KEPT, Verdict.NO_WAY_IN])]
+    return JudgedGrasps(replace(chosen, others=others), tuple(verdicts.tolist()))
 
 
 def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge | Reachability) -> Mask:

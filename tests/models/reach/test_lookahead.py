@@ -138,15 +138,13 @@ def test_nothing_takes_the_place_of_a_grasp_that_the_hand_is_at(grasps):
     assert not rows(worst[None]) & kept(None)
 
 
-def test_what_leaves_the_reach_is_told(grasps):
-    """And not what is dropped beside better ones."""
+def test_the_grasps_that_are_not_kept_are_told(grasps):
     V_WO = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
     judged = judge_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=3, score_share=0.0)
     both = grasps.with_twins().X_OG
     verdicts = np.array(judged.verdicts)
-    leaving = ~np.isin(verdicts, ["kept", "better grasps in reach"])
-    assert rows(judged.grasps.leaving) == rows(both[leaving])
-    assert 0 < leaving.sum() < len(both) - 3
+    assert rows(judged.grasps.others) == rows(both[verdicts != "kept"])
+    assert len(judged.grasps.others) == len(both) - 3
 
 
 def test_grasps_far_below_the_best_are_left_out(grasps):

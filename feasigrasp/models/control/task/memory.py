@@ -17,8 +17,8 @@ from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 
-#: How long a grasp can still be followed that has left the set because it will be out of reach
-#: before long, which is no reason to drop everything at once [s].
+#: How long a grasp can still be followed that has left the set [s]. It mostly leaves because it
+#: will be out of reach before long, which is no reason to drop everything at once.
 GRACE = 1.0
 
 
@@ -67,8 +67,8 @@ class TaskMemory(Frozen):
     ) -> TaskMemory:
         """The same with the choice confirmed or changed.
 
-        A grasp that left the set for another reason than that it will be out of reach, as that it
-        is none on what was seen by now, is not followed on.
+        A grasp that left the set since it is none any more, on what was seen by now, is not
+        followed on.
 
         Args:
             time: Present time [s].
@@ -83,7 +83,7 @@ class TaskMemory(Frozen):
         if self.choice:
             if present_index(self.choice, X_OG) >= 0:
                 seen = time
-            elif time <= seen + GRACE and self._is_leaving():
+            elif time <= seen + GRACE and self._is_still_one():
                 X_OG = np.concatenate([X_OG, self.choice.X_OG[None]])
                 rates = np.append(rates, self.choice.rate)
         choice = choose_grasp(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options)
@@ -91,7 +91,7 @@ class TaskMemory(Frozen):
             seen = time
         return replace(self, choice=choice, seen=seen)
 
-    def _is_leaving(self) -> bool:
-        """Whether the grasp followed is one that will be out of reach, as far as is known."""
-        leaving = self.grasps.leaving
-        return leaving is None or present_index(self.choice, leaving) >= 0
+    def _is_still_one(self) -> bool:
+        """Whether the grasp followed is still one of the object, as far as is known."""
+        others = self.grasps.others
+        return others is None or present_index(self.choice, others) >= 0

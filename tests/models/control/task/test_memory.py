@@ -152,18 +152,18 @@ def test_a_grasp_that_is_gone_keeps_its_price():
     assert after.rate == first.rate > 0.0
 
 
-@pytest.mark.parametrize("leaving", [True, False])
-def test_a_grasp_that_left_the_set_is_followed_on_if_it_leaves_the_reach(leaving):
-    """And not if it is, for example, none on what was seen by now."""
+@pytest.mark.parametrize("still_one", [True, False])
+def test_a_grasp_that_left_the_set_is_followed_on_while_it_is_one(still_one):
+    """Out of the set, it may be out of reach soon, or no grasp on what was seen by now."""
     left, right = grasp_set(SIDE, SIDE[:0]), grasp_set(SIDE[:0], SIDE)
     ahead = np.tile(X_WO, (len(OPTIONS.choice.prices.times), 1, 1))
     memory = TaskMemory().with_grasps(left, 10, 0)
     memory = memory.with_choice(0.0, HOME, ahead, REACHABILITY, OPTIONS.choice)
-    gone = replace(right, leaving=left.X_OG if leaving else right.X_OG)
+    gone = replace(right, others=left.X_OG if still_one else right.X_OG)
     after = memory.with_grasps(gone, 10, 0).with_choice(
         0.1, HOME, ahead, REACHABILITY, OPTIONS.choice
     )
-    expected = left if leaving else right
+    expected = left if still_one else right
     np.testing.assert_array_equal(after.choice.X_OG, expected.X_OG[0])
 
 
