@@ -7,14 +7,11 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import WAY_IN, JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.ports import (
     PeriodicState,
@@ -35,7 +32,6 @@ class ReachabilityFilter(LeafSystem):
         - object_pose
         - object_velocity
         - object_motion
-        - position
         output_ports:
         - grasps
         - verdicts
@@ -56,10 +52,9 @@ class ReachabilityFilter(LeafSystem):
     with its velocity. Of these the hand must be able to stand back by ``way_in``, along the
     approach direction, unless that leaves none. Of more than can be planned for, those are kept
     that score best; which they are changes only for clearly better ones, since whoever follows a
-    grasp has to find it again. With ``position``, V7 [rad], nothing takes the place of a grasp that
-    was kept and that the hand is at. What is dropped is counted by reason in ``rejected``;
-    ``verdicts`` is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in,
-    then of every flip.
+    grasp has to find it again. What is dropped is counted by reason in ``rejected``; ``verdicts``
+    is a tuple of strings, see `JudgedGrasps`: what became of every grasp that came in, then of
+    every flip.
     """
 
     def __init__(
@@ -84,21 +79,18 @@ class ReachabilityFilter(LeafSystem):
         super().__init__()
         self._judge = PoseJudge(reachability, method, reachable_space)
         self._judge.verdicts(np.eye(4))  # compiles its kernels, before the first tick
-        self._X_FG = reachability.gripper.X_FG
         self._horizon, self._twins, self._way_in = horizon, twins, way_in
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
         self._motion = declare_input(self, "object_motion")
-        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._kept_before = PeriodicState(
             self,
             np.zeros(0, dtype=np.int64),
             period,
             lambda context: judged.Eval(context).grasps.id,
         )
-        ports = self._grasps, self._pose, self._velocity, self._motion, self._position
-        inputs = (*ports, self._kept_before)
+        inputs = (self._grasps, self._pose, self._velocity, self._motion, self._kept_before)
         judged = declare_cache(
             self, "judged", self._calc_judged, {source.ticket() for source in inputs}
         )
@@ -117,11 +109,4 @@ class ReachabilityFilter(LeafSystem):
             way_in=self._way_in,
             motion=self._motion.Eval(context) if self._motion.HasValue(context) else None,
             kept_before=self._kept_before.Eval(context),
-            X_WH=self._hand(context),
         )
-
-    def _hand(self, context: Context) -> Array | None:
-        """Pose of the hand; None if the arm's position is not told."""
-        if not self._position.HasValue(context):
-            return None
-        return forward_kinematics(self._position.Eval(context), self._X_FG)

@@ -1,14 +1,11 @@
 """What the filter lets through can be reached, flips included; the rest is explained."""
 
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import ReachabilityError, ScenarioError
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -104,26 +101,6 @@ def test_grasps_and_flips_are_either_kept_or_counted(evaluate, method):
     for X, width, score in zip(grasps.X_OG, grasps.width, grasps.score, strict=True):
         k = int(np.argmin(np.abs(given.X_OG - X).max(axis=(1, 2))))
         assert (given.width[k], given.score[k]) == (width, score)
-
-
-def test_a_kept_grasp_that_the_hand_is_at_stays(fixed_context):
-    many = ring(60)
-    many = replace(many, id=np.arange(60))
-    dut, q = ReachabilityFilter(REACH), np.zeros(7)
-    inputs = {"grasps": many, "object_pose": NEAR, "object_velocity": STILL, "position": q}
-    context = fixed_context(dut, **inputs)
-    Simulator(dut, context).AdvanceTo(0.15)  # it remembers which were kept
-    best = dut.GetOutputPort("grasps").Eval(context)
-    worse = replace(many, score=np.where(many.id == best.id[0], 0.65, 0.9))
-    dut.GetInputPort("grasps").FixValue(context, AbstractValue.Make(worse))
-
-    def kept(q):
-        dut.GetInputPort("position").FixValue(context, q)
-        return best.id[0] in dut.GetOutputPort("grasps").Eval(context).id
-
-    q, _ = REACH.nearest(NEAR.GetAsMatrix4() @ best.X_OG[:1], np.zeros(7))
-    assert kept(q[0])
-    assert not kept(np.zeros(7))
 
 
 def test_a_flip_may_be_reachable_where_the_grasp_is_not(filtered):

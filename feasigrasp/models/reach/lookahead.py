@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
-from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.grasps.matching import HYSTERESIS
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
@@ -21,8 +19,6 @@ from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 _CHUNK = 32  # hand poses judged at first, best scores first; twice as many each time after
 #: A hand that can stand back from a grasp so far can also come to it [m].
 WAY_IN = 0.05
-#: A hand no farther than this from a grasp is at it [m], [rad].
-_AT_HAND = np.array([0.03, 0.4])
 _INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
 
 
@@ -31,8 +27,7 @@ class JudgedGrasps(Frozen):
     """The grasps in reach, and what became of every one.
 
     Attributes:
-        grasps: Those that are kept, in the object frame, best score first; their ``others`` has
-            the rest of them, but for those without a way in.
+        grasps: Those that are kept, in the object frame, best score first; the rest are ``others``.
         verdicts: A `Verdict` on every grasp given, then on the 180-degree flip of every grasp, if
             those count.
     """
@@ -54,7 +49,6 @@ def judge_grasps(
     twins: bool = True,
     way_in: float = 0.0,
     kept_before: ArrayLike = (),
-    X_WH: Array | None = None,
 ) -> JudgedGrasps:
     """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
 
@@ -72,8 +66,6 @@ def judge_grasps(
             neither now nor within the horizon, are left out if there are others [m].
         kept_before: Ids of the grasps that were kept last; another takes the place of one of them
             only if it scores `HYSTERESIS` times as much.
-        X_WH: Pose of the hand, shape (4, 4): of those kept last nothing takes the place of one that
-            it is at, nor need it stand back from that.
 
     Returns:
         The grasps that are kept, their ``rejected`` counting the verdicts on the others, and the
@@ -81,12 +73,7 @@ def judge_grasps(
     """
     both = grasps.with_twins() if twins else grasps
     known = np.isin(both.id, kept_before) & (both.id != UNKNOWN)
-    here = np.zeros(len(both), dtype=bool)
-    if X_WH is not None:
-        errors = grasp_errors(both.X_OG, se3.inverse(X_WO) @ X_WH)
-        here = known & np.all(errors < _AT_HAND, axis=1)
-    preference = both.score * np.where(known, HYSTERESIS, 1.0)
-    order = np.lexsort((-preference, ~here))
+    order = np.argsort(-both.score * np.where(known, HYSTERESIS, 1.0), kind="stable")
     times = horizon * np.arange(1, _INSTANTS + 1) / _INSTANTS if horizon > 0.0 else np.zeros(0)
     X_later = future_poses(motion, X_WO, V_WO, times)
     verdicts = np.full(len(both), Verdict.BETTER, dtype=object)
@@ -109,7 +96,7 @@ def judge_grasps(
         back[:, :3, 3] -= way_in * back[:, :3, 2]
         X_WG = np.concatenate([X_WO[None], X_later])[:, None] @ back
         reached = judge.verdicts(X_WG.reshape(-1, 4, 4)) == REACHABLE
-        comes = reached.reshape(len(X_WG), -1).any(axis=0) | here[kept]
+        comes = reached.reshape(len(X_WG), -1).any(axis=0)
         if comes.any():
             verdicts[np.array(kept)[~comes]] = Verdict.NO_WAY_IN
             kept = [i for i, open_ in zip(kept, comes, strict=True) if open_]
@@ -119,7 +106,7 @@ def judge_grasps(
     verdicts[kept] = Verdict.KEPT
     counts = Counter(reason for reason in verdicts if reason != Verdict.KEPT)
     chosen = both.select(np.array(kept, dtype=int)).counted(counts)
-    others = both.X_OG[~np.isin(verdicts, [Verdict.KEPT, Verdict.NO_WAY_IN])]
+    others = both.X_OG[verdicts != Verdict.KEPT]
     return JudgedGrasps(replace(chosen, others=others), tuple(verdicts.tolist()))
 
 

@@ -63,8 +63,7 @@ def add_control(
     # What hits the scene either way round takes no place among those that are judged.
     grasps = _clear_of_scene(cell, "clear_grasps", grasps, either_way_round=True)
     in_reach = make_reachability_filter(scenario, reachability)
-    own = given(position=position if safe else None)
-    cell.add("reachability", in_reach, tracker, grasps=grasps, **own)
+    cell.add("reachability", in_reach, tracker, grasps=grasps)
     hand_poses = _clear_of_scene(cell, "clear_hand_poses", in_reach.GetOutputPort("grasps"))
     if looks:
         view = make_view_filter(scenario, cell.gripper)

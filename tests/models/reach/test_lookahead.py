@@ -114,30 +114,6 @@ def test_those_that_were_kept_stay_unless_others_are_clearly_better(grasps):
     np.testing.assert_array_equal(again.grasps.X_OG, plain.grasps.X_OG)
 
 
-def test_nothing_takes_the_place_of_a_grasp_that_the_hand_is_at(grasps):
-    some = replace(grasps, id=np.arange(len(grasps)))
-    every = judge_grasps(some, X_WO, STILL, REACHABILITY, n_best=1000, score_share=0.0).grasps
-    worst = every.X_OG[-1]
-    X_WH = X_WO @ worst @ se3.make_pose(se3.so3_exp([0.1, 0.0, 0.0]), [0.0, 0.0, -0.01])
-
-    def kept(X_WH, before=(every.id[-1],)):
-        few = judge_grasps(
-            *(some, X_WO, STILL, REACHABILITY),
-            n_best=5,
-            score_share=0.0,
-            kept_before=before,
-            X_WH=X_WH,
-        )
-        return rows(few.grasps.X_OG)
-
-    assert rows(worst[None]) <= kept(X_WH) and len(kept(X_WH)) == 5
-    far = X_WH.copy()
-    far[2, 3] += 0.3
-    # Unless it was kept until now, and the hand is there.
-    assert kept(far) == kept(None) == kept(X_WH, ())
-    assert not rows(worst[None]) & kept(None)
-
-
 def test_the_grasps_that_are_not_kept_are_told(grasps):
     V_WO = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
     judged = judge_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=3, score_share=0.0)
@@ -186,14 +162,13 @@ def test_every_grasp_and_flip_has_a_verdict(grasps):
 
 
 def test_grasps_without_a_way_in_are_left_out_where_others_have_one(grasps):
-    def judged(some, way_in, **options):
+    def judged(some, way_in):
         return judge_grasps(
             *(some, X_WO, STILL, REACHABILITY),
             horizon=0.0,
             n_best=1000,
             score_share=0.0,
             way_in=way_in,
-            **options,
         )
 
     every = judged(grasps, 0.0).grasps
@@ -205,11 +180,6 @@ def test_grasps_without_a_way_in_are_left_out_where_others_have_one(grasps):
     assert rows(kept.grasps.X_OG) == rows(every.X_OG[comes])
     assert kept.grasps.rejected["no way in"] == (~comes).sum()
     assert kept.verdicts.count("no way in") == (~comes).sum()
-    # A hand that is at one of them already need not come.
-    X_OG = every.X_OG[~comes][:1]
-    some = replace(grasps, id=np.arange(len(grasps)))
-    there = judged(some, 0.1, X_WH=X_WO @ X_OG[0], kept_before=some.id).grasps
-    assert rows(X_OG) <= rows(there.X_OG) and len(there) > len(kept.grasps)
     # Better one that cannot be come by than none: the hand may find another way.
     blocked = judged(every.select(np.flatnonzero(~comes)[:1]), 0.1).grasps
     assert len(blocked) >= 1
