@@ -11,7 +11,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.planning.lookout import SOUGHT_AFTER, SOUGHT_UNSURE, Sought
+from feasigrasp.models.control.planning.lookout import SOUGHT_AFTER, Sought
 from feasigrasp.models.control.planning.second_look import (
     Attempt,
     another_side,
@@ -22,7 +22,7 @@ from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
-from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.objects.tracking import COASTING_AFTER, Tracking, TrackingState
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -78,8 +78,8 @@ class GripperSequencer(LeafSystem):
     the `StatusCode`. Neither are pose and twist (NaN), unless it is a view that contradicts them:
     then the hand that waits had better keep off where the object may be. Nor are the fingers
     closed on a pose that is merely extrapolated. These ports are optional. ``sought`` is a `Sought`
-    while an object that is to be approached has been out of sight for a moment, or its pose in
-    doubt for longer, its tracker says where it is expected, and the arm can look there; else None.
+    while an object that is to be approached has been out of sight for a moment, its tracker says
+    where it is expected, and the arm can look there; else None.
 
     ``arrival`` is a `GraspSet` as well: a controller that finds grasps of its own on the way tells
     them here, and they are passed on with the others.
@@ -182,6 +182,11 @@ class GripperSequencer(LeafSystem):
         port = self._tracking
         return port.HasValue(context) and port.Eval(context).state is not tracked
 
+    def _out_of_sight(self, context: Context) -> bool:
+        """Whether the object is not seen at present."""
+        port = self._tracking
+        return port.HasValue(context) and port.Eval(context).age > COASTING_AFTER
+
     def _advance(self, context: Context) -> GraspState:
         state = self.state(context)
         X_WO = self._pose.Eval(context).GetAsMatrix4()
@@ -204,7 +209,8 @@ class GripperSequencer(LeafSystem):
         reachability, gpdf = self._reachability, self._calc_gpdf(context)
         now = context.get_time()
         X_WO = self._pose.Eval(context).GetAsMatrix4()
-        doubted = self._doubt(context) is not None or self._coasting(context)
+        # A pose that is measured, though not well, is no reason to stand still.
+        doubted = self._doubt(context) is not None or self._out_of_sight(context)
         attempt: Attempt = self._approach.Eval(context).attempt
         if not self._config.close or reachability is None:
             return _Approach()
@@ -275,8 +281,7 @@ class GripperSequencer(LeafSystem):
         if not (self._looks and approaching and self._tracking.HasValue(context)):
             return None
         tracking: Tracking = self._tracking.Eval(context)
-        away = tracking.age >= SOUGHT_AFTER or tracking.unsure >= SOUGHT_UNSURE
-        if tracking.expected is None or not away:
+        if tracking.expected is None or tracking.age < SOUGHT_AFTER:
             return None
         return Sought(tracking.expected, tracking.age)
 

@@ -1,7 +1,5 @@
 """What the sequencer does when the object is doubted, or the hand does not get on."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pydrake.common.value import Value
@@ -79,14 +77,6 @@ def test_an_object_out_of_sight_is_looked_for_until_the_hand_has_committed():
     assert mock.output("sought") is None
 
 
-def test_an_object_whose_pose_is_in_doubt_for_long_is_looked_at_from_some_way_off():
-    seen = Tracking(TrackingState.COASTING, 0.0, expected=X_WO.GetAsMatrix4(), unsure=0.8)
-    mock = Mock(tracking=Value[object](seen), looks=True)
-    assert mock.output("sought") is None
-    mock.fix(tracking=Value[object](replace(seen, unsure=1.2)))
-    assert mock.output("sought").age == 0.0
-
-
 def test_nothing_is_looked_for_without_a_place_or_a_camera_on_the_arm():
     assert Mock(tracking=tracked("lost", 7.0), looks=True).output("sought") is None
     assert Mock(tracking=out_of_sight("lost", 7.0)).output("sought") is None
@@ -110,6 +100,13 @@ def test_without_a_grasp_in_reach_the_arm_looks_from_another_side():
     mock.advance(1.3)
     assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
     assert len(mock.output("grasps")) == 1
+
+
+@pytest.mark.parametrize(("age", "looks"), [(0.0, True), (0.2, False)])
+def test_an_object_that_is_seen_but_not_well_is_looked_at_from_another_side(age, looks):
+    mock = second_look(grasps=GraspSet.empty(), tracking=tracked("coasting", age))
+    mock.advance(1.2)
+    assert (mock.dut.GetOutputPort("look_from").Eval(mock.context) is not None) == looks
 
 
 def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():

@@ -135,9 +135,6 @@ def _pose(now: Situation) -> tuple[StatusCode, str] | None:
     if now.tracking is not None and now.tracking.jumping:
         return StatusCode.POSE_JUMPED, "measurements say that the object is somewhere else"
     if now.tracking is not None and now.sought:
-        if now.tracking.unsure > now.tracking.age:
-            unsure = f"pose not known well for {now.tracking.unsure:.1f} s"
-            return StatusCode.LOOKING_FOR_OBJECT, unsure
         return StatusCode.LOOKING_FOR_OBJECT, f"not seen for {now.tracking.age:.1f} s"
     if now.tracking is not None and now.tracking.lost:
         since = "ever" if now.tracking.age == float("inf") else f"for {now.tracking.age:.1f} s"

@@ -31,8 +31,6 @@ class Tracking(Frozen):
     Attributes:
         state: See above.
         age: How much older than usual the last measurement is [s]; infinite before the first.
-        unsure: How long the pose has not been known well, whatever was measured [s]; no less than
-            ``age`` for a tracker that tells.
         jumping: Whether measurements say that the object is somewhere else altogether, which is
             not believed yet.
         in_view: Share of the known surface facing the camera that the last image showed; 1 for a
@@ -52,7 +50,6 @@ class Tracking(Frozen):
     deviation: float = 0.0
     covariance: Array | None = None
     expected: Array | None = None
-    unsure: float = 0.0
 
     @classmethod
     def of_age(cls, age: float, silence: float, jumping: bool = False) -> Tracking:

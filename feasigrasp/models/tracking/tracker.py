@@ -61,7 +61,6 @@ class FieldTrack(Frozen):
         image_time: Time of the last image [s]; -inf before the first.
         X_WC: Pose of the camera at that time, shape (4, 4); None before.
         measured: Pose and twist at the last image that a pose was got from; None before.
-        known_at: Time of the last image after which the pose was known well [s]; NaN before.
         estimate: Pose and twist at that time, or where they are expected to be at that of the last
             image; None before the first view.
         model: The shape; None until there is one.
@@ -77,7 +76,6 @@ class FieldTrack(Frozen):
     image_time: float = -np.inf
     X_WC: Array | None = None
     measured: TwistFilter | None = None
-    known_at: float = np.nan
     estimate: TwistFilter | None = None
     model: TrackedModel | None = None
     in_view: float = 0.0
@@ -214,7 +212,6 @@ def _located(
     after = replace(
         before,
         measured=estimate,
-        known_at=time if deviation < _MOST_DEVIATION else before.known_at,
         estimate=estimate,
         in_view=found.in_view,
         deviation=deviation,
@@ -235,7 +232,6 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
             image_time=time,
             X_WC=view.X_WC,
             measured=estimate,
-            known_at=time,
             estimate=estimate,
             in_view=1.0,
             deviation=0.0,

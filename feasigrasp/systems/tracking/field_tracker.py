@@ -122,7 +122,6 @@ class FieldTracker(LeafSystem):
             deviation=found.deviation,
             covariance=found.estimate.pose_covariance,
             expected=self._expected(found, state, context.get_time()),
-            unsure=max(0.0, context.get_time() - found.known_at - self._config.image_period),
         )
 
     def _known(self, context: Context) -> FieldTrack:

@@ -287,20 +287,6 @@ def test_a_surface_that_is_hardly_known_is_not_tracked(followed):
     assert unsure.state(t, 0.5) is TrackingState.COASTING
 
 
-def test_it_knows_since_when_its_pose_is_in_doubt(followed, monkeypatch):
-    for t, tracker, _, _ in followed:
-        if 0.3 < t < GAP[0]:
-            assert tracker.track.known_at == t
-        if GAP[0] < t < GAP[1]:
-            assert GAP[0] - PERIOD < tracker.track.known_at <= GAP[0]
-    t, tracker, _, _ = followed[-1]
-    monkeypatch.setattr("feasigrasp.models.tracking.tracker._MOST_DEVIATION", 1e-6)
-    X_WB = se3.extrapolate(X0, TWIST, t + PERIOD)
-    later = tracker.looked(look(SURFACE, X_WB, CAMERA, np.random.default_rng(2)), t + PERIOD).track
-    assert later.measured_at == t + PERIOD
-    assert later.known_at == t
-
-
 def test_what_one_camera_does_not_show_another_one_tracks():
     rng, tracker, asked = np.random.default_rng(1), SequenceTracker(), []
     other = camera_at([-0.3, -0.35, 0.1])  # sees some of what the first one sees

@@ -22,9 +22,8 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 
-#: An object that was not seen for so long is looked for [s]; so is one that is seen, but whose pose
-#: has not been known well for so long [s]: from some way off it shows more.
-SOUGHT_AFTER, SOUGHT_UNSURE = 0.25, 1.0
+#: An object that was not seen for so long is looked for [s].
+SOUGHT_AFTER = 0.25
 #: Distance of the camera from what it looks for [m].
 _DISTANCE = 0.38
 #: The camera looks from where it is, from the base, or from between: shares of the latter.
