@@ -22,7 +22,7 @@ from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
-from feasigrasp.models.objects.tracking import COASTING_AFTER, Tracking, TrackingState
+from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -182,11 +182,6 @@ class GripperSequencer(LeafSystem):
         port = self._tracking
         return port.HasValue(context) and port.Eval(context).state is not tracked
 
-    def _out_of_sight(self, context: Context) -> bool:
-        """Whether the object is not seen at present."""
-        port = self._tracking
-        return port.HasValue(context) and port.Eval(context).age > COASTING_AFTER
-
     def _advance(self, context: Context) -> GraspState:
         state = self.state(context)
         X_WO = self._pose.Eval(context).GetAsMatrix4()
@@ -209,8 +204,7 @@ class GripperSequencer(LeafSystem):
         reachability, gpdf = self._reachability, self._calc_gpdf(context)
         now = context.get_time()
         X_WO = self._pose.Eval(context).GetAsMatrix4()
-        # A pose that is measured, though not well, is no reason to stand still.
-        doubted = self._doubt(context) is not None or self._out_of_sight(context)
+        doubted = self._doubt(context) is not None or self._coasting(context)
         attempt: Attempt = self._approach.Eval(context).attempt
         if not self._config.close or reachability is None:
             return _Approach()

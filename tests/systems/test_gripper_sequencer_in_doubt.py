@@ -102,13 +102,6 @@ def test_without_a_grasp_in_reach_the_arm_looks_from_another_side():
     assert len(mock.output("grasps")) == 1
 
 
-@pytest.mark.parametrize(("age", "looks"), [(0.0, True), (0.2, False)])
-def test_an_object_that_is_seen_but_not_well_is_looked_at_from_another_side(age, looks):
-    mock = second_look(grasps=GraspSet.empty(), tracking=tracked("coasting", age))
-    mock.advance(1.2)
-    assert (mock.dut.GetOutputPort("look_from").Eval(mock.context) is not None) == looks
-
-
 def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
     mock = second_look(grasps=grasps_at(0.05, 0.2))
     mock.advance(2.9)

@@ -64,8 +64,8 @@ class GraspSet(Frozen):
             nobody has told.
         carries: How sure they are to bear it as the object is turned now, 1 and more for sure
             (see `feasigrasp.models.grasps.carry`), shape (n,); None if nobody has told.
-        others: Poses of grasps of the object that are not in the set since they are out of reach,
-            or will be, or since there are better ones, shape (m, 4, 4); None if nobody has told.
+        on_object: The ids of all grasps of the object, in reach at present or not, shape (m,); None
+            if nobody has told, as before it is asked what is in reach.
     """
 
     X_OG: Array
@@ -75,7 +75,7 @@ class GraspSet(Frozen):
     id: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     load: Load | None = None
     carries: Array | None = None
-    others: Array | None = None
+    on_object: Indices | None = None
 
     def __post_init__(self) -> None:
         """Freezes the arrays and checks that they agree."""
@@ -101,8 +101,8 @@ class GraspSet(Frozen):
         self._freeze(X_OG=X_OG, width=width, score=score, id=id_)
         if self.carries is not None:
             self._freeze(carries=np.array(self.carries, dtype=float).reshape(-1))
-        if self.others is not None:
-            self._freeze(others=np.array(self.others, dtype=float).reshape(-1, 4, 4))
+        if self.on_object is not None:
+            self._freeze(on_object=np.array(self.on_object, dtype=np.int64).reshape(-1))
         words = {str(reason): count for reason, count in self.rejected.items()}
         object.__setattr__(self, "rejected", MappingProxyType(words))
 
@@ -145,7 +145,7 @@ class GraspSet(Frozen):
         carries = None
         if self.carries is not None and other.carries is not None:
             carries = np.concatenate([self.carries, other.carries])
-        return GraspSet(X_OG, width, score, self.rejected, id_, load, carries, self.others)
+        return GraspSet(X_OG, width, score, self.rejected, id_, load, carries, self.on_object)
 
 
 def grasp_frames(middle: Array, b: Array, z: Array) -> Array:

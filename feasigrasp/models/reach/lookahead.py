@@ -27,7 +27,8 @@ class JudgedGrasps(Frozen):
     """The grasps in reach, and what became of every one.
 
     Attributes:
-        grasps: Those that are kept, in the object frame, best score first; the rest are ``others``.
+        grasps: Those that are kept, in the object frame, best score first; their ``on_object`` has
+            the ids of all that were given.
         verdicts: A `Verdict` on every grasp given, then on the 180-degree flip of every grasp, if
             those count.
     """
@@ -106,8 +107,7 @@ def judge_grasps(
     verdicts[kept] = Verdict.KEPT
     counts = Counter(reason for reason in verdicts if reason != Verdict.KEPT)
     chosen = both.select(np.array(kept, dtype=int)).counted(counts)
-    others = both.X_OG[verdicts != Verdict.KEPT]
-    return JudgedGrasps(replace(chosen, others=others), tuple(verdicts.tolist()))
+    return JudgedGrasps(replace(chosen, on_object=grasps.id), tuple(verdicts.tolist()))
 
 
 def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge | Reachability) -> Mask:

@@ -114,13 +114,11 @@ def test_those_that_were_kept_stay_unless_others_are_clearly_better(grasps):
     np.testing.assert_array_equal(again.grasps.X_OG, plain.grasps.X_OG)
 
 
-def test_the_grasps_that_are_not_kept_are_told(grasps):
-    V_WO = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
-    judged = judge_grasps(grasps, X_WO, V_WO, REACHABILITY, n_best=3, score_share=0.0)
-    both = grasps.with_twins().X_OG
-    verdicts = np.array(judged.verdicts)
-    assert rows(judged.grasps.others) == rows(both[verdicts != "kept"])
-    assert len(judged.grasps.others) == len(both) - 3
+def test_it_is_told_which_grasps_there_are_in_reach_or_not(grasps):
+    some = replace(grasps, id=10 + np.arange(len(grasps)))
+    judged = judge_grasps(some, X_WO, STILL, REACHABILITY, n_best=3).grasps
+    np.testing.assert_array_equal(judged.on_object, some.id)
+    assert set(judged.id) < set(some.id)
 
 
 def test_grasps_far_below_the_best_are_left_out(grasps):

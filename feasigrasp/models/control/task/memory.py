@@ -14,11 +14,11 @@ from feasigrasp.models.control.task.choice import (
     present_index,
 )
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 
-#: How long a grasp can still be followed that has left the set [s]. It mostly leaves because it
-#: will be out of reach before long, which is no reason to drop everything at once.
+#: How long a grasp can still be followed that has left the set because it will be out of reach
+#: before long, which is no reason to drop everything at once [s].
 GRACE = 1.0
 
 
@@ -32,6 +32,7 @@ class TaskMemory(Frozen):
         choice: False if no grasp can be reached.
         last: The last mixture there was, so that grasps that come back find it again.
         seen: When the grasp followed was last among the grasps [s].
+        followed: Its id.
     """
 
     mixture: GraspMixture | None = None
@@ -39,6 +40,7 @@ class TaskMemory(Frozen):
     choice: GraspChoice = field(default_factory=GraspChoice)
     last: GraspMixture | None = None
     seen: float = -np.inf
+    followed: int = UNKNOWN
 
     def with_grasps(self, grasps: GraspSet, max_components: int, seed: int) -> TaskMemory:
         """The same with the mixture over ``grasps``, fitted anew only if they are others.
@@ -67,8 +69,7 @@ class TaskMemory(Frozen):
     ) -> TaskMemory:
         """The same with the choice confirmed or changed.
 
-        A grasp that left the set since it is none any more, on what was seen by now, is not
-        followed on.
+        A grasp that is none any more, on what was seen by now, is not followed on.
 
         Args:
             time: Present time [s].
@@ -89,9 +90,11 @@ class TaskMemory(Frozen):
         choice = choose_grasp(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options)
         if choice.count != self.choice.count:
             seen = time
-        return replace(self, choice=choice, seen=seen)
+        index = present_index(choice, self.grasps.X_OG)
+        followed = int(self.grasps.id[index]) if index >= 0 else self.followed
+        return replace(self, choice=choice, seen=seen, followed=followed)
 
     def _is_still_one(self) -> bool:
-        """Whether the grasp followed is still one of the object, as far as is known."""
-        others = self.grasps.others
-        return others is None or present_index(self.choice, others) >= 0
+        """Whether the grasp followed is a grasp on what was seen by now, as far as is known."""
+        known = self.grasps.on_object
+        return known is None or self.followed in known

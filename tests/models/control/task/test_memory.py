@@ -157,9 +157,9 @@ def test_a_grasp_that_left_the_set_is_followed_on_while_it_is_one(still_one):
     """Out of the set, it may be out of reach soon, or no grasp on what was seen by now."""
     left, right = grasp_set(SIDE, SIDE[:0]), grasp_set(SIDE[:0], SIDE)
     ahead = np.tile(X_WO, (len(OPTIONS.choice.prices.times), 1, 1))
-    memory = TaskMemory().with_grasps(left, 10, 0)
+    memory = TaskMemory().with_grasps(replace(left, id=np.array([3])), 10, 0)
     memory = memory.with_choice(0.0, HOME, ahead, REACHABILITY, OPTIONS.choice)
-    gone = replace(right, others=left.X_OG if still_one else right.X_OG)
+    gone = replace(right, id=np.array([4]), on_object=np.array([3, 4] if still_one else [4]))
     after = memory.with_grasps(gone, 10, 0).with_choice(
         0.1, HOME, ahead, REACHABILITY, OPTIONS.choice
     )
