@@ -17,8 +17,8 @@ from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 
-#: How long a grasp can still be followed that has left the set because it will be out of reach
-#: before long, which is no reason to drop everything at once [s].
+#: How long a grasp of the object can still be followed after it has left the set [s]. It mostly
+#: leaves because it will be out of reach before long: no reason to drop everything at once.
 GRACE = 1.0
 
 
