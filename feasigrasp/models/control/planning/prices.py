@@ -59,7 +59,7 @@ class Prices:
     end: float = 10.0
     outlook: float = 16.0
     collision: float = 2.0
-    no_way_in: float = 3.0
+    no_way_in: float = 0.0
     motion: float = 0.2
     waiting: float = 0.5
     speed_share: float = 0.7
@@ -70,10 +70,11 @@ class Prices:
         """For a hand that closes as soon as it is there.
 
         Then it does not matter where a strand ends later on, only that it lasts until the object is
-        held; and to wait for a better one is worth less.
+        held; to wait for a better one is worth less; and it matters that the hand can line up. One
+        that follows for ever would leave a grasp early for where there is more room.
         """
         times = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
-        return cls(times=times, outlook=3.0, waiting=3.0)
+        return cls(times=times, outlook=3.0, waiting=3.0, no_way_in=3.0)
 
     @classmethod
     def of_a_field(cls, horizon: float = 1.5) -> Prices:

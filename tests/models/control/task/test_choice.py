@@ -1,5 +1,7 @@
 """The choice of a grasp: admissible, unaffected by order, committed, and in time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -105,13 +107,14 @@ def test_the_plan_arrives_in_time_at_an_admissible_configuration():
 
 def test_a_grasp_behind_which_there_is_no_room_to_line_up_costs_more():
     """Near the arm's base a limit is often in the way of a hand that stands back."""
-    rng, free = np.random.default_rng(3), ChoiceOptions(Prices(no_way_in=0.0))
+    rng, priced = np.random.default_rng(3), ChoiceOptions(Prices.to_grasp_soon())
+    free = ChoiceOptions(replace(priced.prices, no_way_in=0.0))
     room = {"free": [], "priced": []}
     for _ in range(100):
         p = rng.uniform([0.2, -0.4, 0.2], [0.5, 0.4, 0.8])
         X_WO = se3.make_pose(se3.so3_exp(rng.normal(0.0, 1.0, 3)), p)
         poses = np.repeat(X_WO[None], len(PRICES.times), axis=0)
-        for name, options in (("free", free), ("priced", OPTIONS)):
+        for name, options in (("free", free), ("priced", priced)):
             choice = choose_grasp(
                 *(GraspChoice(), 0.0, START, GRASPS, np.zeros(len(GRASPS)), poses),
                 *(REACHABILITY, options),
