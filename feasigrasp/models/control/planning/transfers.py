@@ -145,7 +145,7 @@ def transfer_kernel(q, k0, only, skipped, plan):
                     cost += (rate + prices.waiting) * wait
                     if not late and cost + _CLOSEST / prices.lost * travel >= best.cost:
                         continue
-                    if standoff > 0.0:
+                    if standoff > 0.0 and prices.no_way_in > 0.0:
                         psi, margin = plan.search.psis[j], plan.search.limit_margin
                         back, _ = stand_behind_kernel(
                             X_OG[i], standoff, X_WO[k], X_GF, b, psi, margin, X_WF, behind
