@@ -51,7 +51,15 @@ def test_the_commands_are_those_that_users_rely_on():
     found = {group: list(cli.commands(group)) for group in cli.GROUPS}
     assert found == {
         "evaluate": [
-            *("capability", "dynamic", "faults", "gallery", "grasp-labels", "grasp-targets"),
+            *(
+                "capability",
+                "dynamic",
+                "faults",
+                "followable",
+                "gallery",
+                "grasp-labels",
+                "grasp-targets",
+            ),
             *(
                 "hardware-loop",
                 "joint-field-figures",

@@ -10,7 +10,7 @@ import pytest
 from feasigrasp import cli
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.evaluation.peers.reachability import FlatMixture, VoxelMap, flatten
-from feasigrasp.evaluation.studies import reachability
+from feasigrasp.evaluation.studies.arm import reachability
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper

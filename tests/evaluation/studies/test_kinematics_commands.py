@@ -9,7 +9,7 @@ import pytest
 from feasigrasp.evaluation.bench import kinematics as bench
 from feasigrasp.evaluation.measures import timing
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
-from feasigrasp.evaluation.studies import kinematics as evaluate
+from feasigrasp.evaluation.studies.arm import kinematics as evaluate
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.rows import Row
 

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from feasigrasp.evaluation.pictures.capability import Slice, plot_slices
 from feasigrasp.evaluation.pictures.capability_scene import write_scene
-from feasigrasp.evaluation.studies.reachability import exact
+from feasigrasp.evaluation.studies.arm.reachability import exact
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.results.arguments import add_common_arguments, positive

@@ -1,0 +1,75 @@
+"""``feasigrasp evaluate followable``: which hand poses at a quick object an arm can keep up with.
+
+A ceiling for the curve of success over speed: whoever grasps an object while it moves has a hand
+that keeps up with it while the fingers close. Objects move as in ``evaluate dynamic --study
+speed``; hands are at the object's middle in random orientations, fixed to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+import numpy as np
+from tqdm import tqdm
+
+from feasigrasp.evaluation.measures.followable import followable
+from feasigrasp.evaluation.protocols.speed import AT_SPEEDS, MOTIONS, curve_point
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.resources import diagram_path
+from feasigrasp.results.arguments import add_common_arguments, positive
+from feasigrasp.results.rows import Row, report_rows
+from feasigrasp.results.statistics import mean
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import make_motion
+from feasigrasp.scenario.schema import Scenario
+
+#: Instants in the time for which a hand keeps up.
+_INSTANTS = 13
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_common_arguments(parser, out="out/followable", objects="builtin")
+    parser.add_argument("--hands", type=positive, default=100, help="orientations of the hand")
+    parser.add_argument("--moments", type=positive, default=100, help="of a run, to begin at")
+    help_ = "for which they keep up [s]; 0.1 for settling, the rest for the fingers"
+    parser.add_argument("--time", type=float, default=0.6, help=help_)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    if args.quick:
+        args.hands, args.moments = min(args.hands, 30), min(args.moments, 20)
+    R_OG = se3.random_pose(np.random.default_rng(args.seed), args.hands)[:, :3, :3]
+    X_OF = se3.make_pose(R_OG, np.zeros(3)) @ np.linalg.inv(ParallelGripper().X_FG)
+    dt, rows = args.time / (_INSTANTS - 1), list[Row]()
+    for preset, scenario in tqdm(list(_points()), desc="speeds"):
+        X_WO = _windows(scenario, dt, args.moments)
+        found = followable(X_WO[:, None] @ X_OF[:, None], dt)  # moments x hands
+        share = mean(found.mean(axis=0), 0.0, 1.0)  # with an interval over hands
+        rows.append(Row.of("followable.percent", preset, share, "%", 100.0))
+    report_rows(args, "evaluate followable", rows, time=args.time)
+    return 0
+
+
+def _points() -> Iterator[tuple[str, Scenario]]:
+    """The points of the curves, and the scenario of each."""
+    for name in MOTIONS.values():
+        for suffix, change in AT_SPEEDS.items():
+            scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), name)
+            change(scenario)
+            yield str(curve_point(f"{name}{suffix}")), scenario
+
+
+def _windows(scenario: Scenario, dt: float, moments: int) -> Array:
+    """Poses of the object from moments of the run on, shape (moments, instants + 2, 4, 4).
+
+    One instant more at either end is for differences.
+    """
+    motion = make_motion(scenario)
+    starts = np.linspace(0.0, scenario.simulation_duration, moments, endpoint=False) + dt
+    steps = dt * np.arange(-1, _INSTANTS + 1)
+    return np.array([[motion.pose(start + step) for step in steps] for start in starts])
