@@ -28,6 +28,8 @@ def turned(q1):
 def test_a_joint_at_its_limits(share, kept):
     assert followable(turned(share * SPEED * T), DT) == kept
     assert followable(turned(0.5 * share * ACCELERATION * T**2), DT) == kept
+    assert followable(turned(0.5 * share * SPEED * T), DT, (0.5, 1.0)) == kept
+    assert followable(turned(0.1 * share * ACCELERATION * T**2), DT, (1.0, 0.2)) == kept
 
 
 def test_a_hand_at_rest_needs_a_configuration_inside_the_limits():

@@ -10,7 +10,9 @@ def test_quicker_objects_leave_fewer_hand_poses(tmp_path):
     assert main(["evaluate", "followable", *few, "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
     share = {row["preset"]: row["value"] for row in rows}
-    assert len(share) == 15
+    assert len(share) == 30
+    assert all(share[f"{point}/safe"] <= share[point] for point in list(share)[::2])
+    assert share["circle/0.45/safe"] < share["circle/0.45"]
     assert 0.0 <= share["circle/0.6"] < share["circle/0.3"] <= share["circle/0.05"] < 100.0
 
 

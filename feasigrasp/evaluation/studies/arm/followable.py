@@ -16,6 +16,7 @@ from tqdm import tqdm
 from feasigrasp.evaluation.measures.followable import followable
 from feasigrasp.evaluation.protocols.speed import AT_SPEEDS, MOTIONS, curve_point
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import diagram_path
@@ -26,6 +27,12 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 
+#: Shares of the velocity and of the acceleration limits, by the end of a row's preset: those of the
+#: arm, and what our safety problem uses of them.
+_SHARES = {
+    "": (1.0, 1.0),
+    "/safe": (SafetyOptions.velocity_scale, SafetyOptions.acceleration_scale),
+}
 #: Instants in the time for which a hand keeps up.
 _INSTANTS = 13
 
@@ -48,9 +55,11 @@ def main(args: argparse.Namespace) -> int:
     dt, rows = args.time / (_INSTANTS - 1), list[Row]()
     for preset, scenario in tqdm(list(_points()), desc="speeds"):
         X_WO = _windows(scenario, dt, args.moments)
-        found = followable(X_WO[:, None] @ X_OF[:, None], dt)  # moments x hands
-        share = mean(found.mean(axis=0), 0.0, 1.0)  # with an interval over hands
-        rows.append(Row.of("followable.percent", preset, share, "%", 100.0))
+        X_WF = X_WO[:, None] @ X_OF[:, None]  # moments x hands x instants
+        for end, shares in _SHARES.items():
+            found = followable(X_WF, dt, shares)
+            share = mean(found.mean(axis=0), 0.0, 1.0)  # with an interval over hands
+            rows.append(Row.of("followable.percent", f"{preset}{end}", share, "%", 100.0))
     report_rows(args, "evaluate followable", rows, time=args.time)
     return 0
 
