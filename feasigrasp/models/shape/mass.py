@@ -1,9 +1,8 @@
 """What a completed shape weighs, and where its weight attacks: an estimate with its uncertainty.
 
 Nobody sees what is inside an object. Small household objects are solid, large ones hollow: their
-mass grows about as their surface does, with the volume to the power of two thirds. Compact ones are
-balls, fruit and toys, slender and flat ones tools and dishes, which are of denser stuff. By that the
-mass is known to a factor of about two. The centre of mass is taken for that of the volume.
+mass grows about as their surface does, with the volume to the power of two thirds, and is known by
+that to a factor of about two. The centre of mass is taken for that of the volume.
 """
 
 from __future__ import annotations
@@ -15,11 +14,9 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.shape.gpdf import Gpdf
 
-#: Median mass of household objects of half a litre, as a field sees them, filled, that are half as
-#: thick as long [kg]; the standard deviation of its logarithm.
+#: Median mass of household objects of half a litre, as a field sees them, filled [kg]; the standard
+#: deviation of its logarithm.
 TYPICAL_VOLUME, TYPICAL_MASS, MASS_SPREAD = 5e-4, 0.35, 0.6
-#: Thickness over length of these, as radii of gyration; the mass falls with its square root.
-TYPICAL_THICKNESS = 0.5
 #: The same of a mass that somebody has weighed.
 WEIGHED_SPREAD = 0.05
 #: Standard deviation of the centre of mass along each axis, per radius of gyration of the volume.
@@ -69,9 +66,6 @@ def estimate_mass(gpdf: Gpdf, mass: float | None = None) -> MassEstimate:
     gyration = float(np.sqrt(((filled - centre) ** 2).sum(axis=1).mean()))
     volume = max(1, int(np.count_nonzero(inside))) * float(np.prod(step))
     typical = TYPICAL_MASS * (volume / TYPICAL_VOLUME) ** (2.0 / 3.0)
-    # Every point stands for a cell, which has a size of its own.
-    squares = np.linalg.eigvalsh(np.cov(filled.T, bias=True) + np.diag(step**2 / 12.0))
-    typical *= np.sqrt(TYPICAL_THICKNESS / np.sqrt(squares[0] / squares[-1]))
     return MassEstimate(
         mass=typical if mass is None else mass,
         spread=MASS_SPREAD if mass is None else WEIGHED_SPREAD,

@@ -9,7 +9,6 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.mass import (
     MASS_SPREAD,
     TYPICAL_MASS,
-    TYPICAL_THICKNESS,
     TYPICAL_VOLUME,
     estimate_mass,
 )
@@ -21,20 +20,18 @@ def field_of(mesh):
 
 
 @pytest.mark.parametrize(
-    ("mesh", "thickness"),
+    "mesh",
     [
-        (trimesh.creation.box((0.05, 0.08, 0.12)), 5 / 12),
-        # Radii of gyration along the axis and across it.
-        (trimesh.creation.cylinder(0.03, 0.12), 0.03 / 2 / (0.12 / np.sqrt(12))),
-        (trimesh.creation.cone(0.04, 0.10), (0.10 * np.sqrt(3 / 80)) / (0.04 * np.sqrt(3 / 20))),
+        trimesh.creation.box((0.05, 0.08, 0.12)),
+        trimesh.creation.cylinder(0.03, 0.12),
+        trimesh.creation.cone(0.04, 0.10),
     ],
     ids=["box", "cylinder", "cone"],
 )
-def test_volume_thickness_and_centre_are_those_of_the_mesh(mesh, thickness):
+def test_volume_and_centre_are_those_of_the_mesh(mesh):
     shift = np.array([0.3, -0.2, 0.5])
     estimate = estimate_mass(field_of(mesh.copy().apply_translation(shift)))
     typical = TYPICAL_MASS * (mesh.volume / TYPICAL_VOLUME) ** (2 / 3)
-    typical *= (TYPICAL_THICKNESS / min(thickness, 1 / thickness)) ** 0.5
     assert estimate.mass == pytest.approx(typical, rel=0.1)
     np.testing.assert_allclose(estimate.p_OC, mesh.center_mass + shift, atol=0.003)
 
@@ -47,10 +44,10 @@ def test_a_weighed_object_has_its_mass():
 
 
 def test_most_objects_weigh_what_is_expected():
-    """Of the built-in ones three of four within a standard deviation, nearly all within two."""
+    """Of the built-in ones two thirds within a standard deviation, nearly all within two."""
     off = []
     for obj in load_objects(model_path("objects")):
         guessed = estimate_mass(field_of(obj.mesh)).mass
         off.append(abs(np.log(obj.mass / guessed)) / MASS_SPREAD)
-    assert np.mean(np.array(off) < 1.0) > 0.75
-    assert np.mean(np.array(off) < 2.0) > 0.9
+    assert np.mean(np.array(off) < 1.0) > 0.6
+    assert np.mean(np.array(off) < 2.0) > 0.85
