@@ -1,4 +1,4 @@
-"""Hand poses that an arm can keep up with for a while, whatever drives it."""
+"""Moving hand poses that the arm can keep up with."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """``feasigrasp evaluate followable``: which hand poses at a quick object an arm can keep up with.
 
-A ceiling for the curve of success over speed: whoever grasps an object while it moves has a hand
-that keeps up with it while the fingers close. Objects move as in ``evaluate dynamic --study
-speed``; hands are at the object's middle in random orientations, fixed to it.
+What of the curve of success over speed is the arm: whoever grasps an object while it moves has a
+hand that keeps up with it while the fingers close. Objects move as in ``evaluate dynamic --study
+speed``; hands are at the object's middle in random orientations, fixed to it, and the arm keeps its
+branch and its arm angle.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import add_common_arguments, positive
+from feasigrasp.results.arguments import add_common_arguments, factor, positive
 from feasigrasp.results.rows import Row, report_rows
 from feasigrasp.results.statistics import mean
 from feasigrasp.scenario.files import load_scenario
@@ -43,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hands", type=positive, default=100, help="orientations of the hand")
     parser.add_argument("--moments", type=positive, default=100, help="of a run, to begin at")
     help_ = "for which they keep up [s]; 0.1 for settling, the rest for the fingers"
-    parser.add_argument("--time", type=float, default=0.6, help=help_)
+    parser.add_argument("--time", type=factor, default=0.6, help=help_)
 
 
 def main(args: argparse.Namespace) -> int:
