@@ -19,8 +19,9 @@ from feasigrasp.models.shape.mass import estimate_mass
 #: are trusted with. It is a choice: but for boxes, patches are smaller than they look on a
 #: completed surface, not quite opposite each other, and what they press beside takes friction.
 FRICTION, MOMENT_SHARE = 0.6, 0.35
-#: A grasp is sure to carry if it is so likely, or nearly as likely as the best one.
-SURE, NEARLY_BEST = 0.7, 0.92
+#: A grasp is sure to carry if it is so likely. Objects are there to be carried: one that seems too
+#: heavy for all grasps is taken to be so light that the best one carries it with ``BEST``.
+SURE, BEST = 0.7, 0.76
 #: One that is by this factor less likely than what is asked of it does not carry.
 _HOPELESS = 0.2
 
@@ -70,15 +71,14 @@ def rated(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
             and none is dropped: it may yet be lifted another way.
 
     Returns:
-        Best first, their scores multiplied by the probability that the pads bear the load. Over
-        what is asked, `SURE` or `NEARLY_BEST` of the best, it is `GraspSet.carries`. What hardly
-        carries counts as "too heavy there" and is dropped.
+        Best first, their scores multiplied by the probability that the pads bear the load, of an
+        object that one of them carries (`BEST`). Over what is asked, `SURE`, it is
+        `GraspSet.carries`. What hardly carries counts as "too heavy there" and is dropped.
     """
     if grasps.load is None or len(grasps) == 0:
         return grasps
-    likely = grasps.load.probability(down)
-    asked = max(min(SURE, NEARLY_BEST * likely.max()), 1e-9)
-    ranked = replace(grasps, score=grasps.score * likely, carries=likely / asked)
+    likely = grasps.load.carried_by_one(BEST, down).probability(down)
+    ranked = replace(grasps, score=grasps.score * likely, carries=likely / SURE)
     ranked = ranked.select(np.argsort(-ranked.score, kind="stable"))
     return ranked if down is None else surer(ranked, _HOPELESS)
 

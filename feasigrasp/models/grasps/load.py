@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Frozen
@@ -100,5 +100,22 @@ class Load(Frozen):
             down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
         """
         share = self.body.mass * self.per_kilogram(down)
-        spread = np.hypot(self.body.spread, GRIP_SPREAD)
-        return np.asarray(ndtr(-np.log(share) / spread))
+        return np.asarray(ndtr(-np.log(share) / self._spread))
+
+    def carried_by_one(self, probability: float, down: ArrayLike | None = None) -> Load:
+        """The loads of an object that is no heavier than the best grasp carries so likely.
+
+        Args:
+            probability: That one of the grasps has at least, above 0 and below 1.
+            down: As for `probability`.
+        """
+        share = float(self.per_kilogram(down).min())
+        if not np.isfinite(share):  # none bears anything
+            return self
+        most = float(np.exp(-self._spread * ndtri(probability))) / share
+        return replace(self, body=replace(self.body, mass=min(self.body.mass, most)))
+
+    @property
+    def _spread(self) -> float:
+        """Standard deviation of the logarithm of the share that is taken."""
+        return float(np.hypot(self.body.spread, GRIP_SPREAD))

@@ -8,7 +8,7 @@ import trimesh
 
 from feasigrasp.errors import GraspError
 from feasigrasp.evaluation.runs.floating_gripper import FloatingGripper
-from feasigrasp.models.grasps.carry import MOMENT_SHARE, Carrier, carried
+from feasigrasp.models.grasps.carry import BEST, MOMENT_SHARE, SURE, Carrier, carried, rated
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -46,6 +46,16 @@ def test_where_nothing_carries_what_is_nearly_the_best_is_offered_still(bar):
     left = carried(Carrier(GRIPPER, 2.0).loaded(bar, grasps), DOWN)
     assert len(left) == 2 and left.rejected == {"too heavy there": 1}
     np.testing.assert_array_equal(left.X_OG[0], grasps.X_OG[1])
+
+
+def test_how_much_too_heavy_an_object_is_changes_nothing(bar):
+    """The best of bad grasps are as sure and score as much: guesses of masses are often wrong."""
+    grasps = from_above(0.09, 0.05, 0.07)
+    ratings = [rated(Carrier(GRIPPER, m).loaded(bar, grasps), DOWN) for m in (2.0, 20.0)]
+    for rating in ratings:
+        np.testing.assert_array_equal(rating.X_OG[0], grasps.X_OG[1])
+        assert rating.carries[0] == pytest.approx(BEST / SURE)
+    np.testing.assert_allclose(ratings[0].score, ratings[1].score)
 
 
 def test_an_unknown_mass_is_a_guess_from_the_volume(bar):

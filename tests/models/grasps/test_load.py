@@ -114,3 +114,20 @@ def test_selecting_and_joining():
 def test_no_direction_of_gravity_is_refused():
     with pytest.raises(GraspError, match="direction of gravity"):
         load_of([0.0, 0.0, 0.1]).probability([0.0, 0.0, 0.0])
+
+
+def test_an_object_that_none_carries_is_taken_to_be_lighter():
+    """What the best grasp is more likely to carry stays as heavy as it is believed to be."""
+    down, lever = [0.0, 0.0, -1.0], [[0.0, 0.02, 0.0], [0.0, 0.09, 0.0]]
+    heavy = load_of(lever, mass=20.0)
+    lighter = heavy.carried_by_one(0.6, down)
+    assert heavy.probability(down).max() < 0.01
+    assert lighter.probability(down).max() == pytest.approx(0.6)
+    assert lighter.probability(down).argmax() == heavy.probability(down).argmax()
+    light = load_of(lever, mass=0.05)
+    assert light.carried_by_one(0.6, down).body.mass == light.body.mass
+
+
+def test_where_no_grasp_bears_anything_no_object_is_light_enough():
+    nothing = load_of([0.0, 0.02, 0.0], moment=(0.0, np.inf, np.inf))
+    assert nothing.carried_by_one(0.6, [0.0, 0.0, -1.0]).probability() == 0.0
