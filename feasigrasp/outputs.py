@@ -12,16 +12,20 @@ from typing import Any, BinaryIO
 from feasigrasp.errors import OutputError
 
 
-def check_outputs(options: Mapping[str, Path | None]) -> None:
-    """Makes sure, before anything is computed, that files can be written.
+def check_outputs(
+    options: Mapping[str, Path | None], read: Mapping[str, Path | str | None] | None = None
+) -> None:
+    """Makes sure, before anything is computed, that files can be written, and no input is lost.
 
     Args:
         options: By the option that names it, a file; None if the option is not given.
+        read: The same of files that are read.
 
     Raises:
-        OutputError: A file is a folder, its folder cannot be made or not be written to, or two
-            options name the same file.
+        OutputError: A file is a folder, its folder cannot be made or not be written to, two
+            options name the same file, or one names a file that is read.
     """
+    inputs = {Path(file).resolve(): option for option, file in (read or {}).items() if file}
     seen: dict[Path, str] = {}
     for option, filename in options.items():
         if filename is None:
@@ -29,6 +33,9 @@ def check_outputs(options: Mapping[str, Path | None]) -> None:
         if filename.is_dir():
             raise OutputError(f"{option} {filename} is a folder; give a file in it")
         check_folder(option, filename.parent)
+        if filename.exists() and filename.resolve() in inputs:
+            source = inputs[filename.resolve()]
+            raise OutputError(f"{option} would overwrite {filename}, which {source} reads")
         other = seen.setdefault(filename.resolve(), option)
         if other != option:
             raise OutputError(f"{other} and {option} are both {filename}; give two files")

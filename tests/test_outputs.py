@@ -56,6 +56,14 @@ def test_outputs_are_tried_before_the_work(tmp_path):
             outputs.check_outputs(options)
 
 
+def test_what_is_read_is_not_written_over(tmp_path):
+    mesh = tmp_path / "rod.stl"
+    mesh.write_text("solid")
+    with pytest.raises(OutputError, match=r"--results would overwrite .*rod\.stl, which --object"):
+        outputs.check_outputs({"--results": mesh}, {"--object": str(mesh), "--scenario_file": None})
+    outputs.check_outputs({"--results": tmp_path / "new.json"}, {"--object": "new.json"})
+
+
 @pytest.mark.parametrize("option", ["--results", "--replay", "--graphviz"])
 def test_the_diagram_refuses_an_output_before_it_runs(
     option, tmp_path, repository, monkeypatch, capsys

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feasigrasp.errors import PointCloudError
+from feasigrasp.errors import FeasigraspError, PointCloudError
 from feasigrasp.evaluation.pictures.perception import draw_perception
 from feasigrasp.evaluation.pictures.perception_html import write_perception_html
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
@@ -132,7 +132,9 @@ def main(args: argparse.Namespace) -> int:
     viewpoint = None if args.merged else args.viewpoint
     picture = args.picture or Path("out/perceive") / f"{args.cloud.stem}.png"
     html = args.html or picture.with_suffix(".html")
-    check_outputs({"--picture": picture, "--html": html})
+    if args.seed < 0:
+        raise FeasigraspError(f"--seed {args.seed}: give a number from 0 on")
+    check_outputs({"--picture": picture, "--html": html}, {"--cloud": args.cloud})
     points = prepare_cloud(
         read_cloud(args.cloud), scale=args.scale, crop=args.crop, viewpoint=viewpoint
     )

@@ -107,7 +107,8 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     outputs = {name: getattr(args, name) for name in ("replay", "results", "graphviz")}
-    check_outputs({f"--{name}": filename for name, filename in outputs.items()})
+    inputs = {"--scenario_file": args.scenario_file, "--object": args.object}
+    check_outputs({f"--{name}": filename for name, filename in outputs.items()}, inputs)
     name, scenario = load(args)
     print_notes(load_scenario_object(scenario))
     if args.graphviz is not None:
@@ -154,7 +155,9 @@ def load(args: argparse.Namespace) -> tuple[str, Scenario]:
         "object": _given(model=args.object),
         **_given(random_seed=args.seed, simulation_duration=args.duration),
     }
-    return name, load_scenario(filename, name, args.scenario_text, yaml.safe_dump(chosen))
+    changes = {key: value for key, value in chosen.items() if value != {}}
+    options = yaml.safe_dump(changes, default_flow_style=True) if changes else None
+    return name, load_scenario(filename, name, args.scenario_text, options)
 
 
 def _given(**options: object) -> dict[str, object]:

@@ -41,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    check_outputs({"--results": args.results})
+    inputs = {"--scenario_file": args.scenario_file, "--object": args.object}
+    check_outputs({"--results": args.results}, inputs)
     name, scenario = load(args)
     print_notes(load_scenario_object(scenario))
     line = StatusLine()

@@ -83,7 +83,7 @@ def _check_steps(scenario: Scenario) -> None:
     if abs(steps * step - period) > 1e-6 * period:
         raise ScenarioError(
             f"plant_config.time_step: {step:g} s does not divide control.period, {period:g} s; "
-            f"give {period / steps:g}"
+            f"give {period / steps:.9g}"
         )
 
 

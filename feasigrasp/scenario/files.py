@@ -69,17 +69,21 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
             f"no scenario {name!r} in {filename}; it has {', '.join(names)}{nearest(name, names)}"
         )
     what = f"scenario {name!r} in {filename}"
+    stages: list[tuple[str, Scenario]] = []
     try:
         check_keys(nodes[name], Scenario)
-        scenario = _load(Scenario(), filename=str(filename), child_name=name)
+        stages.append((what, _load(Scenario(), filename=str(filename), child_name=name)))
         for text in filter(None, overrides):
             what = f"scenario {name!r} as changed by {_shortened(text)}"
-            scenario = _parse(text, scenario)
-        scenario = resolve(scenario)
-        check_scenario(scenario)
+            stages.append((what, _parse(text, stages[-1][1])))
     except ScenarioError as error:
         raise ScenarioError(f"{what}: {error}") from error
-    return scenario
+    wrong = _wrong_with(stages[-1][1])
+    if wrong is not None:
+        # The first to say so is named: what came after may have nothing to do with it.
+        what = next(stage for stage, scenario in stages if _wrong_with(scenario) == wrong)
+        raise ScenarioError(f"{what}: {wrong}")
+    return resolve(stages[-1][1])
 
 
 def dump_scenario(scenario: Scenario) -> str:
@@ -103,6 +107,15 @@ def parse_scenario(text: str) -> Scenario:
     except ScenarioError as error:
         raise ScenarioError(f"not a scenario: {error}") from error
     return scenario
+
+
+def _wrong_with(scenario: Scenario) -> str | None:
+    """What is wrong with the values of a scenario."""
+    try:
+        check_scenario(resolve(scenario))
+    except ScenarioError as error:
+        return str(error)
+    return None
 
 
 def _names(nodes: Iterable[str]) -> list[str]:

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import make_hand_error
@@ -156,6 +157,7 @@ def make_dynamic_grasp(
             sampler or make_part(Part.SAMPLER, scenario, reachability),
         )
     made = controller or make_part(Part.CONTROLLER, scenario, reachability)
+    _check_controller(made)
     elsewhere = cell.remote and not controller and isinstance(made, GraspController)
     add_control(cell, reachability, made, gpdf, remote_planner(cell) if elsewhere else None)
     add_status(cell)
@@ -175,6 +177,26 @@ def make_dynamic_grasp(
     builder.BuildInto(diagram)
     diagram.set_name("dynamic_grasp")
     return diagram
+
+
+def _check_controller(controller: LeafSystem) -> None:
+    """Makes sure that a controller has what every one is given, and what the drive obeys."""
+    name, output = type(controller).__name__, "commanded_velocity"
+    if not (
+        isinstance(controller, System)
+        and controller.HasInputPort("position")
+        and controller.HasOutputPort(output)
+    ):
+        raise ScenarioError(
+            f"the controller, a {name}, has no input port position or no output port {output}; see "
+            "docs/own_parts.md"
+        )
+    size = controller.GetOutputPort(output).size()
+    joints = len(IIWA_7.velocity_limits)
+    if size != joints:
+        raise ScenarioError(
+            f"{name}.{output} has {size} numbers; give the velocities of {joints} joints [rad/s]"
+        )
 
 
 def _add_tracker(cell: Cell, tracker: LeafSystem) -> None:

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.grasps.carry import Carrier
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
@@ -67,8 +68,16 @@ class GraspSampler(LeafSystem):
             mass: Mass of the object, if it is known [kg].
             period: Time between updates of the history [s].
             rest: After grasps were sampled, no other field is looked at for so long [s].
+
+        Raises:
+            GraspError: The sampler cannot be called; later, that it returned no grasp set.
         """
         super().__init__()
+        if not callable(sampler):
+            raise GraspError(
+                f"the sampler is a {type(sampler).__name__}; give a callable from a Gpdf to a "
+                "GraspSet"
+            )
         self._sampler = sampler
         self._recheck = None if gripper is None else partial(recheck_grasps, gripper=gripper)
         self._carrier = None if gripper is None else Carrier(gripper, mass)
@@ -99,7 +108,13 @@ class GraspSampler(LeafSystem):
     def _followed(self, before: GraspHistory, gpdf: Gpdf | None) -> GraspHistory:
         if gpdf is None or gpdf is before.gpdf:
             return before
-        history = before.followed_by(gpdf, self._sampler(gpdf), self._recheck)
+        found = self._sampler(gpdf)
+        if not isinstance(found, GraspSet):
+            raise GraspError(
+                f"the sampler {self._sampler!r} returned {type(found).__name__}; have it return a "
+                "GraspSet, an empty one if there is no grasp"
+            )
+        history = before.followed_by(gpdf, found, self._recheck)
         if self._carrier is None:
             return history
         return replace(history, grasps=self._carrier.loaded(gpdf, history.grasps))

@@ -138,7 +138,7 @@ def test_bad_values_are_refused_by_name_when_they_are_read(small_file, key, valu
         ("{}: 3", "a key in line 1 is no word"),
         (
             "{plant_config: {time_step: 0.002}}",
-            r"time_step: 0.002 s does not divide control.period, 0.005 s; give 0.00166667",
+            r"time_step: 0.002 s does not divide control.period, 0.005 s; give 0.00166666667",
         ),
         ("{carrier: {kind: hnd}}", "carrier.kind is 'hnd'; choose one of none, hand, belt.*hand"),
         ("{carrier: {kind: hand, hue: 315}}", "carrier.hue is 315.*segmentation: depth"),

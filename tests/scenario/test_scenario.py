@@ -232,6 +232,24 @@ def test_later_overrides_win():
 # ------------------------------------------------------------------------------------ bad input
 
 
+def test_a_wrong_value_is_blamed_on_what_gave_it(tmp_path):
+    """Not on what was applied after it, nor on a text for what the file says."""
+    wrong, harmless = "{object: {friction: -1.0}}", "{random_seed: 3}"
+    with pytest.raises(ScenarioError, match=r"as changed by \{object: .*friction is -1"):
+        load_scenario(FILE, "ReachLinear", harmless, wrong, harmless)
+    own = tmp_path / "own.yaml"
+    own.write_text("Own:\n  object: {friction: -1.0}\n")
+    with pytest.raises(ScenarioError, match=r"'Own' in .*own\.yaml: object\.friction is -1"):
+        load_scenario(own, "Own", harmless)
+
+
+def test_the_step_that_is_proposed_is_accepted():
+    with pytest.raises(ScenarioError, match="does not divide") as refused:
+        load_scenario(FILE, "ReachLinear", "{plant_config: {time_step: 0.002}}")
+    step = str(refused.value).rpartition("give ")[2]
+    load_scenario(FILE, "ReachLinear", f"{{plant_config: {{time_step: {step}}}}}")
+
+
 def test_unknown_scenario_names_the_known_ones():
     with pytest.raises(ScenarioError, match="'ReachSquare'.*ReachCircularMocap, ReachLinearMocap"):
         load_scenario(FILE, "ReachSquare")

@@ -8,6 +8,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -159,3 +160,15 @@ def test_the_output_is_a_function_of_field_and_state():
     unwatched = dut.get_output_port().Eval(context)
     np.testing.assert_array_equal(unwatched.X_OG, watched.X_OG)
     np.testing.assert_array_equal(unwatched.id, watched.id)
+
+
+def test_a_sampler_that_finds_no_grasp_set_is_told_what_to_return(fixed_context):
+    dut = GraspSampler(lambda gpdf: None)
+    context = fixed_context(dut, gpdf=AbstractValue.Make(fit_gpdf(sphere())))
+    with pytest.raises(GraspError, match="returned NoneType; have it return a GraspSet"):
+        dut.get_output_port().Eval(context)
+
+
+def test_what_cannot_be_called_is_no_sampler():
+    with pytest.raises(GraspError, match="the sampler is a LeafSystem; give a callable"):
+        GraspSampler(LeafSystem())

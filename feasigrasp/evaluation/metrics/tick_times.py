@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.systems.grasp_controller import GraspController
 
@@ -14,11 +15,13 @@ from feasigrasp.systems.grasp_controller import GraspController
 class TickTimes:
     """Stops the time of every command and every plan of a controller, the first ones included.
 
+    Systems that are no `GraspController` have neither method; no times are stopped of them.
+
     Compilation and garbage collection count. Wall time is what an arm waits for; what else runs on
     the machine counts. The thread's processor time is what the tick itself takes.
     """
 
-    def __init__(self, controller: GraspController) -> None:
+    def __init__(self, controller: LeafSystem) -> None:
         """Starts to stop the times of ``controller``."""
         self._control, self._control_cpu = _both(controller, "velocity")
         self._planning, self._planning_cpu = _both(controller, "update")
@@ -62,8 +65,10 @@ def times_of(controller: GraspController, name: str, clock: Callable[[], float])
     return times
 
 
-def _both(controller: GraspController, name: str) -> tuple[list[float], list[float]]:
+def _both(controller: LeafSystem, name: str) -> tuple[list[float], list[float]]:
     """Wall times and processor times of every call of a method from now on."""
+    if not isinstance(controller, GraspController):
+        return [], []
     cpu = times_of(controller, name, time.thread_time)
     return times_of(controller, name, time.perf_counter), cpu
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 import time
+import traceback
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 from threadpoolctl import threadpool_limits
 
+from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.metrics.cause import Cause
 from feasigrasp.evaluation.metrics.handling import ObjectTruth
 from feasigrasp.evaluation.metrics.motion_limits import JointTicks
@@ -81,8 +83,8 @@ def run(
 ) -> RunResult:
     """Simulates a scenario until its grasp is over or its duration has passed.
 
-    A solver failure of the simulation ends the run, and so does Ctrl-C; it is reported in ``error``
-    of the record, and the grasp counts as not held.
+    A solver failure of the simulation ends the run, and so do Ctrl-C and whatever a part of one's
+    own raises; it is reported in ``error`` of the record, and the grasp counts as not held.
 
     Args:
         scenario: What to run.
@@ -127,8 +129,10 @@ def run(
                         simulator, load_gripper(scenario.gripper), scenario.simulation_duration
                     )
                 simulator.AdvanceTo(scenario.simulation_duration)
-            except RuntimeError as failure:
-                error = str(failure)
+            except Exception as failure:
+                if isinstance(failure, FeasigraspError) and not isinstance(failure, RuntimeError):
+                    raise  # nothing that another run would not meet as well
+                error = _what_failed(failure)
         if error is None and interrupted.is_set():
             error = INTERRUPTED
         ended = time.perf_counter()
@@ -152,6 +156,17 @@ def run(
         camera = diagram.GetSubsystemByName("camera_pictures")
         write_replay(meshcat, replay, history, camera.pictures, ghost or "")
     return RunResult(record, times, samples)
+
+
+def _what_failed(failure: Exception) -> str:
+    """Drake's words, or ours; of what other code raised also what and where, and all on stderr."""
+    where = traceback.extract_tb(failure.__traceback__)[-1]
+    by_drake = type(failure) is RuntimeError and Path(where.filename) == Path(__file__)
+    if by_drake or isinstance(failure, FeasigraspError):
+        return str(failure)
+    traceback.print_exception(failure)
+    what = f"{type(failure).__name__}: {failure}".removesuffix(": ")
+    return f"{what} ({where.filename}:{where.lineno}, in {where.name})"
 
 
 def timings_of(built: float, started: float, ended: float, simulated: float) -> dict[str, float]:

@@ -86,9 +86,15 @@ class ParallelGripper(Frozen):
                 f"ParallelGripper.heel = {self.heel}: it lies behind the pad centre; give a "
                 "negative z in metres"
             )
-        if len(self.camera_center) != 3 or not np.isfinite(self.camera_center).all():
+        if len(self.camera_center) != 3 or not (np.abs(self.camera_center) < 1.0).all():
             raise GraspError(
-                f"ParallelGripper.camera_center = {self.camera_center}: give x, y, z in metres"
+                f"ParallelGripper.camera_center = {self.camera_center}: give x, y, z in metres, "
+                "each within 1 m of the pad centre"
+            )
+        if not abs(self.camera_tilt) < np.pi / 2:
+            raise GraspError(
+                f"ParallelGripper.camera_tilt = {self.camera_tilt}: give an angle in radians, "
+                "below a quarter of a turn"
             )
         if self.tool_offset < self.palm_size[2] - self.heel - 1e-9:
             raise GraspError(

@@ -34,8 +34,9 @@ def load_gripper(name: str) -> ParallelGripper:
             f"gripper is {name!r}, which is no file; give one, or one of {', '.join(GRIPPERS)}"
             f"{nearest(name, GRIPPERS)}"
         )
+    content = _content(name)
     try:
-        return ParallelGripper(**_content(name))
+        return ParallelGripper(**content)
     except (TypeError, ValueError) as error:
         raise GraspError(f"{name}: {error}") from error
 
@@ -53,5 +54,10 @@ def _content(name: str) -> dict[str, Any]:
             raise GraspError(
                 f"{name} has {key}; it may have {', '.join(_KEYS)}{nearest(key, _KEYS)}"
             )
-        given[key] = tuple(map(float, value)) if isinstance(value, list) else float(value)
+        several = isinstance(getattr(GRIPPERS[PACKAGED], key), tuple)
+        try:
+            given[key] = tuple(map(float, value)) if several else float(value)
+        except (TypeError, ValueError) as error:
+            what = "three numbers" if several else "a number"
+            raise GraspError(f"{name}: {key} is {value!r}; give {what}, in SI units") from error
     return given

@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot import urdf as xml
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -106,7 +107,15 @@ def gripper_urdf(gripper: ParallelGripper, mesh: Mesh | None = None) -> str:
         mesh: Where the files of the meshes are, by name: ``pad``, whose faces touch, and what is
             seen of ``gripper_body``, ``left_finger`` and ``right_finger``; those of the packaged
             cell unless given.
+
+    Raises:
+        GraspError: The fingers are no thicker than the pads on them.
     """
+    if not gripper.finger_thickness > PAD_THICKNESS:
+        raise GraspError(
+            f"ParallelGripper.finger_thickness = {gripper.finger_thickness}: in simulation it has "
+            f"to be more than that of the pad on it, {PAD_THICKNESS} m"
+        )
     mesh = mesh or _packaged
     robot = ET.Element("robot", name="gripper")
     body = ET.SubElement(robot, "link", name="gripper_body")

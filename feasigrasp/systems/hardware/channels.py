@@ -5,6 +5,9 @@ drake-schunk-driver's, ``DRAKE_RGBD_CAMERA_IMAGES_*`` what Drake's own camera pu
 time stamps are microseconds of one clock, that of the computer that the drivers run on.
 """
 
+from ipaddress import ip_address
+from urllib.parse import urlsplit
+
 from drake import (
     lcmt_iiwa_status,
     lcmt_image_array,
@@ -56,10 +59,28 @@ def open_lcm(url: str) -> DrakeLcm:
     Raises:
         HardwareError: There is none; the message says what to try.
     """
+    works = f"on one computer {LCM_URL} works where multicast on the loopback is on"
+    if not _is_bus(url):
+        raise HardwareError(
+            f"--lcm-url {url} is no message bus: give udpm://ADDRESS:PORT?ttl=N with a multicast "
+            f"address, 224.0.0.0 to 239.255.255.255; {works}, see 'feasigrasp doctor'"
+        )
     try:
         return DrakeLcm(url)
     except RuntimeError as error:
         raise HardwareError(
-            f"--lcm-url {url}: no message bus can be opened there ({error}); on one computer "
-            f"{LCM_URL} works where multicast on the loopback is on, see 'feasigrasp doctor'"
+            f"--lcm-url {url}: no message bus can be opened there ({error}); {works}, see "
+            "'feasigrasp doctor'"
         ) from error
+
+
+def _is_bus(url: str) -> bool:
+    """Whether LCM knows such a URL; one that it does not know, it takes, and says nothing there."""
+    parts = urlsplit(url)
+    if parts.scheme in ("memq", "file"):
+        return True
+    try:
+        there = ip_address(parts.hostname or "").is_multicast and parts.port != 0
+    except ValueError:  # no address, or a port that is none
+        return False
+    return parts.scheme == "udpm" and there

@@ -2,6 +2,7 @@
 
 import gc
 import json
+import re
 import weakref
 from dataclasses import replace
 from importlib import resources
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from feasigrasp.errors import ScenarioError
 from feasigrasp.evaluation.metrics.cause import Cause
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, summarize
 from feasigrasp.evaluation.runs.run import crash_record, run
@@ -160,6 +162,68 @@ def test_a_failing_simulation_is_reported(monkeypatch, validator):
     assert record["metrics"]["grasp_held"] is False
     assert record["metrics"]["cause"] == "broke_off"
     assert 0.0 < record["timings"]["simulated_s"] < 0.5
+
+
+def test_what_an_own_part_raises_is_told_with_its_place(monkeypatch, validator, capsys):
+    def reach(self, context):
+        raise ZeroDivisionError("too near")
+
+    monkeypatch.setattr(GripperSequencer, "_advance", reach)
+    record = run(short("ReachLinear"), "ReachLinear").record
+    validator.validate(record)
+    assert re.fullmatch(
+        r"ZeroDivisionError: too near \(.*test_run\.py:\d+, in reach\)", record["error"]
+    )
+    assert "Traceback" in capsys.readouterr().err
+
+
+STILL = """
+from pydrake.systems.framework import LeafSystem
+
+class Still(LeafSystem):
+    def __init__(self, reachability, joints=7):
+        super().__init__()
+        self.DeclareVectorInputPort("position", 7)
+        zeros = [0.0] * joints
+        self.DeclareVectorOutputPort(
+            "commanded_velocity", joints, lambda context, v: v.SetFromVector(zeros)
+        )
+
+class Mute(LeafSystem):
+    def __init__(self, reachability):
+        super().__init__()
+"""
+
+
+def own_controller(name, tmp_path, monkeypatch, options=""):
+    (tmp_path / "still.py").write_text(STILL)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    part = f"{{parts: {{controller: {{name: 'still:{name}', options: {{{options}}}}}}}}}"
+    filename = diagram_path("dynamic.scenarios.yaml")
+    return load_scenario(filename, "ReachLinearMocap", "{simulation_duration: 0.12}", part)
+
+
+def test_a_controller_of_ones_own_needs_no_more_than_its_output(tmp_path, monkeypatch, validator):
+    """It has neither plans nor commands whose times could be stopped."""
+    record = run(own_controller("Still", tmp_path, monkeypatch), "ReachLinearMocap").record
+    validator.validate(record)
+    assert record["error"] is None
+    assert record["metrics"]["control_ms_worst"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("Mute", "", "the controller, a Mute, has no input port position or no output"),
+        ("Still", "joints: 6", r"Still\.commanded_velocity has 6 numbers; give .* 7 joints"),
+    ],
+)
+def test_a_controller_that_the_arm_cannot_obey_is_refused(
+    name, options, message, tmp_path, monkeypatch
+):
+    with pytest.raises(ScenarioError, match=message):
+        run(own_controller(name, tmp_path, monkeypatch, options), "ReachLinearMocap")
 
 
 def test_a_run_is_over_when_its_object_has_fallen(validator):

@@ -11,8 +11,10 @@ from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantValueSource
 from pydrake.systems.sensors import ImageDepth16U, ImageToLcmImageArrayT, PixelType
 
+from feasigrasp.errors import HardwareError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.object_pose import (
     ObjectPoseReceiver,
     ObjectPoseSender,
@@ -109,3 +111,24 @@ def test_a_pose_that_is_none_is_unknown(fixed_context):
     for message in (strange, other):
         context = fixed_context(receiver, message=Value(message))
         assert np.isnan(receiver.GetOutputPort("pose").Eval(context).GetAsMatrix4()[0, 0])
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "nonsense",
+        "udpm://300.1.1.1:7667",
+        "udpm://10.0.0.1:7667",
+        "udpm://239.1.1.1:99999",
+        "tcpq:",
+    ],
+)
+def test_a_url_of_no_message_bus_is_refused_at_once(url):
+    """LCM itself takes it, and waits for messages that cannot come."""
+    with pytest.raises(HardwareError, match="--lcm-url .* is no message bus: give udpm://"):
+        channels.open_lcm(url)
+
+
+@pytest.mark.parametrize("url", [channels.LCM_URL, "memq://"])
+def test_urls_of_message_buses_are_taken(url):
+    assert isinstance(channels.open_lcm(url), DrakeLcm)

@@ -103,7 +103,7 @@ def test_a_file_changes_what_it_says(tmp_path):
     [
         ("max_openning: 0.1", "max_openning.*do you mean max_opening"),
         ("max_opening: 110", "max_opening = 110.* between 0 and 1 m"),
-        ("max_opening: wide", "hand.yaml: could not convert"),
+        ("max_opening: wide", "hand.yaml: max_opening is 'wide'; give a number"),
         ("palm_size: [0.1, 0.1]", "three lengths"),
         ("just words", "has no keys"),
         ("{", "no YAML file"),
@@ -121,3 +121,29 @@ def test_a_file_that_describes_no_hand_is_refused(text, message, tmp_path):
 def test_a_misspelt_name_is_refused_with_the_right_one():
     with pytest.raises(ScenarioError, match="'WSG50'.*do you mean WSG_50"):
         scenario("WSG50")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("max_opening: 85 mm", "max_opening is '85 mm'; give a number, in SI units"),
+        ("max_opening: [0.1]", r"max_opening is \[0\.1\]; give a number"),
+        ("max_opening:", "max_opening is None; give a number"),
+        ("palm_size: 0.1", "palm_size is 0.1; give three numbers"),
+        ("camera_tilt: 15", "camera_tilt = 15.0: give an angle in radians"),
+        ("camera_tilt: .nan", "camera_tilt = nan: give an angle in radians"),
+        ("camera_center: [85, 0, 0]", "camera_center = .*give x, y, z in metres"),
+    ],
+)
+def test_wrong_units_and_types_of_a_hand_are_named(text, message, tmp_path):
+    file = tmp_path / "hand.yaml"
+    file.write_text(text)
+    with pytest.raises(GraspError, match=f"hand.yaml: .*{message}"):
+        load_gripper(str(file))
+
+
+def test_fingers_as_thin_as_their_pads_cannot_be_simulated(tmp_path):
+    file = tmp_path / "hand.yaml"
+    file.write_text("finger_thickness: 0.006")
+    with pytest.raises(GraspError, match=r"finger_thickness = 0\.006: .* more than .* 0\.006 m"):
+        make_station(scenario(str(file)))
