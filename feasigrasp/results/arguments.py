@@ -57,8 +57,8 @@ def factor(text: str) -> float:
 
 
 def names(text: str) -> list[str]:
-    """Reads names that are separated by commas from the command line."""
-    found = [part.strip() for part in text.split(",") if part.strip()]
+    """Reads names that are separated by commas from the command line, each of them once."""
+    found = list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
     if not found:
         raise argparse.ArgumentTypeError("no name given")
     return found
@@ -105,13 +105,21 @@ def select_objects(selection: str) -> dict[str, str]:
         By name, what `feasigrasp.models.objects.rigid_object.load_object` loads; not loaded yet.
 
     Raises:
-        MeshError: A folder without meshes, or nothing named at all.
+        MeshError: A folder without meshes, nothing named at all, or two files of one name.
     """
     if selection == "builtin":
         return {name: name for name in builtin_objects()}
     if Path(selection).is_dir():
         return {name: str(path) for name, path in find_objects(selection).items()}
     try:
-        return {Path(name).stem: name for name in names(selection)}
+        files = names(selection)
     except argparse.ArgumentTypeError as error:
         raise MeshError(f"--objects {selection!r}: {error}; name an object or a file") from error
+    objects: dict[str, str] = {}
+    for file in files:
+        other = objects.setdefault(Path(file).stem, file)
+        if other != file:
+            raise MeshError(
+                f"--objects: {other} and {file} have the same name, which results go by; rename one"
+            )
+    return objects

@@ -124,11 +124,9 @@ def run(
                 simulator.Initialize()
                 # Nor what was built: a full collection would hold up one tick for it.
                 gc.freeze()
-                if scenario.execution.teleport:
-                    teleport(
-                        simulator, load_gripper(scenario.gripper), scenario.simulation_duration
-                    )
-                simulator.AdvanceTo(scenario.simulation_duration)
+                until, hand = scenario.simulation_duration, load_gripper(scenario.gripper)
+                if not scenario.execution.teleport or teleport(simulator, hand, until):
+                    simulator.AdvanceTo(until)
             except Exception as failure:
                 if isinstance(failure, FeasigraspError) and not isinstance(failure, RuntimeError):
                     raise  # nothing that another run would not meet as well

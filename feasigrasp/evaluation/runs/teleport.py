@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import Simulator, SimulatorStatus
 
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -13,7 +13,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 _PERIOD = 0.05
 
 
-def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> None:
+def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> bool:
     """Waits for grasps in reach, then puts the arm at the best of them, at rest.
 
     What the drive sends jumps along with it: the velocities and accelerations of such a run say
@@ -23,6 +23,9 @@ def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> No
         simulator: Of the diagram of `make_dynamic_grasp`, initialized.
         gripper: The hand of its cell.
         until: It gives up at this time [s].
+
+    Returns:
+        Whether the run goes on: False if a monitor has ended it while it waited.
     """
     diagram, root = simulator.get_system(), simulator.get_mutable_context()
     station, drive, sequencer = map(diagram.GetSubsystemByName, ("station", "drive", "sequencer"))
@@ -30,7 +33,9 @@ def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> No
     arm = plant.GetModelInstanceByName("iiwa")
     plant_context = plant.GetMyMutableContextFromRoot(root)
     while root.get_time() < until:
-        simulator.AdvanceTo(min(root.get_time() + _PERIOD, until))
+        status = simulator.AdvanceTo(min(root.get_time() + _PERIOD, until))
+        if status.reason() != SimulatorStatus.ReturnReason.kReachedBoundaryTime:
+            return False
         ports = sequencer.GetMyContextFromRoot(root)
         grasps = sequencer.GetOutputPort("grasps").Eval(ports)
         X_WO = sequencer.GetOutputPort("object_pose").Eval(ports).GetAsMatrix4()
@@ -43,4 +48,5 @@ def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> No
             drive.GetMyMutableContextFromRoot(root).SetDiscreteState(
                 0, np.concatenate([best, rest])
             )
-            return
+            return True
+    return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 import time
 from contextlib import suppress
 
@@ -60,7 +61,7 @@ class Guard:
     def _request(self, data: bytes) -> None:
         try:
             request = lcmt_iiwa_command.decode(data)
-        except ValueError:  # of another program
+        except (ValueError, struct.error):  # of another program, or cut off
             return
         if self._guard.request(1e-6 * request.utime, np.array(request.joint_position)):
             self._heard_at = time.monotonic()
@@ -68,7 +69,7 @@ class Guard:
     def _answer(self, data: bytes) -> None:
         try:
             status = lcmt_iiwa_status.decode(data)
-        except ValueError:
+        except (ValueError, struct.error):
             return
         measured = np.array(status.joint_position_measured)
         usable = len(measured) == IIWA_7.joints and np.isfinite(measured).all()

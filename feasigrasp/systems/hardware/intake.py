@@ -105,6 +105,9 @@ class Intake:
 
 
 def _tells_positions(data: bytes) -> bool:
-    """Whether a status tells the positions of all joints."""
-    measured = lcmt_iiwa_status.decode(data).joint_position_measured
+    """Whether a status is whole and tells the positions of all joints."""
+    try:
+        measured = lcmt_iiwa_status.decode(data).joint_position_measured
+    except (ValueError, struct.error):
+        return False
     return len(measured) == IIWA_7.joints and bool(np.isfinite(measured).all())

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import EventStatus
 
 from feasigrasp.evaluation.protocols.static import PROTOCOLS
 from feasigrasp.evaluation.runs.teleport import teleport
@@ -86,3 +87,17 @@ def test_without_a_grasp_the_arm_stays():
     simulator.Initialize()
     teleport(simulator, ParallelGripper(), 0.11)
     assert simulator.get_context().get_time() == pytest.approx(0.11)
+
+
+def test_a_monitor_ends_a_run_that_waits_for_grasps():
+    simulator = Simulator(make_dynamic_grasp(still("{motion: {center: [1.5, 0.0, 0.6]}}")))
+    simulator.Initialize()
+    simulator.set_monitor(
+        lambda root: (
+            EventStatus.ReachedTermination(simulator.get_system(), "enough")
+            if root.get_time() > 0.02
+            else EventStatus.DidNothing()
+        )
+    )
+    assert not teleport(simulator, ParallelGripper(), 0.5)
+    assert simulator.get_context().get_time() < 0.1

@@ -53,6 +53,7 @@ def test_nor_those_that_cannot_be_used(bus):
     command = lcmt_iiwa_command()
     command.utime = 30
     broken = [status(5, (np.nan,) * 7), status(6, (0.0,) * 6), status(-1), command.encode(), b""]
+    broken += [status(7)[:n] for n in (17, 40)]  # cut off on the way
     assert tell(bus, *broken) == []
     assert bus[2].dropped[channels.IIWA_STATUS] == len(broken)
     assert bus[2].oldest() is None

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drake import lcmt_iiwa_command, lcmt_image, lcmt_image_array
+from drake import lcmt_iiwa_command, lcmt_iiwa_status, lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
@@ -181,3 +181,28 @@ def test_the_camera_stands_off_where_it_is_believed_by_the_error_of_its_calibrat
     error = wrong.inverse() @ believed
     assert np.linalg.norm(error.translation()) == pytest.approx(0.005, abs=1e-5)
     assert error.rotation().ToAngleAxis().angle() == pytest.approx(np.deg2rad(1.0), abs=1e-5)
+
+
+def test_the_guard_outlives_messages_that_are_cut_off():
+    """It has to outlive the controller: without it the driver keeps the last command for ever."""
+    lcm = DrakeLcm("memq://")
+    guard, answers = Guard(lcm), []
+    listening = lcm.Subscribe(channels.IIWA_COMMAND, answers.append)
+    lcm.Publish(channels.IIWA_STATUS, an_iiwa_status(0)[:40])
+    request = lcmt_iiwa_command()
+    request.num_joints, request.joint_position = 7, [0.0] * 7
+    lcm.Publish(channels.IIWA_REQUEST, request.encode()[:30])
+    for utime in range(5000, 1_000_000, 5000):
+        lcm.Publish(channels.IIWA_STATUS, an_iiwa_status(utime))
+    while lcm.HandleSubscriptions(0):
+        pass
+    assert answers
+    del listening, guard
+
+
+def an_iiwa_status(utime):
+    message = lcmt_iiwa_status()
+    message.utime, message.num_joints = utime, 7
+    for name in message.__slots__[2:]:
+        setattr(message, name, [0.0] * 7)
+    return message.encode()
