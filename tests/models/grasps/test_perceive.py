@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.grasps.carry import BEST
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
@@ -60,7 +61,8 @@ def test_the_network_is_the_default_and_a_sampler_of_ones_own_will_do():
 
     own = perceive(seen_sphere(), sampler=mine).grasps
     distance = found.gpdf.distance(np.zeros((1, 3)))
-    np.testing.assert_array_equal(own.score, distance * own.load.probability())
+    assert own.load.probability()[0] < 0.01  # beside the ball: the best there is all the same
+    np.testing.assert_allclose(own.score, distance * BEST)
     with pytest.raises(GraspError, match="sampler is 'magic'; choose one of network, paper, anti"):
         perceive(seen_sphere(), sampler="magic")
 
