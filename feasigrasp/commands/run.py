@@ -107,8 +107,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     outputs = {name: getattr(args, name) for name in ("replay", "results", "graphviz")}
-    inputs = {"--scenario_file": args.scenario_file, "--object": args.object}
-    check_outputs({f"--{name}": filename for name, filename in outputs.items()}, inputs)
+    check_outputs({f"--{name}": file for name, file in outputs.items()}, files_read(args))
     name, scenario = load(args)
     print_notes(load_scenario_object(scenario))
     if args.graphviz is not None:
@@ -142,6 +141,11 @@ def main(args: argparse.Namespace) -> int:
     for filename in filter(None, (args.results, args.replay)):
         print(f"wrote {filename}")
     return {None: 0, INTERRUPTED: STATUS}.get(record["error"], 1)
+
+
+def files_read(args: argparse.Namespace) -> dict[str, Path | str | None]:
+    """What no output may be written over, by the option that names it."""
+    return {"--scenario_file": args.scenario_file, "--object": args.object}
 
 
 def load(args: argparse.Namespace) -> tuple[str, Scenario]:

@@ -13,6 +13,7 @@ from feasigrasp.commands.run import (
     add_lcm_option,
     add_scenario_name,
     add_scenario_options,
+    files_read,
     keep,
     load,
 )
@@ -41,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    inputs = {"--scenario_file": args.scenario_file, "--object": args.object}
-    check_outputs({"--results": args.results}, inputs)
+    check_outputs({"--results": args.results}, files_read(args))
     name, scenario = load(args)
     print_notes(load_scenario_object(scenario))
     line = StatusLine()

@@ -192,10 +192,10 @@ def _check_controller(controller: LeafSystem) -> None:
             "docs/own_parts.md"
         )
     size = controller.GetOutputPort(output).size()
-    joints = len(IIWA_7.velocity_limits)
-    if size != joints:
+    if size != IIWA_7.joints:
         raise ScenarioError(
-            f"{name}.{output} has {size} numbers; give the velocities of {joints} joints [rad/s]"
+            f"{name}.{output} has {size} numbers; give the velocities of {IIWA_7.joints} joints "
+            "[rad/s]"
         )
 
 
