@@ -77,7 +77,7 @@ def rated(grasps: GraspSet, down: ArrayLike | None = None) -> GraspSet:
     """
     if grasps.load is None or len(grasps) == 0:
         return grasps
-    likely = grasps.load.carried_by_one(BEST, down).probability(down)
+    likely = grasps.load.probability(down, BEST)
     ranked = replace(grasps, score=grasps.score * likely, carries=likely / SURE)
     ranked = ranked.select(np.argsort(-ranked.score, kind="stable"))
     return ranked if down is None else surer(ranked, _HOPELESS)

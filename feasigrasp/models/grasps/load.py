@@ -93,29 +93,17 @@ class Load(Frozen):
             shares = np.column_stack([force / self.force, moment / self.moment])
         return np.asarray(np.linalg.norm(shares, axis=1))
 
-    def probability(self, down: ArrayLike | None = None) -> Array:
+    def probability(self, down: ArrayLike | None = None, best: float | None = None) -> Array:
         """How likely the pads bear the object's weight and what the hand does to it, shape (n,).
 
         Args:
             down: Direction of gravity in O, shape (3,); None for the worst one for each grasp.
+            best: The object is no heavier than one of the grasps carries so likely; without it, as
+                heavy as it is believed to be.
         """
         share = self.body.mass * self.per_kilogram(down)
-        return np.asarray(ndtr(-np.log(share) / self._spread))
-
-    def carried_by_one(self, probability: float, down: ArrayLike | None = None) -> Load:
-        """The loads of an object that is no heavier than the best grasp carries so likely.
-
-        Args:
-            probability: That one of the grasps has at least, above 0 and below 1.
-            down: As for `probability`.
-        """
-        share = float(self.per_kilogram(down).min())
-        if not np.isfinite(share):  # none bears anything
-            return self
-        most = float(np.exp(-self._spread * ndtri(probability))) / share
-        return replace(self, body=replace(self.body, mass=min(self.body.mass, most)))
-
-    @property
-    def _spread(self) -> float:
-        """Standard deviation of the logarithm of the share that is taken."""
-        return float(np.hypot(self.body.spread, GRIP_SPREAD))
+        spread = np.hypot(self.body.spread, GRIP_SPREAD)
+        margin = -np.log(share) / spread
+        if best is not None and np.isfinite(margin.max()):  # else none bears anything
+            margin += max(0.0, ndtri(best) - margin.max())
+        return np.asarray(ndtr(margin))
