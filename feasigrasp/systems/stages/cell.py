@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, System
-from pydrake.systems.primitives import PassThrough, ZeroOrderHold
+from pydrake.systems.primitives import PassThrough
 
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.scenario.schema import Execution, Scenario
+from feasigrasp.systems.delay import Delay
 from feasigrasp.systems.faults.injection import FaultInjection
 from feasigrasp.systems.station.station import Station
 
@@ -43,16 +46,16 @@ class Cell:
         chosen = self.scenario.perception.execution
         return chosen == Execution.PROCESSES or (chosen == Execution.AUTO and not self.simulated)
 
-    def late(self, value: AbstractValue | int) -> LeafSystem:
-        """Hands on a value of that kind, or a vector of that size, as late as grasps are.
+    def late(self, initial: Any) -> LeafSystem:
+        """Hands on values as late as grasps are, and ``initial`` until one arrives.
 
         Only in simulation, inline: elsewhere what is perceived takes the time that it takes.
         """
-        config = self.scenario.perception
-        if self.remote or not self.simulated or config.latency == 0.0:
-            return PassThrough(value)
-        # A hold that samples with the camera would see what there was before the view.
-        return ZeroOrderHold(config.period, value, config.latency)
+        latency = self.scenario.perception.latency
+        if self.remote or not self.simulated or latency == 0.0:
+            vector = isinstance(initial, np.ndarray)
+            return PassThrough(len(initial) if vector else AbstractValue.Make(initial))
+        return Delay(initial, latency, self.scenario.control.period)
 
     def __getitem__(self, name: str) -> System:
         """The system of that name."""

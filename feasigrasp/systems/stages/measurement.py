@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 from pydrake.systems.framework import OutputPort, System
-from pydrake.systems.primitives import LogVectorOutput, ZeroOrderHold
+from pydrake.systems.primitives import LogVectorOutput
 
 from feasigrasp.models.objects.tracker_config import TrackerKind
+from feasigrasp.systems.delay import Delay
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
@@ -78,7 +80,9 @@ def add_judges(cell: Cell, sequencer: System, **inputs: OutputPort) -> None:
 
 def _as_late_as_the_grasps(cell: Cell, seen_at: OutputPort) -> OutputPort:
     """The time of a view, held back as the grasps are on their way to the controller."""
-    arrives = cell.add("seen_at(latency)", cell.late(1), u=seen_at).get_output_port()
-    held = ZeroOrderHold(cell.scenario.reachability.period, 1)
+    never = np.array([np.nan])
+    arrives = cell.add("seen_at(latency)", cell.late(never), u=seen_at).get_output_port()
+    # No `ZeroOrderHold`: of a vector it sees what is made at its ticks, of a set of grasps not yet.
+    held = Delay(never, 0.0, cell.scenario.reachability.period)
     cell.add("seen_at(reachable)", held, u=arrives)
     return held.get_output_port()

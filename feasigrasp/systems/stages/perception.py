@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, OutputPort
 
 from feasigrasp.errors import ScenarioError
@@ -92,7 +91,7 @@ def add_perception(
     if sampler is not None:
         cell.add("sampler", make_grasp_sampler(cell.scenario, sampler, cell.gripper), gpdf=gpdf)
     grasps = cell["sampler" if sampler else "perception"].GetOutputPort("grasps")
-    cell.add("latency", cell.late(AbstractValue.Make(GraspSet.empty())), u=grasps)
+    cell.add("latency", cell.late(GraspSet.empty()), u=grasps)
     if scene_config.enabled:
         if cell.remote:
             scene = remote_scene(cell, no_scene)

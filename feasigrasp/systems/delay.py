@@ -1,0 +1,76 @@
+"""Values that arrive some time after they were made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from feasigrasp.models.arrays import Frozen
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+
+
+@dataclass(frozen=True, eq=False)
+class _Post(Frozen):
+    """What is on its way.
+
+    Attributes:
+        arrived: What has arrived last.
+        sent: The others and when they arrive [s], oldest first.
+        newest: What was sent last.
+    """
+
+    arrived: Any
+    sent: tuple[tuple[float, Any], ...] = ()
+    newest: Any = None
+
+
+class Delay(LeafSystem):
+    """Hands on every value of its input ``latency`` seconds after it was made.
+
+    .. pydrake_system::
+
+        name: Delay
+        input_ports:
+        - u
+        output_ports:
+        - y
+
+    Both are Python objects, or vectors. The input is looked at every ``period`` seconds, and what
+    has changed since the last time was made then: values come on time if they are made at one of
+    these ticks, and else by less than a period too soon. Without latency the system holds what
+    there was at the last tick.
+    """
+
+    def __init__(self, initial: Any, latency: float, period: float) -> None:
+        """A delay that hands on ``initial`` until something arrives; a vector if that is one."""
+        super().__init__()
+        self._latency, self._period = latency, period
+        self._post = PeriodicState(self, _Post(initial), period, self._deliver)
+        depends = {self._post.ticket()}
+        if isinstance(initial, np.ndarray):
+            self._input = self.DeclareVectorInputPort("u", len(initial))
+            self.DeclareVectorOutputPort("y", len(initial), self._calc_vector, depends)
+        else:
+            self._input = declare_input(self, "u")
+            declare_output(self, "y", lambda context: self._post.Eval(context).arrived, depends)
+
+    def _calc_vector(self, context: Context, y: BasicVector) -> None:
+        y.SetFromVector(self._post.Eval(context).arrived)
+
+    def _deliver(self, context: Context) -> _Post:
+        post, value, time = self._post.Eval(context), self._input.Eval(context), context.get_time()
+        sent = post.sent
+        if not _same(value, post.newest):
+            made = max(0.0, time - self._period) if self._latency > 0.0 else time
+            sent = (*sent, (made + self._latency, value))
+        due = [each for at, each in sent if at <= time + 1e-9]
+        return _Post(due[-1] if due else post.arrived, sent[len(due) :], value)
+
+
+def _same(value: Any, other: Any) -> bool:
+    if isinstance(value, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(value, other, equal_nan=True)
+    return value is other
