@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import CacheEntry, Context, InputPort
+from pydrake.systems.framework import CacheEntry, Context
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
@@ -20,6 +20,7 @@ from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.systems.ports import optional
 
 
 class ControllerInputs:
@@ -136,8 +137,3 @@ class ControllerInputs:
     def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
         safe = self._controller.mode is ControlMode.SAFE
         return entry.Eval(self._context) if safe else None
-
-
-def optional(port: InputPort, context: Context) -> Any:
-    """The value of an input port; None if nothing is connected to it."""
-    return port.Eval(context) if port.HasValue(context) else None

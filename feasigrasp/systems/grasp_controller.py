@@ -44,8 +44,8 @@ from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.controller_inputs import ControllerInputs, optional
-from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input
+from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, optional
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
 _REHEARSAL_STEP = 0.04

@@ -13,7 +13,7 @@ from feasigrasp.models.robot.condition import arm_condition_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.systems.ports import declare_input
+from feasigrasp.systems.ports import declare_input, optional
 
 #: Time between samples [s].
 SAMPLE_PERIOD = 0.02
@@ -65,13 +65,13 @@ class Metrics(LeafSystem):
     pose X_WO of the object frame in which the grasps are, where that is not the object's own (see
     `TrueFrame`; the port may stay unconnected), ``grasps`` what the controller is given, in O,
     ``sampled_grasps`` what reachability was judged of, ``seen_at`` the time of the last view behind
-    ``grasps`` (NaN without one; the port may stay unconnected).
+    ``grasps`` (NaN without one). These three may stay unconnected, where nobody knows of them.
     ``sample`` holds `SAMPLE_NAMES`: smallest distance to a joint limit (negative beyond it);
     largest joint speed over its limit; manipulability at the flange; error to the nearest grasp
     (NaN without grasps); the object's position in the hand, the hand's orientation on the object as
     a rotation vector, the object's position and orientation in the world likewise; the `Phase`; how
-    many grasps were sampled, and how many of them the controller is given; time since the last
-    view.
+    many grasps were sampled, and how many of them the controller is given (NaN if nobody knows);
+    time since the last view.
     """
 
     def __init__(self, gripper: ParallelGripper) -> None:
@@ -92,9 +92,10 @@ class Metrics(LeafSystem):
         X_WB = self._pose.Eval(context).GetAsMatrix4()
         X_WH = forward_kinematics(q, self._gripper.X_FG)
         X_BH = inverse_kernel(X_WB) @ X_WH
-        grasps: GraspSet = self._grasps.Eval(context)
+        grasps: GraspSet | None = optional(self._grasps, context)
+        sampled: GraspSet | None = optional(self._sampled, context)
         nearest = np.full(2, np.nan)
-        if len(grasps) > 0:
+        if grasps is not None and len(grasps) > 0:
             X_OH = X_BH
             if self._frame_pose.HasValue(context):
                 X_OH = inverse_kernel(self._frame_pose.Eval(context).GetAsMatrix4()) @ X_WH
@@ -112,7 +113,12 @@ class Metrics(LeafSystem):
                     X_WB[:3, 3],
                     so3_log_kernel(np.ascontiguousarray(X_WB[:3, :3])),
                     self._phase.Eval(context),
-                    [len(self._sampled.Eval(context)), len(grasps), context.get_time() - seen_at],
+                    [_count(sampled), _count(grasps), context.get_time() - seen_at],
                 ]
             )
         )
+
+
+def _count(grasps: GraspSet | None) -> float:
+    """How many grasps there are; NaN if nobody tells."""
+    return np.nan if grasps is None else float(len(grasps))

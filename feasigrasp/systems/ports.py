@@ -25,6 +25,11 @@ def declare_input(system: LeafSystem, name: str, model: Any = None) -> InputPort
     return system.DeclareAbstractInputPort(name, AbstractValue.Make(model))
 
 
+def optional(port: InputPort, context: Context) -> Any:
+    """The value of an input port; None if nothing is connected to it."""
+    return port.Eval(context) if port.HasValue(context) else None
+
+
 def declare_output(
     system: LeafSystem,
     name: str,

@@ -146,6 +146,18 @@ def test_without_grasps_only_their_errors_are_nan(sample):
     assert missing == {"grasp_position_error", "grasp_angle_error", "view_age"}
 
 
+def test_where_nobody_knows_of_grasps_they_are_not_counted(fixed_context):
+    """Beside the drivers of an arm whose controller is another process."""
+    dut = Metrics(GRIPPER)
+    context = fixed_context(dut, state=np.r_[HOME, STILL], object_pose=X_WO, phase=[0.0])
+    found = dict(zip(SAMPLE_NAMES, dut.get_output_port().Eval(context), strict=True))
+    unknown = {name for name, value in found.items() if np.isnan(value)}
+    assert unknown == {
+        *("grasp_position_error", "grasp_angle_error", "view_age"),
+        *("sampled_grasps", "reachable_grasps"),
+    }
+
+
 def test_the_object_s_orientation_is_told_in_the_world(sample):
     x = sample(HOME)
     angle_axis = X_WO.rotation().ToAngleAxis()

@@ -51,6 +51,15 @@ class Course:
         return self.samples["phase"]
 
     @property
+    def saw_nothing(self) -> bool:
+        """Whether no view ever became a field."""
+        return bool(np.isnan(self.samples["view_age"][-1]))
+
+    def had(self, grasps: str) -> bool:
+        """Whether there ever were ``grasps``, or nobody knows: only the controller does (NaN)."""
+        return bool(self.samples[grasps].any())
+
+    @property
     def touched(self) -> bool:
         """Whether arm or hand touched the object at the end."""
         return self.truth is not None and self.truth.touched
@@ -68,9 +77,9 @@ def _opened_again(run: Course) -> bool:
 
 _RULES: dict[Cause, Callable[[Course], bool]] = {
     Cause.BROKE_OFF: lambda run: run.truth is not None and run.truth.broke_off,
-    Cause.NOTHING_SEEN: lambda run: bool(np.isnan(run.samples["view_age"][-1])),
-    Cause.NO_GRASP: lambda run: not run.samples["sampled_grasps"].any(),
-    Cause.NONE_REACHABLE: lambda run: not run.samples["reachable_grasps"].any(),
+    Cause.NOTHING_SEEN: lambda run: run.saw_nothing and not run.had("sampled_grasps"),
+    Cause.NO_GRASP: lambda run: not run.had("sampled_grasps"),
+    Cause.NONE_REACHABLE: lambda run: not run.had("reachable_grasps"),
     Cause.PUSHED_AWAY: lambda run: not run.released and (run.pushed_mm or 0.0) > PUSHED_AWAY,
     Cause.NEVER_SETTLED: lambda run: not np.any(run.phase >= Phase.CLOSE),
     Cause.MISSED: lambda run: not run.released and _opened_again(run),

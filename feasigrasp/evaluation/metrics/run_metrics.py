@@ -132,14 +132,16 @@ def summarize(
         "grasp_angle_error_deg_median": _median(
             x["grasp_angle_error"][approach], math.degrees(1.0)
         ),
-        "no_grasp_percent": 100.0 * float(np.mean(np.isnan(x["grasp_position_error"]))),
         "limit_margin_min_deg": math.degrees(float(x["limit_margin"].min())),
     }
     X_OH = se3.make_pose(se3.so3_exp(_vector(x, "r_OH")), np.zeros(3))
     X_OH[:, :3, 3] = -np.einsum("nij,nj->ni", X_OH[:, :3, :3], p_HO)
-    result |= tracking_metrics(
-        x["grasp_position_error"], x["grasp_angle_error"], X_OH, approach, SAMPLE_PERIOD
-    )
+    if not np.isnan(x["reachable_grasps"]).any():  # else nobody knows of grasps
+        without = np.isnan(x["grasp_position_error"])
+        result["no_grasp_percent"] = 100.0 * float(np.mean(without))
+        result |= tracking_metrics(
+            x["grasp_position_error"], x["grasp_angle_error"], X_OH, approach, SAMPLE_PERIOD
+        )
     if ticks is not None and len(ticks.sent):
         result |= limit_metrics(ticks)
     if obstacle_distance is not None and len(obstacle_distance):

@@ -12,7 +12,6 @@ from drake import (
     lcmt_schunk_wsg_status,
 )
 from pydrake.common.schema import Transform
-from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcm
 from pydrake.manipulation import (
     IiwaCommandReceiver,
@@ -25,12 +24,10 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import (
-    ConstantValueSource,
     ConstantVectorSource,
     StateInterpolatorWithDiscreteDerivative,
 )
 
-from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.sampling import make_hand_eye
@@ -68,10 +65,8 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     mask = scenario.perception.segmentation == Segmentation.LABELS
     for name, camera in scenario.cameras.items():
         publish_images(builder, station, name, camera, bus, mask=mask)
-    nothing = AbstractValue.Make(GraspSet.empty())
-    none = builder.AddNamedSystem("no_grasps", ConstantValueSource(nothing)).get_output_port()
     cell = Cell(builder, scenario, load_gripper(scenario.gripper), station)
-    add_judges(cell, builder.GetSubsystemByName("handover"), grasps=none, sampled_grasps=none)
+    add_judges(cell, builder.GetSubsystemByName("handover"))
     diagram = builder.Build()
     diagram.set_name("simulated_cell")
     return diagram

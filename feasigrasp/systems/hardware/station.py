@@ -71,6 +71,7 @@ class HardwareStation(Diagram):
         - <camera>.depth_image
         - <camera>.label_image
         - <camera>.pose
+        - <camera>.pose_now
         - <camera>.position
         - <camera>.stamp
 
@@ -78,8 +79,9 @@ class HardwareStation(Diagram):
     commands the arm. ``iiwa.torque_external`` is V7 [Nm], as the driver estimates it.
     ``object.pose`` is a measurement, made at ``object.stamp``. ``<camera>.pose`` X_WC follows from
     the measured joints at the instant of the image, ``<camera>.position`` (V7); that instant is
-    ``<camera>.stamp``. Stamps are V1 [s], of the clock of the arm's status messages, which the
-    diagram's time has to follow.
+    ``<camera>.stamp``. ``<camera>.pose_now`` is where the camera is by ``iiwa.position_measured``.
+    Stamps are V1 [s], of the clock of the arm's status messages, which the diagram's time has to
+    follow.
 
     Attributes:
         plant: The cell without the object: the frames that cameras are mounted on.
@@ -115,6 +117,9 @@ class HardwareStation(Diagram):
             builder.Connect(position, then.GetInputPort("position"))
             builder.Connect(measured_at, then.GetInputPort("measured_at"))
             self._add_camera(builder, name, camera, then)
+            now = builder.AddNamedSystem(f"{name}_pose_now", _CameraPose(self.plant, name, camera))
+            builder.Connect(position, now.get_input_port())
+            builder.ExportOutput(now.get_output_port(), f"{name}.pose_now")
         builder.BuildInto(self)
 
     def robot_and_object_labels(self) -> list[int]:

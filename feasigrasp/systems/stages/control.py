@@ -56,7 +56,10 @@ def add_control(
     position = station.GetOutputPort("iiwa.position_measured")
     own_camera = {"position": position}
     if sees:
-        own_camera["camera_pose"] = station.GetOutputPort(f"{scenario.perception.camera}.pose")
+        # Where images come late, a camera's `pose` is of their instant, and not of the joints'.
+        pose = f"{scenario.perception.camera}.pose"
+        now = f"{pose}_now" if station.HasOutputPort(f"{pose}_now") else pose
+        own_camera["camera_pose"] = station.GetOutputPort(now)
     grasps = cell["latency"].get_output_port()
     if safe:
         grasps = cell.add("carrying", CarryFilter(), tracker, grasps=grasps).get_output_port()

@@ -65,6 +65,21 @@ def test_every_cause_has_a_run_above_and_a_line_in_the_docs(repository):
     assert places == sorted(places)
 
 
+@pytest.mark.parametrize(
+    ("run", "cause"),
+    [
+        (course(APPROACH, broke_off=True), Cause.BROKE_OFF),
+        (course(APPROACH), Cause.NEVER_SETTLED),
+        (course([A, C, C, A, A, A, A, A]), Cause.MISSED),
+        (course(), Cause.SLIPPED),
+    ],
+)
+def test_where_nobody_knows_of_grasps_none_is_blamed(run, cause):
+    """Behind the drivers' messages, where the controller is another process."""
+    nobody = dict.fromkeys(("sampled_grasps", "reachable_grasps", "view_age"), np.full(8, np.nan))
+    assert cause_of(Course(dict(run.samples) | nobody, run.truth)) is cause
+
+
 def test_without_the_truth_the_samples_decide():
     assert cause_of(Course(course(APPROACH).samples)) is Cause.NEVER_SETTLED
     assert cause_of(Course(course().samples)) is Cause.DROPPED

@@ -208,6 +208,16 @@ def test_a_simulation_that_broke_off_held_nothing():
     assert follows["cause"] is None
 
 
+def test_of_grasps_that_nobody_knows_nothing_is_told():
+    unknown = dict.fromkeys(
+        ("sampled_grasps", "reachable_grasps", "view_age"), np.nan
+    ) | dict.fromkeys(("grasp_position_error", "grasp_angle_error"), np.nan)
+    result = summarize(samples(200, phase=A, **unknown), closes=True)
+    told = ("no_grasp_percent", "tracked_percent", "settling_time_s", "grasp_switches")
+    assert [result[name] for name in (*told, "grasp_age_s_mean")] == [None] * 5
+    assert (result["grasp_held"], result["cause"]) == (False, "never_settled")
+
+
 def test_the_age_is_that_of_grasps_in_the_approach():
     """Not without grasps, not without a view, not after the fingers closed."""
     age = [9.0, np.nan, 0.2, 0.3, 0.7, 5.0]

@@ -1,5 +1,7 @@
 """Cell, guard and controller in one process, in lock-step over a bus inside it."""
 
+import copy
+
 import numpy as np
 import pytest
 from drake import lcmt_iiwa_command, lcmt_iiwa_status, lcmt_image, lcmt_image_array
@@ -22,7 +24,9 @@ TRUTH = {"object.velocity", "contact_results", "query_object", "object.hold"}
 
 @pytest.fixture(scope="module")
 def wire():
-    """What was sent on every channel in the first 1.5 s; cell; control; errors of the pose [m]."""
+    """What was sent on every channel in the first 1.5 s; cell; control; errors of the pose [m];
+    what is known of the camera at every step.
+    """
     inline = "{perception: {execution: inline}}"  # in lock-step, whatever takes how long
     scenario = load_scenario(
         diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", None, inline
@@ -34,7 +38,7 @@ def wire():
     listening = lcm.SubscribeAllChannels(
         lambda channel, data: sent.setdefault(channel, []).append((time, data))
     )
-    time, errors = 0.0, []
+    time, errors, cameras = 0.0, [], []
     tracker = loop.diagram.GetSubsystemByName("tracker")
     simulator.Initialize()
     for k in range(1, 301):
@@ -44,8 +48,19 @@ def wire():
         if loop.started:
             found = pose(tracker, "object_pose", loop.simulator)
             errors.append(np.linalg.norm(found - pose(station, "object.pose", simulator)))
+            cameras.append(camera(loop))
     del listening, guard
-    return sent, simulator, loop, errors
+    return sent, simulator, loop, errors, cameras
+
+
+def camera(loop):
+    """Pose of the camera and joints as the sequencer has them; its pose at its last image."""
+    root = loop.simulator.get_context()
+    station, sequencer = (loop.diagram.GetSubsystemByName(n) for n in ("station", "sequencer"))
+    context = sequencer.GetMyContextFromRoot(root)
+    now, q = (sequencer.GetInputPort(n).Eval(context) for n in ("camera_pose", "position"))
+    then = station.GetOutputPort("wrist_camera.pose").Eval(station.GetMyContextFromRoot(root))
+    return copy.deepcopy((now, q, then))  # ports hand out what will change
 
 
 def pose(system, port, simulator):
@@ -100,6 +115,7 @@ def test_the_same_ports_as_a_simulated_station(wire, documented_ports):
     station = wire[2].diagram.GetSubsystemByName("station")
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
     at_image = {"object.stamp", "wrist_camera.stamp", "wrist_camera.position"}
+    at_image.add("wrist_camera.pose_now")
     assert all(simulated.HasOutputPort(name) for name in names - at_image)
     assert names == {
         name.replace("<camera>", "wrist_camera") for name in documented_ports(type(station))[1]
@@ -155,6 +171,23 @@ def test_what_the_camera_saw_is_where_the_object_is(wire):
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     outside = np.maximum(low - cloud.points, cloud.points - high).max(axis=1)
     assert np.percentile(outside, 95) < 0.01
+
+
+def test_control_has_the_camera_where_it_is_on_the_hand(wire):
+    """An arm that moves is elsewhere when its image arrives: joints and camera are of one time."""
+    plant = wire[2].diagram.GetSubsystemByName("station").plant
+    arm, context = plant.GetModelInstanceByName("iiwa"), plant.CreateDefaultContext()
+
+    def on_flange(X_WC, q):
+        plant.SetPositions(context, arm, q)
+        X_WF = plant.GetFrameByName("iiwa_flange").CalcPoseInWorld(context)
+        return (X_WF.inverse() @ X_WC).translation()
+
+    expected = on_flange(mount("{}")[0], np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0]))
+    found = [on_flange(X_WC, q) for X_WC, q, _ in wire[4]]
+    np.testing.assert_allclose(found, np.tile(expected, (len(found), 1)), atol=1e-4)
+    at_image = [on_flange(X_WC, q) for _, q, X_WC in wire[4]]
+    assert np.linalg.norm(at_image - expected, axis=1).max() > 5e-3  # that would be wrong
 
 
 def mount(text):
