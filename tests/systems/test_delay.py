@@ -5,8 +5,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from feasigrasp.systems.delay import Delay
 from feasigrasp.systems.ports import PeriodicState, declare_output
+from feasigrasp.systems.stages.delay import Delay
 
 PERIOD = 0.005
 

@@ -33,6 +33,7 @@ from feasigrasp.results.interrupts import STATUS, Unfinished
 from feasigrasp.results.rows import write_json
 from feasigrasp.results.workers import in_threads, on_cluster
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
+from feasigrasp.scenario.own_files import own_files
 from feasigrasp.scenario.schema import Scenario
 
 
@@ -49,9 +50,9 @@ def run_all(
     """Runs what is not finished, each in a process of its own, and returns all records in order.
 
     A record in the folder counts if it came from the same scenario (object, seed, controller and
-    mode included), revision and versions, and if its process did not crash. A run depends on its
-    scenario alone, not on who does it: the records are the same, but for times, whatever the number
-    of processes, and on a cluster.
+    mode included), files of the user's, revision and versions, and if its process did not crash. A
+    run depends on its scenario and these files alone, not on who does it: the records are the same,
+    but for times, whatever the number of processes, and on a cluster.
 
     Args:
         runs: What to run.
@@ -73,6 +74,7 @@ def run_all(
     def finished(planned: PlannedRun) -> Record | None:
         text = dump_scenario(planned.scenario)
         wanted = code | {"scenario": planned.name, "scenario_yaml": text}
+        wanted["files"] = own_files(planned.scenario)
         if replays and not (folder / f"{planned.id}.html").exists():
             return None
         for place in (folder, *elsewhere):

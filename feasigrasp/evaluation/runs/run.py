@@ -43,6 +43,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.scenario.files import dump_scenario
+from feasigrasp.scenario.own_files import own_files
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -188,6 +189,7 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
         "mode": scenario.control.mode,
         "object": scenario.object.model,
         "seed": scenario.random_seed,
+        "files": own_files(scenario),
         "git": git_revision(),
         "versions": versions(),
         "machine": machine(),

@@ -213,6 +213,15 @@ def _obj_text(vertices: bytes, faces: bytes, tolerance: float | None) -> str:
     return obj_text(mesh.vertices, mesh.faces)
 
 
+def object_file(name_or_path: str | Path) -> Path:
+    """The mesh file of a built-in object, of a path, or of an entry of a folder's catalogue.
+
+    Raises:
+        MeshError: There is no such object.
+    """
+    return _resolve(name_or_path)[0]
+
+
 def _resolve(name_or_path: str | Path) -> tuple[Path, Mapping[str, Any]]:
     """The mesh file, and what a catalogue says about it (possibly nothing)."""
     name, path = str(name_or_path), Path(name_or_path)

@@ -12,8 +12,8 @@ from pydrake.systems.primitives import PassThrough
 
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.scenario.schema import Execution, Scenario
-from feasigrasp.systems.delay import Delay
 from feasigrasp.systems.faults.injection import FaultInjection
+from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.station.station import Station
 
 

@@ -7,11 +7,11 @@ from pydrake.systems.framework import OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput
 
 from feasigrasp.models.objects.tracker_config import TrackerKind
-from feasigrasp.systems.delay import Delay
 from feasigrasp.systems.metrics import SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
 from feasigrasp.systems.stages.cell import Cell, given
+from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.station.object_contact import ObjectContact
 from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
 

@@ -126,10 +126,11 @@ def test_uncommitted_changes_are_told(fake_runs, tmp_path, monkeypatch, capsys):
         {"git": "0123456789ab"},
         {"versions": {"drake": "0.1"}},
         {"scenario_yaml": "{}"},
+        {"files": {"object": "another mesh"}},
         {"timings": {"wall_s": None}},
         None,
     ],
-    ids=["revision", "versions", "scenario", "crashed", "half a file"],
+    ids=["revision", "versions", "scenario", "mesh", "crashed", "half a file"],
 )
 def test_runs_of_another_state_are_repeated(fake_runs, tmp_path, capsys, change):
     arguments = ("--scenarios", "ReachLinearMocap", "--seeds", "1")
