@@ -12,6 +12,7 @@ from feasigrasp.evaluation.metrics.run_metrics import METRICS, Metric
 from feasigrasp.evaluation.protocols.ablations import ablation_rows
 from feasigrasp.evaluation.protocols.speed import curve_point
 from feasigrasp.evaluation.runs.studies import suffix_of
+from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.results.rows import Row
 from feasigrasp.results.statistics import grouped, mean_of_objects, share_of_objects
 
@@ -112,8 +113,13 @@ def _groups(records: Sequence[Record], *presets: str) -> dict[str, list[Record]]
 
 
 def _curves(records: Sequence[Record]) -> dict[str, list[Record]]:
-    """The records of the points of curves, ``<motion>/<m/s>``, whatever the controller."""
-    points = grouped(records, lambda record: curve_point(record["scenario"]))
+    """The records of the points of curves, ``<motion>/<m/s>``, whatever the controller.
+
+    Of several modes only `ControlMode.SAFE` is in them.
+    """
+    modes = {record["mode"] for record in records}
+    of_one = [record for record in records if len(modes) == 1 or record["mode"] == ControlMode.SAFE]
+    points = grouped(of_one, lambda record: curve_point(record["scenario"]))
     return {point: group for point, group in points.items() if point is not None}
 
 

@@ -172,6 +172,19 @@ def test_a_study_that_changes_its_scenarios_has_rows_of_its_own():
     assert held["ReachLinearMocap-ideal/task/safe"] == held["all-ideal/all/safe"] == 0.0
 
 
+def test_points_of_curves_are_of_one_mode():
+    runs = [
+        record("ReachCircularMocap-at-0.3", "task", held) | {"mode": mode}
+        for mode, held in (("safe", True), ("corrected", False), ("corrected", False))
+    ]
+
+    def point(records):
+        return next(row for row in summary_rows(records) if row.preset == "circle/0.3")
+
+    assert (point(runs).value, point(runs).n) == (100.0, 1)
+    assert (point(runs[1:]).value, point(runs[1:]).n) == (0.0, 2)
+
+
 def test_the_table_has_a_line_per_preset():
     lines = format_table(summary_rows(RECORDS)).splitlines()
     assert len(lines) == 9
