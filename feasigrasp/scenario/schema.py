@@ -26,7 +26,7 @@ from feasigrasp.models.robot.grippers import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.company import CarrierConfig, DistractorConfig
 from feasigrasp.scenario.faults import AnyFault
-from feasigrasp.scenario.parts import PartConfig
+from feasigrasp.scenario.parts import Part, PartConfig
 
 
 def _of_the_mode() -> typing.Any:
@@ -361,3 +361,9 @@ class Scenario:
     grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
     parts: dict[str, PartConfig] = dc.field(default_factory=dict)
     faults: list[AnyFault] = dc.field(default_factory=list)
+
+    @property
+    def controller_name(self) -> str:
+        """Name of the controller that runs: one of `ControlSpace`, or that of one's own part."""
+        own = self.parts.get(Part.CONTROLLER)
+        return str(self.control.controller) if own is None else own.name

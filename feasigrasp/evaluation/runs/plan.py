@@ -59,9 +59,9 @@ class PlannedRun:
     @property
     def id(self) -> str:
         """Name of its result file, without suffix."""
-        control = self.scenario.control
-        seed = self.scenario.random_seed
-        return f"{self.name}-{self.object_name}-{control.controller}-{control.mode}-{seed}"
+        mode, seed = self.scenario.control.mode, self.scenario.random_seed
+        controller = self.scenario.controller_name.replace(":", ".")
+        return f"{self.name}-{self.object_name}-{controller}-{mode}-{seed}"
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def plan(args: argparse.Namespace) -> Plan:
                     raise
                 left_out[what] = str(error)
                 continue
-            runs += made
+            runs += {each.id: each for each in made}.values()  # one's own is not any --controllers
             if args.quick:
                 break
     if not runs:

@@ -185,7 +185,7 @@ def crash_record(scenario: Scenario, name: str, error: str) -> dict[str, Any]:
         metrics |= not_held(Cause.BROKE_OFF)
     return {
         "scenario": name,
-        "controller": scenario.control.controller,
+        "controller": scenario.controller_name,
         "mode": scenario.control.mode,
         "object": scenario.object.model,
         "seed": scenario.random_seed,

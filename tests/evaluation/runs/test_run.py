@@ -258,7 +258,7 @@ def test_the_schema_knows_exactly_the_causes(validator):
 def test_the_schema_knows_exactly_the_words(validator):
     known = validator.schema["properties"]
     assert known["mode"]["enum"] == [*ControlMode]
-    assert known["controller"]["enum"] == [*ControlSpace]
+    assert known["controller"]["anyOf"][0]["enum"] == [*ControlSpace]
     assert known["status"]["items"]["prefixItems"][1]["enum"] == [*StatusCode]
 
 

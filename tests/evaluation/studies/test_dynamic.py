@@ -83,6 +83,21 @@ def test_a_mesh_that_cannot_be_used_is_left_out_with_the_reason(fake_runs, tmp_p
     assert evaluate(out, "--objects", str(meshes / "open.obj"), *scenario) == 2
 
 
+def test_a_controller_of_ones_own_runs_once_and_under_its_name(fake_runs, tmp_path, monkeypatch):
+    """Whatever ``--controllers`` says: it replaces every one of them."""
+    (tmp_path / "my_driver.py").write_text("class Mine: ...")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    text = "{parts: {controller: {name: 'my_driver:Mine'}}}"
+    scenario = ("--scenarios", "ReachLinearMocap", "--seeds", "1", "--scenario_text", text)
+    assert evaluate(tmp_path / "out", *scenario, "--controllers", "task,joint") == 0
+    assert sorted(fake_runs) == [
+        f"ReachLinearMocap-{o}-my_driver.Mine-safe-0" for o in ("ball", "mug")
+    ]
+    presets = {preset for preset, _ in rows_of(tmp_path / "out")}
+    assert "all/my_driver:Mine/safe" in presets and "all/task/safe" not in presets
+
+
 def test_conditions_are_printed_and_stored(fake_runs, tmp_path, capsys):
     evaluate(tmp_path, "--scenarios", "ReachLinearMocap", "--seeds", "1")
     found = json.loads((tmp_path / "summary.json").read_text())["conditions"]
