@@ -24,6 +24,8 @@ GraspSamplerFn = Callable[["Gpdf"], "GraspSet"]
 UNKNOWN = -1
 #: Half a turn about the approach direction: the same grasp, another pose of the hand.
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
+#: Columns of a rotation are orthonormal to this: enough for single precision.
+_NO_ROTATION = 1e-3
 
 
 class Rejection(StrEnum):
@@ -90,6 +92,15 @@ class GraspSet(Frozen):
         if not (np.isfinite(X_OG).all() and np.isfinite(width).all() and np.isfinite(score).all()):
             raise GraspError(
                 "GraspSet: NaN or infinity in poses, widths or scores; drop them first."
+            )
+        R_OG = X_OG[:, :3, :3]
+        turned = np.abs(np.swapaxes(R_OG, 1, 2) @ R_OG - np.eye(3)).max(axis=(1, 2)) > _NO_ROTATION
+        last_row = np.abs(X_OG[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
+        wrong = turned | (np.linalg.det(R_OG) < 0.0) | (last_row > _NO_ROTATION)
+        if wrong.any():
+            raise GraspError(
+                f"GraspSet: X_OG[{np.argmax(wrong)}] is no pose; make its rotation orthonormal and "
+                "right-handed (z = x x y), its last row 0 0 0 1."
             )
         id_: Indices = np.array(self.id, dtype=np.int64).reshape(-1)
         if len(id_) == 0:

@@ -31,7 +31,7 @@ from feasigrasp.models.tracking.keyframe import (
 from feasigrasp.models.tracking.model import TrackedModel
 from feasigrasp.models.tracking.reacquisition import ANYHOW, UNSURE, reacquire
 from feasigrasp.models.tracking.registration import Registration, register
-from feasigrasp.models.tracking.twist_filter import TwistFilter
+from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of
 from feasigrasp.models.tracking.view import ObjectView
 
 #: A first view has at least so many points, any other so many.
@@ -49,8 +49,8 @@ _LONG_GAP, _LARGE_STEP = 1.0, 0.01
 _LEAST_SHARE = 0.2
 #: What is known without any image of where a model is: standard deviations [rad, m].
 _UNKNOWN = (0.3, 0.03)
-#: What the tracked path is worth to the predictor of the motion.
-_PATH_NOISE = Noise(position=1.5e-3, rotation=8e-3)
+#: What the tracked path is worth to the predictor of the motion [m, rad].
+_PATH_ERROR = (1.5e-3, 8e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,6 +244,7 @@ def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
 def _passed_on(track: FieldTrack) -> FieldTrack:
     """With the pose taken in by the filter that predicts."""
     assert track.estimate is not None
-    motion = track.motion.copy()
-    measure_kernel(motion, track.image_time, np.array(track.estimate.X_WO), _PATH_NOISE)
+    motion, jerk = track.motion.copy(), jerk_of(track.estimate.a_WO)
+    noise = Noise(*_PATH_ERROR, jerk=jerk)
+    measure_kernel(motion, track.image_time, np.array(track.estimate.X_WO), noise)
     return replace(track, motion=motion)

@@ -1,18 +1,22 @@
-"""Pose and twist of an object that turns and moves steadily, with what is known of them.
+"""Pose, twist and acceleration of a moving object, with what is known of them.
 
-An error-state Kalman filter. The state is X_WO and V_WO = [w; v], the twist that `se3.extrapolate`
-takes; its error is ``e = [theta, p, dw, dv]`` with ``R_true = exp(theta) R`` and
-``p_true = p_WO + p``, all in the axes of the world, so that
+An error-state Kalman filter. The state is X_WO, V_WO = [w; v], the twist that `se3.extrapolate`
+takes, and the acceleration a of O's origin; its error is ``e = [theta, p, dw, dv, da]`` with
+``R_true = exp(theta) R`` and ``p_true = p_WO + p``, all in the axes of the world, so that
 
-    theta' = theta + dt dw,    p' = p + dt dv
+    theta' = theta + dt dw,    p' = p + dt dv + dt^2 / 2 da,    dv' = dv + dt da
 
-and the twist is disturbed by white noise. What a registration does not determine has no
-information in its measurement, and stays at what the filter expects. While nothing is measured, the
-twist dies away: a wrong one must not carry the hand off.
+The angular velocity is disturbed by white noise, and so is the acceleration: by more where it is
+large. An object that goes round quickly changes it as quickly, and a filter of constant velocity
+would lag behind; one that hardly accelerates is smoothed more. What a registration does not
+determine has no information in its measurement, and stays at what the filter expects. While
+nothing is measured, twist and acceleration die away: a wrong one must not carry the hand off. That
+the object truly stops is not known, so that their variances grow to what they were at first.
 
-Reference: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation,
-section 6.2; Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics",
-arXiv 1812.01537.
+References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation,
+section 6.2; Zhou and Kumar, "A current statistical model and adaptive algorithm for estimating
+maneuvering targets", J. Guidance 7 (5), 1984, for noise that goes with the present acceleration;
+Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", arXiv 1812.01537.
 """
 
 from __future__ import annotations
@@ -24,16 +28,23 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 
-#: How quickly the twist changes [rad/s, m/s in 1 s]: square roots of densities.
-TWIST_NOISE = (0.1, 0.1)
-#: What is known before the first image: standard deviations of the twist [rad/s, m/s].
-TWIST_PRIOR = (0.5, 0.25)
+#: How quickly the angular velocity changes [rad/s in 1 s]: square root of a density.
+TWIST_NOISE = 0.1
+#: The same of the acceleration, of one that is zero [m/s^2 in 1 s], and what it grows by with it.
+_JERK, _JERK_OF_ACCELERATION = 0.5, 3.0
+#: What is known before the first image: standard deviations of the twist [rad/s, m/s] and the
+#: acceleration [m/s^2].
+TWIST_PRIOR, _ACCELERATION_PRIOR = (0.5, 0.25), 0.5
+_MOTION_PRIOR = np.repeat([*TWIST_PRIOR, _ACCELERATION_PRIOR], 3)
 #: The first image defines the frame; what is left is rounding [rad, m].
 _POSE_PRIOR = (1e-3, 1e-4)
 #: A twist that is not measured dies away over this time [s] ...
 DECAY = 0.6
 #: ... and one that is turns steadily for about so long [s]: keeps what no image determines at rest.
 _STEADY = 5.0
+#: An acceleration lasts for about so long [s]; where nothing is measured, the way is bent by it for
+#: so long at most, and then goes straight on [s].
+_CURVE, _BENT = 1.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,24 +55,26 @@ class TwistFilter(Frozen):
         time: When [s].
         X_WO: Pose, shape (4, 4).
         V_WO: Twist [angular; linear] of O's origin, shape (6,).
-        covariance: Of the error [theta, p, dw, dv], shape (12, 12).
+        a_WO: Acceleration of O's origin, shape (3,).
+        covariance: Of the error [theta, p, dw, dv, da], shape (15, 15).
     """
 
     time: float
     X_WO: Array
     V_WO: Array
+    a_WO: Array
     covariance: Array
 
     def __post_init__(self) -> None:
         """Freezes the arrays."""
-        names = ("X_WO", "V_WO", "covariance")
+        names = ("X_WO", "V_WO", "a_WO", "covariance")
         self._freeze(**{name: np.array(getattr(self, name), dtype=float) for name in names})
 
     @classmethod
     def at_rest(cls, time: float, X_WO: Array) -> TwistFilter:
         """An object whose pose is known, and of whose motion nothing is."""
-        sigma = np.repeat([*_POSE_PRIOR, *TWIST_PRIOR], 3)
-        return cls(time, X_WO, np.zeros(6), np.diag(sigma**2))
+        sigma = np.concatenate([np.repeat(_POSE_PRIOR, 3), _MOTION_PRIOR])
+        return cls(time, X_WO, np.zeros(6), np.zeros(3), np.diag(sigma**2))
 
     @property
     def pose_covariance(self) -> Array:
@@ -71,7 +84,19 @@ class TwistFilter(Frozen):
     def pose(self, time: float, *, coasting: bool = False) -> Array:
         """The pose expected at a time, shape (4, 4)."""
         dt = time - self.time
-        return se3.extrapolate(self.X_WO, self.V_WO, _way(dt) if coasting else dt)
+        X_WO = se3.extrapolate(self.X_WO, self.V_WO, _way(dt) if coasting else dt)
+        if not coasting:
+            bent = min(dt, _BENT)
+            X_WO[:3, 3] += bent * (dt - 0.5 * bent) * self.a_WO
+        return X_WO
+
+    def twist(self, time: float, *, coasting: bool = False) -> Array:
+        """The twist expected at a time, shape (6,)."""
+        dt = time - self.time
+        V_WO = _kept(dt, coasting) * self.V_WO
+        if not coasting:
+            V_WO[3:] += min(dt, _BENT) * self.a_WO
+        return V_WO
 
     def predicted(self, time: float, *, coasting: bool = False) -> TwistFilter:
         """The estimate at a later time, with nothing measured in between.
@@ -83,28 +108,29 @@ class TwistFilter(Frozen):
         dt = time - self.time
         if dt <= 0.0:
             return self
-        left = np.exp(-dt / (DECAY if coasting else _STEADY))
-        keep = np.repeat([left, left if coasting else 1.0], 3)
-        F = np.eye(12)
-        F[:6, 6:] = dt * np.eye(6)
-        F[6:, 6:] = np.diag(keep)
-        density = np.repeat(np.square(TWIST_NOISE), 3)
-        Q = np.zeros((12, 12))
-        steps = np.arange(6)
-        Q[steps, steps] = density * dt**3 / 3.0
-        Q[steps, steps + 6] = Q[steps + 6, steps] = density * dt**2 / 2.0
-        Q[steps + 6, steps + 6] = density * dt
+        keep, ends = _kept(dt, coasting), 0.0 if coasting else np.exp(-dt / _CURVE)
+        F = np.eye(15)
+        F[:6, 6:12] = dt * np.eye(6)
+        F[6:12, 6:12] = np.diag(keep)
+        F[12:, 12:] *= ends
+        if not coasting:
+            F[3:6, 12:], F[9:12, 12:] = 0.5 * dt**2 * np.eye(3), dt * np.eye(3)
+        Q = _disturbance(dt, 0.0 if coasting else jerk_of(self.a_WO))
+        if coasting:
+            forgotten = 1.0 - np.square(np.diag(F)[6:])
+            Q[6:, 6:] += np.diag(forgotten * np.square(_MOTION_PRIOR))
         return TwistFilter(
             time,
             self.pose(time, coasting=coasting),
-            keep * self.V_WO,
+            self.twist(time, coasting=coasting),
+            ends * self.a_WO,
             F @ self.covariance @ F.T + Q,
         )
 
     def carried(self, before: TwistFilter, X_WO: Array) -> TwistFilter:
         """The same estimate at the pose that something has carried it to from an earlier one."""
         V_WO = pose_error(before.X_WO, X_WO) / (self.time - before.time)
-        return replace(self, X_WO=X_WO, V_WO=V_WO)
+        return replace(self, X_WO=X_WO, V_WO=V_WO, a_WO=np.zeros(3))
 
     def measured(self, X_WO: Array, information: Array) -> TwistFilter:
         """The estimate after a registration that started from this one.
@@ -120,9 +146,10 @@ class TwistFilter(Frozen):
         before = P[:6, :6]
         after = np.linalg.inv(np.linalg.inv(before) + information)
         gain = np.linalg.solve(before, P[:6]).T
-        twist = self.V_WO + (gain @ error)[6:]
+        motion = np.concatenate([self.V_WO, self.a_WO]) + (gain @ error)[6:]
         covariance = P - gain @ (before - after) @ gain.T
-        return replace(self, X_WO=X_WO, V_WO=twist, covariance=0.5 * (covariance + covariance.T))
+        covariance = 0.5 * (covariance + covariance.T)
+        return replace(self, X_WO=X_WO, V_WO=motion[:6], a_WO=motion[6:], covariance=covariance)
 
     def widened(self, covariance: Array) -> TwistFilter:
         """The same with a further covariance of the pose's error [theta, p], (6, 6)."""
@@ -145,3 +172,35 @@ def moved(X: Array, error: Array) -> Array:
 def _way(dt: float) -> float:
     """Time that a steady motion takes as far as one that dies away goes in ``dt`` [s]."""
     return float(DECAY * (1.0 - np.exp(-dt / DECAY)))
+
+
+def jerk_of(a_WO: Array) -> float:
+    """How quickly an acceleration (3,) [m/s^2] changes [m/s^2 in 1 s]: square root of a density."""
+    return _JERK + _JERK_OF_ACCELERATION * float(np.linalg.norm(a_WO))
+
+
+def _kept(dt: float, coasting: bool) -> Array:
+    """What is left of a twist, shape (6,)."""
+    left = np.exp(-dt / (DECAY if coasting else _STEADY))
+    return np.repeat([left, left if coasting else 1.0], 3)
+
+
+def _disturbance(dt: float, jerk: float) -> Array:
+    """Covariance (15, 15) of what the noise does in a time."""
+    Q, turn, go = np.zeros((15, 15)), TWIST_NOISE**2, jerk**2
+    blocks = {
+        (0, 0): turn * dt**3 / 3.0,
+        (0, 2): turn * dt**2 / 2.0,
+        (2, 2): turn * dt,
+        (1, 1): go * dt**5 / 20.0,
+        (1, 3): go * dt**4 / 8.0,
+        (1, 4): go * dt**3 / 6.0,
+        (3, 3): go * dt**3 / 3.0,
+        (3, 4): go * dt**2 / 2.0,
+        (4, 4): go * dt,
+    }
+    for (row, column), value in blocks.items():
+        block = value * np.eye(3)
+        Q[3 * row : 3 * row + 3, 3 * column : 3 * column + 3] = block
+        Q[3 * column : 3 * column + 3, 3 * row : 3 * row + 3] = block
+    return Q

@@ -156,9 +156,10 @@ class FieldTracker(LeafSystem):
         if found.estimate is None:
             return np.full((4, 4), np.nan), np.full(6, np.nan)
         state = found.state(context.get_time(), self._config.silence)
+        time, coasting = context.get_time(), state is TrackingState.COASTING
         lost = state is TrackingState.LOST
-        V_WO = np.zeros(6) if lost else found.estimate.V_WO
-        return self._expected(found, state, context.get_time()), V_WO
+        V_WO = np.zeros(6) if lost else found.estimate.twist(time, coasting=coasting)
+        return self._expected(found, state, time), V_WO
 
     @staticmethod
     def _expected(found: FieldTrack, state: TrackingState, time: float) -> Array:

@@ -51,6 +51,21 @@ def test_what_is_not_finite_is_refused(grasps, part, bad):
         GraspSet(**parts)
 
 
+@pytest.mark.parametrize(
+    "pose",
+    [np.zeros((4, 4)), np.diag([1.0, 1.0, -1.0, 1.0]), np.diag([2.0, 1.0, 1.0, 1.0])],
+    ids=["zeros", "left-handed", "scaled"],
+)
+def test_what_is_no_pose_is_refused(grasps, pose):
+    X_OG = np.array(grasps.X_OG)
+    X_OG[3] = pose
+    with pytest.raises(GraspError, match=r"X_OG\[3\] is no pose"):
+        GraspSet(X_OG, grasps.width, grasps.score)
+    transposed = np.swapaxes(grasps.X_OG, 1, 2) + np.eye(4, k=-3)  # a translation in the last row
+    with pytest.raises(GraspError, match="last row"):
+        GraspSet(transposed, grasps.width, grasps.score)
+
+
 def test_lengths_must_agree(grasps):
     with pytest.raises(GraspError, match="5 poses, 4 widths and 5 scores"):
         GraspSet(grasps.X_OG, grasps.width[:4], grasps.score)
