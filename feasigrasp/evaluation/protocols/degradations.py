@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import zlib
+from pathlib import Path
 
 import numpy as np
 
@@ -80,8 +82,9 @@ def _masks(scenario: Scenario) -> None:
 
 
 def _all(scenario: Scenario) -> None:
-    """Everything at once; what has a range is drawn from it by the seed of the run."""
-    rng = np.random.default_rng([scenario.random_seed, 2])
+    """Everything at once; what has a range is drawn from it by the run's seed and object."""
+    which = zlib.crc32(Path(scenario.object.model).stem.encode())
+    rng = np.random.default_rng([scenario.random_seed, which, 2])
     _hand_eye(scenario)
     motion_capture(scenario)
     _masks(scenario)

@@ -10,8 +10,9 @@ from feasigrasp.scenario.files import dump_scenario, load_scenario
 FILE = diagram_path("dynamic.scenarios.yaml")
 
 
-def degraded(name, seed=0):
-    scenario = load_scenario(FILE, "ReachCircularMocap", f"{{random_seed: {seed}}}")
+def degraded(name, seed=0, model="mug"):
+    text = f"{{random_seed: {seed}, object: {{model: {model}}}}}"
+    scenario = load_scenario(FILE, "ReachCircularMocap", text)
     DEGRADATIONS[name](scenario)
     check_scenario(scenario)
     return scenario
@@ -29,7 +30,7 @@ def test_no_two_are_the_same():
     assert len({dump_scenario(degraded(name)) for name in DEGRADATIONS}) == len(DEGRADATIONS)
 
 
-def test_all_together_are_drawn_from_their_ranges_by_the_seed():
+def test_all_together_are_drawn_from_their_ranges_by_seed_and_object():
     drawn = [degraded("all", seed) for seed in range(40)]
     for scenario in drawn:
         assert 0.0 <= scenario.perception.latency <= 1.0
@@ -40,3 +41,6 @@ def test_all_together_are_drawn_from_their_ranges_by_the_seed():
     factors = [scenario.object.mass_factor for scenario in drawn]
     assert min(factors) < 0.8 and max(factors) > 1.4
     assert dump_scenario(degraded("all", 7)) == dump_scenario(drawn[7])
+    # A study of one seed and many objects draws as many times.
+    latencies = {degraded("all", 0, model).perception.latency for model in ("mug", "box", "drill")}
+    assert len(latencies) == 3
