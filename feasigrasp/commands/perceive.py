@@ -37,6 +37,8 @@ REASONS: dict[str, str] = {
     Rejection.UNCERTAIN: "less likely to be a true grasp than the others",
     Rejection.TOO_HEAVY: "the object would turn between the pads",
 }
+#: A share of outliers that one object hardly has.
+_MANY = 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -152,6 +154,11 @@ def main(args: argparse.Namespace) -> int:
         down=args.down,
     )
     print_table(args.cloud.name, perception)
+    if perception.outliers > _MANY * len(points):
+        print(
+            "  so many were dropped that there may be another object beside this one; keep one "
+            "with --crop or --on_table"
+        )
     draw_perception(perception, picture, args.cloud.stem)
     write_perception_html(perception, html)
     print(f"  wrote {picture} and {html}")

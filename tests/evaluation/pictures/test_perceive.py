@@ -139,6 +139,16 @@ def test_the_script_writes_picture_and_html(run_script, tmp_path, sampler):
     assert 'src="http' not in html
 
 
+def test_a_second_object_in_the_cloud_is_told_of(run_script, tmp_path):
+    ball = seen_sphere()
+    np.save(tmp_path / "one.npy", ball)
+    np.save(tmp_path / "two.npy", np.vstack([ball, ball[: len(ball) // 2] + [0.2, 0.0, 0.0]]))
+    for name, told in (("one", False), ("two", True)):
+        arguments = ("--cloud", tmp_path / f"{name}.npy", "--sampler", "antipodal")
+        status, out, _ = run_script(*arguments, "--picture", tmp_path / f"{name}.png")
+        assert status == 0 and ("another object beside this one" in out) == told
+
+
 def test_nothing_to_hold_is_explained(run_script, tmp_path):
     u, v = np.meshgrid(np.linspace(-0.1, 0.1, 60), np.linspace(-0.1, 0.1, 60))
     big = np.column_stack([u.ravel(), v.ravel(), 0.6 - 0.5 * (u.ravel() ** 2 + v.ravel() ** 2)])
