@@ -20,6 +20,7 @@ class Part(StrEnum):
     CONTROLLER = "controller"  # the reachability
     TRACKER = "tracker"  # the scenario's tracker
     PERCEPTION = "perception"  # the scenario's perception
+    MOTION = "motion"  # the motion that the scenario describes
 
 
 @dc.dataclass
@@ -77,3 +78,15 @@ def load_part(key: str, part: PartConfig) -> Callable[..., Any]:
         known = [each for each in vars(module) if not each.startswith("_")]
         raise ScenarioError(f"{where}: {module_name} has no such class{nearest(name, known)}")
     return typing.cast(Callable[..., Any], found)
+
+
+def make_named(key: str, part: PartConfig, given: Any) -> Any:
+    """What a part's class or function makes of ``given`` and its options.
+
+    Raises:
+        ScenarioError: It cannot be loaded or made.
+    """
+    try:
+        return load_part(key, part)(given, **part.options)
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(f"parts.{key}: {part.name} cannot be made: {error}") from error

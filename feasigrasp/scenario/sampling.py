@@ -2,11 +2,13 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.common.schema import Sample, Transform
 
+from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
@@ -17,6 +19,7 @@ from feasigrasp.models.objects.carriers import CarrierKind
 from feasigrasp.models.objects.company import Carrier, Companion, Distractor
 from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
+from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import BezierPath, Scenario
 
 #: Streams of numbers that are drawn from the seed: where the object is, how the hand errs.
@@ -71,7 +74,10 @@ def make_hand_error(scenario: Scenario) -> Array:
 def make_motion(scenario: Scenario) -> ObjectMotion:
     """The object's motion, with everything random drawn from the scenario's seed.
 
-    Faults of the object alter it.
+    One of one's own is made of it; faults of the object alter it.
+
+    Raises:
+        ScenarioError: The part that the scenario names cannot be made, or is no motion.
     """
     config, seed = scenario.motion, scenario.random_seed
     generator = RandomGenerator(seed)
@@ -89,7 +95,24 @@ def make_motion(scenario: Scenario) -> ObjectMotion:
         center = center + rng.uniform(-1.0, 1.0, 3) * values.pop("spread")
         values |= {"center": center, "start_phase": phase, "R_WO": R_WO}
         motion = HarmonicMotion(**values)
+    if own := scenario.parts.get(Part.MOTION):
+        motion = _checked(make_named(Part.MOTION, own, motion), own.name)
     return altered(motion, scenario.faults)
+
+
+def _checked(motion: Any, name: str) -> ObjectMotion:
+    """A motion of one's own, if its state is one."""
+    where = f"parts.{Part.MOTION}: {name}"
+    if not isinstance(motion, ObjectMotion):
+        raise ScenarioError(f"{where} makes a {type(motion).__name__}; derive from ObjectMotion")
+    state = motion.state(0.0)
+    shapes = [np.shape(each) for each in state]
+    if shapes != [(4, 4), (6,), (3,)] or not all(np.isfinite(each).all() for each in state):
+        raise ScenarioError(
+            f"{where}: its state at 0 s has the shapes {shapes}, or is not finite; give X_WO "
+            "(4, 4), V_WO (6,) [angular; linear] and the acceleration (3,)"
+        )
+    return motion
 
 
 def make_company(scenario: Scenario, obj: RigidObject, motion: ObjectMotion) -> list[Companion]:

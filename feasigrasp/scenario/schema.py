@@ -331,9 +331,9 @@ class Scenario:
         control: Controller.
         execution: Errors of the hand's place.
         grasp: Closing, letting go, lifting, shaking, holding.
-        parts: Parts of one's own instead of the pipeline's: ``sampler``, ``controller``,
-            ``tracker``, ``perception``, each with the ``name`` of its class or function,
-            ``package.module:Name``, and keyword arguments as ``options``.
+        parts: Parts of one's own: ``sampler``, ``controller``, ``tracker``, ``perception``,
+            ``motion``, each with the ``name`` of its class or function, ``package.module:Name``,
+            and keyword arguments as ``options``.
         faults: What goes wrong, and when, e.g. ``!PoseNan {start: 2, duration: 0.5}``.
     """
 

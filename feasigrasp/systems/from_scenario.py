@@ -34,7 +34,7 @@ from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.scenario.parts import Part, load_part
+from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
@@ -339,8 +339,4 @@ def make_part(part: Part, scenario: Scenario, reachability: Reachability) -> Any
     argument, make = given[part]
     if part not in scenario.parts:
         return make()
-    named = scenario.parts[part]
-    try:
-        return load_part(part, named)(argument, **named.options)
-    except (TypeError, ValueError) as error:
-        raise ScenarioError(f"parts.{part}: {named.name} cannot be made: {error}") from error
+    return make_named(part, scenario.parts[part], argument)

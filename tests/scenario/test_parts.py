@@ -1,16 +1,20 @@
 """Parts of one's own that a scenario names."""
 
+import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.object_tracker import ObjectTracker
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 MODULE = """
+import numpy as np
+from feasigrasp.models.objects import ObjectMotion
 from feasigrasp.models.grasps import AntipodalSampler
 from feasigrasp.systems.object_tracker import ObjectTracker
 
@@ -23,6 +27,18 @@ class Few:
 
 class Own(ObjectTracker):
     pass
+
+class Higher(ObjectMotion):
+    def __init__(self, path, height=0.1):
+        self._path, self._height = path, height
+    def state(self, t):
+        X_WO, V_WO, a_WO = (np.array(part) for part in self._path.state(t))
+        X_WO[2, 3] += self._height
+        return X_WO, V_WO, a_WO
+
+class Wrong(Higher):
+    def state(self, t):
+        return super().state(t)[:2]
 
 number = 3
 """
@@ -80,3 +96,28 @@ def test_options_that_the_part_does_not_take_are_refused_by_name(module):
     scenario = loaded("{sampler: {name: 'my_parts:Few', options: {mst: 3}}}")
     with pytest.raises(ScenarioError, match="parts.sampler: my_parts:Few cannot be made.*'mst'"):
         make_dynamic_grasp(scenario)
+
+
+def test_a_motion_of_ones_own_moves_the_object(module):
+    """As the scenario does, start and orientation drawn by its seed; and it is judged by it."""
+    usual, own = loaded("{}"), loaded("{motion: {name: 'my_parts:Higher', options: {height: 0.2}}}")
+    for t in (0.0, 1.3):
+        above = make_motion(own).pose(t) - make_motion(usual).pose(t)
+        np.testing.assert_allclose(above[2, 3], 0.2)
+        assert np.count_nonzero(np.abs(above) > 1e-12) == 1
+    diagram = make_dynamic_grasp(own)
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.5)
+    station = diagram.subsystems.station
+    context = station.GetMyContextFromRoot(simulator.get_context())
+    X_WO = station.GetOutputPort("object.pose").Eval(context).GetAsMatrix4()
+    np.testing.assert_allclose(X_WO, make_motion(own).pose(0.5), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("Few", "makes a Few; derive from ObjectMotion"), ("Wrong", r"shapes \[\(4, 4\), \(6,\)\]")],
+)
+def test_what_is_no_motion_is_refused(module, name, message):
+    with pytest.raises(ScenarioError, match=f"parts.motion: my_parts:{name}.*{message}"):
+        make_motion(loaded(f"{{motion: {{name: 'my_parts:{name}'}}}}"))
