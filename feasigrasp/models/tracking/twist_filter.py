@@ -10,8 +10,9 @@ The angular velocity is disturbed by white noise, and so is the acceleration: by
 large. An object that goes round quickly changes it as quickly, and a filter of constant velocity
 would lag behind; one that hardly accelerates is smoothed more. What a registration does not
 determine has no information in its measurement, and stays at what the filter expects. While
-nothing is measured, twist and acceleration die away: a wrong one must not carry the hand off. That
-the object truly stops is not known, so that their variances grow to what they were at first.
+nothing is measured, twist and acceleration die away: a wrong one must not carry the hand off. The
+covariance of the pose grows meanwhile as that of an object whose velocity changes: wide enough to
+look for it where it may have gone, and no wider, or what is found there would be anything.
 
 References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation,
 section 6.2; Zhou and Kumar, "A current statistical model and adaptive algorithm for estimating
@@ -28,10 +29,11 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 
-#: How quickly the angular velocity changes [rad/s in 1 s]: square root of a density.
-TWIST_NOISE = 0.1
+#: How quickly the angular velocity changes [rad/s in 1 s]: square root of a density. The same of
+#: the velocity while nothing is measured [m/s in 1 s].
+TWIST_NOISE, _COASTING_NOISE = 0.1, 0.1
 #: The same of the acceleration, of one that is zero [m/s^2 in 1 s], and what it grows by with it.
-_JERK, _JERK_OF_ACCELERATION = 0.5, 3.0
+_JERK, _JERK_OF_ACCELERATION = 0.2, 3.0
 #: What is known before the first image: standard deviations of the twist [rad/s, m/s] and the
 #: acceleration [m/s^2].
 TWIST_PRIOR, _ACCELERATION_PRIOR = (0.5, 0.25), 0.5
@@ -44,7 +46,7 @@ DECAY = 0.6
 _STEADY = 5.0
 #: An acceleration lasts for about so long [s]; where nothing is measured, the way is bent by it for
 #: so long at most, and then goes straight on [s].
-_CURVE, _BENT = 1.0, 0.1
+_CURVE, _BENT = 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +117,7 @@ class TwistFilter(Frozen):
         F[12:, 12:] *= ends
         if not coasting:
             F[3:6, 12:], F[9:12, 12:] = 0.5 * dt**2 * np.eye(3), dt * np.eye(3)
-        Q = _disturbance(dt, 0.0 if coasting else jerk_of(self.a_WO))
-        if coasting:
-            forgotten = 1.0 - np.square(np.diag(F)[6:])
-            Q[6:, 6:] += np.diag(forgotten * np.square(_MOTION_PRIOR))
+        Q = _coasting(dt) if coasting else _curving(dt, jerk_of(self.a_WO))
         return TwistFilter(
             time,
             self.pose(time, coasting=coasting),
@@ -185,22 +184,43 @@ def _kept(dt: float, coasting: bool) -> Array:
     return np.repeat([left, left if coasting else 1.0], 3)
 
 
-def _disturbance(dt: float, jerk: float) -> Array:
-    """Covariance (15, 15) of what the noise does in a time."""
-    Q, turn, go = np.zeros((15, 15)), TWIST_NOISE**2, jerk**2
-    blocks = {
-        (0, 0): turn * dt**3 / 3.0,
-        (0, 2): turn * dt**2 / 2.0,
-        (2, 2): turn * dt,
-        (1, 1): go * dt**5 / 20.0,
-        (1, 3): go * dt**4 / 8.0,
-        (1, 4): go * dt**3 / 6.0,
-        (3, 3): go * dt**3 / 3.0,
-        (3, 4): go * dt**2 / 2.0,
-        (4, 4): go * dt,
-    }
+def _curving(dt: float, jerk: float) -> Array:
+    """Covariance (15, 15) of what white noise does to angular velocity and acceleration."""
+    turn, go = TWIST_NOISE**2, jerk**2
+    return _spread(
+        {
+            (0, 0): turn * dt**3 / 3.0,
+            (0, 2): turn * dt**2 / 2.0,
+            (2, 2): turn * dt,
+            (1, 1): go * dt**5 / 20.0,
+            (1, 3): go * dt**4 / 8.0,
+            (1, 4): go * dt**3 / 6.0,
+            (3, 3): go * dt**3 / 3.0,
+            (3, 4): go * dt**2 / 2.0,
+            (4, 4): go * dt,
+        }
+    )
+
+
+def _coasting(dt: float) -> Array:
+    """The same of both velocities, and of an acceleration of which nothing is known any more."""
+    turn, go = TWIST_NOISE**2, _COASTING_NOISE**2
+    return _spread(
+        {
+            (0, 0): turn * dt**3 / 3.0,
+            (0, 2): turn * dt**2 / 2.0,
+            (2, 2): turn * dt,
+            (1, 1): go * dt**3 / 3.0,
+            (1, 3): go * dt**2 / 2.0,
+            (3, 3): go * dt,
+            (4, 4): _ACCELERATION_PRIOR**2,
+        }
+    )
+
+
+def _spread(blocks: dict[tuple[int, int], float]) -> Array:
+    """The symmetric matrix (15, 15) with these multiples of the identity (3, 3) as its blocks."""
+    scale = np.zeros((5, 5))
     for (row, column), value in blocks.items():
-        block = value * np.eye(3)
-        Q[3 * row : 3 * row + 3, 3 * column : 3 * column + 3] = block
-        Q[3 * column : 3 * column + 3, 3 * row : 3 * row + 3] = block
-    return Q
+        scale[row, column] = scale[column, row] = value
+    return np.asarray(np.kron(scale, np.eye(3)))

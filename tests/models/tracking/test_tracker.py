@@ -119,19 +119,16 @@ def test_a_side_that_is_known_gives_fewer_keyframes():
 
 def test_another_side_is_learnt_though_the_object_is_at_the_edge_of_the_image():
     """It turns by 170 degrees meanwhile: later on nothing that was known is in sight."""
-    errors = []
-    for seed in range(3):
-        rng, tracker, X_BO = np.random.default_rng(seed), SequenceTracker(), None
-        for k in range(105):
-            t = k * PERIOD
-            X_WB = se3.extrapolate(X0, np.array([0.0, 0.0, 1.2, 0.0, 0.0, 0.0]), t)
-            aside = 0.5 * np.clip((t - 0.5) / 0.3, 0.0, 1.0) * np.clip((3.0 - t) / 0.3, 0.0, 1.0)
-            camera = CAMERA @ se3.make_pose(se3.so3_exp([0.0, aside, 0.0]), [0.0, 0.0, 0.0])
-            tracker = tracker.looked(look(SURFACE, X_WB, camera, rng), t).learnt()
-            X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO if X_BO is None else X_BO
-        errors.append(surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X_WB))
-        assert tracker.track.state(t, 0.5) is TrackingState.TRACKING
-    assert np.mean(errors) < 6e-3
+    rng, tracker, X_BO = np.random.default_rng(0), SequenceTracker(), None
+    for k in range(105):
+        t = k * PERIOD
+        X_WB = se3.extrapolate(X0, np.array([0.0, 0.0, 1.2, 0.0, 0.0, 0.0]), t)
+        aside = 0.5 * np.clip((t - 0.5) / 0.3, 0.0, 1.0) * np.clip((3.0 - t) / 0.3, 0.0, 1.0)
+        camera = CAMERA @ se3.make_pose(se3.so3_exp([0.0, aside, 0.0]), [0.0, 0.0, 0.0])
+        tracker = tracker.looked(look(SURFACE, X_WB, camera, rng), t).learnt()
+        X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO if X_BO is None else X_BO
+    assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X_WB) < 6e-3
+    assert tracker.track.state(t, 0.5) is TrackingState.TRACKING
 
 
 def test_a_long_side_that_comes_into_view_is_learnt():
