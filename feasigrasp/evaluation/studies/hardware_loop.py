@@ -1,8 +1,9 @@
 """``feasigrasp evaluate hardware-loop``: grasps over the messages of the real drivers.
 
 A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study mocap``,
-and the same with a controller that is killed or stopped at random instants, or with a bad network;
-beside them the same runs in one process. Judged in the simulator's process.
+and the same with a controller, or a process that perceives or plans for it, that is killed or
+stopped at random instants, or with a bad network; beside them the same runs in one process. Judged
+in the simulator's process.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ LIMITS = (
     "torque_limit_violation_percent",
     "self_collision_percent",
 )
+_AT_CONTROLLER = [blow for blow in Blow if not blow.at_worker]
 #: What is kept of what was heard of the controller.
 _HEARD = (
     *("request_gap_ms_max", "request_gap_ms_p99", "rest_s", "commands_missing"),
@@ -107,8 +109,8 @@ def planned_pairs(
 def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
     """What came of one pair of processes.
 
-    An arm that does not come to rest after a blow counts as a broken limit, and so does a driver
-    that had to stop the arm.
+    An arm that does not come to rest after its controller was struck counts as a broken limit, and
+    so does a driver that had to stop the arm.
 
     Args:
         name: Name of the pair.
@@ -123,7 +125,7 @@ def outcome(name: str, item: dict[str, Any], *, rate: float) -> list[Record]:
         record |= {"crashed": True, "error": str(error), "held": False, "broken": True} | empty
         return [record]
     metrics, heard = said["metrics"], said["hardware"]
-    restless = item["fault"] in list(Blow) and heard["rest_s"] is None
+    restless = item["fault"] in _AT_CONTROLLER and heard["rest_s"] is None
     stopped = heard["driver_stopped_by_joint"] > 0
     broken = restless or stopped or any((metrics[key] or 0.0) > 0.0 for key in LIMITS)
     record |= {"crashed": False, "error": said["error"], "held": bool(metrics["grasp_held"])}
@@ -137,10 +139,11 @@ def outcome_rows(outcomes: Sequence[Record]) -> list[Row]:
     """Figures of the runs without a fault, of blows, and of every network."""
     rows = []
     plain = [each for each in outcomes if not each["fault"]]
-    blows = [each for each in outcomes if each["fault"] in list(Blow)]
+    blows = [each for each in outcomes if each["fault"] in _AT_CONTROLLER]
     # The times of a controller on a good network are those of the runs without a fault.
     groups = {"processes": plain, "blows": blows}
-    groups |= {str(n): [e for e in outcomes if e["fault"] == n] for n in Network}
+    others = [*(blow for blow in Blow if blow.at_worker), *Network]
+    groups |= {str(n): [e for e in outcomes if e["fault"] == n] for n in others}
     for preset, group in groups.items():
         if not group:
             continue

@@ -19,11 +19,10 @@ from feasigrasp.systems.remote.packing import packed, unpacked
 
 #: A worker that takes longer hangs: to start and compile, and for one piece of work [s].
 START_PATIENCE, PATIENCE = 300.0, 10.0
+#: Tells a worker from other processes, in a list of what they run.
+SERVING = "feasigrasp.systems.remote.serving"
 #: What the process runs: modules are looked for where this one finds them.
-_SERVE = (
-    "import sys; sys.path[:] = {path!r}; from feasigrasp.systems.remote.serving import main; "
-    "main({descriptor})"
-)
+_SERVE = f"import sys; sys.path[:] = {{path!r}}; from {SERVING} import main; main({{descriptor}})"
 
 
 class Worker:

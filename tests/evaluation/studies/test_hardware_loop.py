@@ -1,31 +1,51 @@
 """The study of two processes: what is planned, what is counted, and a network that is bad."""
 
+import os
+import subprocess
+import sys
 import time
 from argparse import Namespace
 from types import SimpleNamespace
 
 import numpy as np
+import psutil
 import pytest
 from drake import lcmt_iiwa_command, lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 
-from feasigrasp.evaluation.runs.hardware import network
+from feasigrasp.errors import HardwareError
+from feasigrasp.evaluation.runs.hardware import network, pair
 from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
 from feasigrasp.evaluation.runs.hardware.network import Network, Relay
+from feasigrasp.evaluation.runs.hardware.pair import Blow, workers_of
 from feasigrasp.evaluation.studies import hardware_loop
 from feasigrasp.evaluation.studies.hardware_loop import outcome, outcome_rows, planned_pairs
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
 
+#: Has another child than its two workers, says their numbers, and waits.
+CONTROLLER = """
+import subprocess, sys
+from feasigrasp.systems.remote.worker import Worker
+from tests.remote_counter import Counter
+
+workers = [Worker(Counter) for _ in range(2)]
+for worker in workers:
+    worker.wait_until_ready()
+other = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+print(*sorted(worker.pid for worker in workers), flush=True)
+input()
+"""
 RUNS = [SimpleNamespace(id=name, scenario=Scenario()) for name in "abc"]
 
 
 def test_every_run_is_planned_once_and_faults_in_turn():
-    pairs = planned_pairs(RUNS, 4, 2, seed=0)
+    pairs = planned_pairs(RUNS, 5, 2, seed=0)
     faults = [item["fault"] for item in pairs.values()]
-    assert faults[:7] == ["", "", "", "kill", "stop", "kill", "stop"]
-    assert faults[7:] == [str(n) for n in Network for _ in range(2)]
-    assert planned_pairs(RUNS, 4, 2, seed=0) == pairs != planned_pairs(RUNS, 4, 2, seed=1)
+    assert faults[:5] == ["", "", "", "kill", "stop"]
+    assert faults[5:8] == ["kill_worker", "stop_worker", "kill"]
+    assert faults[8:] == [str(n) for n in Network for _ in range(2)]
+    assert planned_pairs(RUNS, 5, 2, seed=0) == pairs != planned_pairs(RUNS, 5, 2, seed=1)
 
 
 def one(fault="", **changes):
@@ -39,7 +59,10 @@ def one(fault="", **changes):
 def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
     runs = [one(), one(held=False, request_gap_ms_max=30.0, image_to_grasps_ms=None)]
     blows = [one("kill", rest_s=0.2), one("stop", rest_s=None, broken=True)]
-    rows = {(row.name, row.preset): row.value for row in outcome_rows([*runs, *blows])}
+    workers = [one("kill_worker", rest_s=None), one("kill_worker", rest_s=3.0, held=False)]
+    rows = {(r.name, r.preset): r.value for r in outcome_rows([*runs, *blows, *workers])}
+    assert rows["hardware.held_percent", "kill_worker"] == 50.0
+    assert rows["hardware.limits_broken", "kill_worker"] == 0
     assert rows["hardware.held_percent", "processes"] == 50.0
     assert rows["hardware.limits_broken", "processes"] == 0
     assert rows["hardware.limits_broken", "blows"] == 1
@@ -50,15 +73,16 @@ def test_rows_count_what_was_broken_and_how_long_it_takes_to_rest():
 
 
 @pytest.mark.parametrize(
-    ("change", "broken"),
+    ("fault", "change", "broken"),
     [
-        ({}, False),
-        ({"metrics": {"torque_limit_violation_percent": 0.1}}, True),
-        ({"hardware": {"driver_stopped_by_joint": 6}}, True),
-        ({"hardware": {"rest_s": None}}, True),
+        ("kill", {}, False),
+        ("kill", {"metrics": {"torque_limit_violation_percent": 0.1}}, True),
+        ("kill", {"hardware": {"driver_stopped_by_joint": 6}}, True),
+        ("stop", {"hardware": {"rest_s": None}}, True),
+        ("stop_worker", {"hardware": {"rest_s": None}}, False),
     ],
 )
-def test_what_counts_as_broken(monkeypatch, change, broken):
+def test_what_counts_as_broken(monkeypatch, fault, change, broken):
     record = {
         "metrics": dict.fromkeys(hardware_loop.LIMITS, 0.0) | {"grasp_held": None},
         "hardware": dict.fromkeys(hardware_loop._HEARD, 0.0),
@@ -68,7 +92,7 @@ def test_what_counts_as_broken(monkeypatch, change, broken):
     for part, values in change.items():
         record[part] |= values
     monkeypatch.setattr(hardware_loop, "run_pair", lambda *a, **k: record)
-    (found,) = outcome("x", {"fault": "kill", "at": 1.0, "text": ""}, rate=1.0)
+    (found,) = outcome("x", {"fault": fault, "at": 1.0, "text": ""}, rate=1.0)
     assert found["broken"] is broken and not found["crashed"]
 
 
@@ -150,3 +174,25 @@ def test_a_depth_that_is_not_a_number(bus):
     (data,) = carried(bus, Network.DEPTH_NAN, [message.encode()], channel=channel)
     (found,) = lcmt_image_array.decode(data).images
     assert np.isnan(np.frombuffer(bytes(found.data), "<f4")).all() and found.size == 48
+
+
+def test_those_who_work_for_a_controller_are_found_and_struck():
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    controller = subprocess.Popen([sys.executable, "-c", CONTROLLER], text=True, **pipes)
+    try:
+        pids = [int(word) for word in controller.stdout.readline().split()]
+        assert workers_of(controller.pid) == pids
+        pair._strike(controller, Blow.KILL_WORKER, 3)
+        deadline = time.monotonic() + 20.0
+        while psutil.Process(pids[1]).status() != psutil.STATUS_ZOMBIE:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        assert controller.poll() is None and psutil.pid_exists(pids[0])
+    finally:
+        controller.kill()
+        controller.wait()
+
+
+def test_a_controller_that_does_all_by_itself_has_no_workers():
+    with pytest.raises(HardwareError, match="nobody who perceives"):
+        workers_of(os.getpid())

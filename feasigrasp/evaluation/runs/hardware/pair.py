@@ -17,12 +17,14 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+import psutil
 from drake import lcmt_iiwa_status
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.evaluation.runs.hardware.network import Network, Relay
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.remote.worker import SERVING
 
 #: How long a pair of processes may take from its start to its end [s].
 PATIENCE = 900.0
@@ -31,13 +33,22 @@ LAST_WORDS = 60.0
 
 
 class Blow(StrEnum):
-    """What becomes of the controller."""
+    """Who is struck, and how: the controller, or a process that perceives or plans for it."""
 
     KILL = "kill"
     STOP = "stop"
+    KILL_WORKER = "kill_worker"
+    STOP_WORKER = "stop_worker"
 
+    @property
+    def at_worker(self) -> bool:
+        """Whether the controller itself goes on."""
+        return self in (Blow.KILL_WORKER, Blow.STOP_WORKER)
 
-_SIGNALS = {Blow.KILL: signal.SIGKILL, Blow.STOP: signal.SIGSTOP}
+    @property
+    def signal(self) -> signal.Signals:
+        """What is sent."""
+        return signal.SIGKILL if self in (Blow.KILL, Blow.KILL_WORKER) else signal.SIGSTOP
 
 
 def run_pair(
@@ -71,8 +82,8 @@ def run_pair(
             driven = ["--hardware", "--lcm-url", control, "--results", str(own)]
             controller = _start("run", *both, *driven, output=None)
             try:
-                _watch(sim, controller, cell, relay, fault, at)
-                if fault not in list(Blow):
+                _watch(sim, controller, cell, relay, fault, at, number)
+                if fault not in list(Blow) or Blow(fault).at_worker:
                     _wait_for(controller)
             finally:
                 if relay is not None:
@@ -109,8 +120,12 @@ def _watch(
     relay: Relay | None,
     fault: str,
     at: float,
+    number: int,
 ) -> None:
-    """Waits for the end of the simulation; does to the controller what is to be done, in time."""
+    """Waits for the end of the simulation; does to the controller what is to be done, in time.
+
+    Which of the processes that work for it is struck, the number says.
+    """
     lcm, times = DrakeLcm(url), _Times()
     subscriptions = [
         lcm.Subscribe(channels.IIWA_STATUS, times.status),
@@ -124,10 +139,34 @@ def _watch(
             if relay is not None:
                 relay.begun = True
             else:
-                os.kill(controller.pid, _SIGNALS[Blow(fault)])
+                _strike(controller, Blow(fault), number)
         if controller.poll() not in (None, 0) and times.first == math.inf:
             return  # it has never begun: the simulation would wait for ever
     del subscriptions
+
+
+def _strike(controller: subprocess.Popen[bytes], blow: Blow, number: int) -> None:
+    if controller.poll() is not None:
+        return
+    pids = workers_of(controller.pid) if blow.at_worker else [controller.pid]
+    with suppress(ProcessLookupError):
+        os.kill(pids[number % len(pids)], blow.signal)
+
+
+def workers_of(pid: int) -> list[int]:
+    """The processes that perceive and plan for a controller, in the order of their start.
+
+    Args:
+        pid: Of the controller.
+
+    Raises:
+        HardwareError: There are none.
+    """
+    children = psutil.Process(pid).children()
+    workers = [child.pid for child in children if SERVING in " ".join(child.cmdline())]
+    if not workers:
+        raise HardwareError(f"process {pid} has nobody who perceives or plans for it")
+    return sorted(workers)
 
 
 class _Times:
