@@ -122,8 +122,8 @@ class MotionEstimate(Frozen):
         return X
 
 
-#: A pose this far from what a filter expects is not the one that it follows [m, rad].
-_ELSEWHERE = 0.02
+#: A pose this far from what a filter expects is not the one that it follows [m], [rad].
+_ELSEWHERE, _TURNED = 0.05, 0.3
 
 
 def future_poses(
@@ -132,7 +132,8 @@ def future_poses(
     """Poses (k, 4, 4) of the object ``ahead`` (k,) seconds from now.
 
     Args:
-        motion: What the tracker knows; None if nothing.
+        motion: What the tracker knows; None if nothing. It predicts how the object goes on from
+            ``X_WO``, which differs a little from where its filter has it.
         X_WO: Pose now, shape (4, 4). If it is not the one that ``motion`` follows, since the hand
             is to go somewhere else, it moves on with its twist.
         V_WO: Twist now [angular; linear], shape (6,).
@@ -140,8 +141,11 @@ def future_poses(
     """
     times = np.asarray(ahead, dtype=float).reshape(-1)
     if motion is not None and motion.known:
-        now = motion.predict([0.0])[0]
-        turned = se3.rotation_angle(now[:3, :3].T @ X_WO[:3, :3])
-        if max(float(np.linalg.norm(now[:3, 3] - X_WO[:3, 3])), float(turned)) < _ELSEWHERE:
-            return motion.predict(times)
+        now, *later = motion.predict(np.concatenate([[0.0], times]))
+        turn, step = now[:3, :3].T @ X_WO[:3, :3], X_WO[:3, 3] - now[:3, 3]
+        if np.linalg.norm(step) < _ELSEWHERE and se3.rotation_angle(turn) < _TURNED:
+            X = np.array(later).reshape(-1, 4, 4)
+            X[:, :3, :3] = X[:, :3, :3] @ turn
+            X[:, :3, 3] += step
+            return X
     return np.array([se3.extrapolate(X_WO, V_WO, t) for t in times]).reshape(-1, 4, 4)

@@ -89,6 +89,11 @@ def _good_enough(key: Keyframe, found: Registration, *, other: bool) -> bool:
     return sure and found.in_view > in_view and key.deviation < deviation
 
 
+def is_cut(view: ObjectView) -> bool:
+    """Whether an image ends within the object."""
+    return bool(np.any(view.camera.to_border(view.points_C) < _AT_BORDER))
+
+
 def cut_off(known: Array, view: ObjectView, X_WO: Array) -> Array:
     """Where what has been merged was cut off by an image, after one more view.
 

@@ -3,7 +3,9 @@
 The frame O is that of the first view: its origin is the middle of what was seen, its axes are those
 of the world. What was seen there is the first keyframe, from which somebody fits a field; once
 there is one, every image is registered to it, and images that are good enough to teach the model
-something are keyframes again. The pose of a keyframe is the tracked one: merging does not move O.
+something are keyframes again. Until then the middle of what is seen tells how the object moves: a
+quick one would be out of a search's reach otherwise. The pose of a keyframe is the tracked one:
+merging does not move O.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ import numpy as np
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
+from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel, parts
+from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.tracking.belief import is_believed, is_found, shows_known
@@ -25,13 +28,14 @@ from feasigrasp.models.tracking.keyframe import (
     KEY_PERIOD,
     Keyframe,
     cut_off,
+    is_cut,
     is_worth_merging,
     keyframe_of,
 )
 from feasigrasp.models.tracking.model import TrackedModel
 from feasigrasp.models.tracking.reacquisition import ANYHOW, UNSURE, reacquire
 from feasigrasp.models.tracking.registration import Registration, register
-from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of
+from feasigrasp.models.tracking.twist_filter import TwistFilter, jerk_of, moved, pose_error
 from feasigrasp.models.tracking.view import ObjectView
 
 #: A first view has at least so many points, any other so many.
@@ -47,8 +51,15 @@ _LONG_GAP, _LARGE_STEP = 1.0, 0.01
 #: A merged view moves the model by its own error, as one of so many views, and by this share of it
 #: at least: where it shows another side it is the only one.
 _LEAST_SHARE = 0.2
+#: Before there is a model: how far the middle of what is seen moves by itself, as another part of
+#: the object is seen [m].
+_MIDDLE_ERROR = 4e-3
 #: What is known without any image of where a model is: standard deviations [rad, m].
 _UNKNOWN = (0.3, 0.03)
+#: So many points of its path make it known; out of sight an object is expected on it, slowing down
+#: over this time [s]: a path that is wrong must not carry the hand off. Its twist there is taken
+#: over this [s].
+_KNOWN_PATH, _SLOWING, _STEP = 12, 2.0, 1e-3
 #: What the tracked path is worth to the predictor of the motion [m, rad].
 _PATH_ERROR = (1.5e-3, 8e-3)
 
@@ -71,6 +82,7 @@ class FieldTrack(Frozen):
         cut: Points of the object where the images worth merging ended, in O, shape (k, 3) [m].
         searched_at: When it was last searched for from several starts [s].
         motion: State of the filter that predicts, see `feasigrasp.models.objects.pose_filter`.
+        measured_motion: The same at the last image that a pose was got from.
     """
 
     image_time: float = -np.inf
@@ -85,6 +97,7 @@ class FieldTrack(Frozen):
     cut: Array = field(default_factory=lambda: np.zeros((0, 3)))
     searched_at: float = -np.inf
     motion: Array = field(default_factory=empty_state)
+    measured_motion: Array = field(default_factory=empty_state)
 
     @property
     def measured_at(self) -> float:
@@ -138,9 +151,13 @@ def track(
     gap = time - before.measured_at
     coasting = gap > COASTING_AFTER
     expected = estimate.predicted(time, coasting=coasting)
+    if coasting and parts(before.measured_motion).stored[0] >= _KNOWN_PATH:
+        expected = expected.gone_on(*_along_its_path(before, last, gap))
     if held and X_WC_before is not None:
         expected = expected.carried(estimate, view.X_WC @ se3.inverse(X_WC_before) @ estimate.X_WO)
     before = replace(before, estimate=expected)
+    if model is None:
+        return _passed_on(_by_middle(before, view))
     after, found = _located(before, view, gap)
     if found is not None:
         assert after.estimate is not None and before.keyframe is not None
@@ -156,6 +173,43 @@ def track(
         after, _ = _located(before, other, gap)
         after = replace(after, searched_at=max(searched_at, after.searched_at))
     return _passed_on(replace(after, in_view=0.0))
+
+
+def _along_its_path(before: FieldTrack, last: TwistFilter, gap: float) -> tuple[Array, Array]:
+    """Pose and twist of an object out of sight whose path is known; it slows down on it.
+
+    Args:
+        before: What was known before.
+        last: Where it was seen last.
+        gap: How long ago [s].
+    """
+    motion = MotionEstimate(before.measured_motion, last.time)
+    way = _SLOWING * (1.0 - np.exp(-gap / _SLOWING))
+    X, after = future_poses(motion, last.X_WO, last.V_WO, [way, way + _STEP])
+    return X, np.exp(-gap / _SLOWING) / _STEP * pose_error(X, after)
+
+
+def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
+    """Without a model: the middle of what is seen is where the origin of O was put.
+
+    Not so where the image ends within the object.
+    """
+    expected = before.estimate
+    assert expected is not None
+    if len(view.points_W) < _FIRST_POINTS or is_cut(view):
+        return before
+    information = np.diag(np.repeat([0.0, _MIDDLE_ERROR**-2], 3))
+    P = expected.pose_covariance
+    error = np.median(view.points_W, axis=0) - expected.X_WO[:3, 3]
+    step = np.linalg.solve(np.linalg.inv(P) + information, information[:, 3:] @ error)
+    estimate = expected.measured(moved(expected.X_WO, step), information)
+    return replace(
+        before,
+        measured=estimate,
+        estimate=estimate,
+        deviation=_MIDDLE_ERROR,
+        information=information,
+    )
 
 
 def _one_view(information: Array, views: int) -> Array:
@@ -247,4 +301,5 @@ def _passed_on(track: FieldTrack) -> FieldTrack:
     motion, jerk = track.motion.copy(), jerk_of(track.estimate.a_WO)
     noise = Noise(*_PATH_ERROR, jerk=jerk)
     measure_kernel(motion, track.image_time, np.array(track.estimate.X_WO), noise)
-    return replace(track, motion=motion)
+    seen = track.measured_at == track.image_time
+    return replace(track, motion=motion, measured_motion=motion if seen else track.measured_motion)

@@ -8,16 +8,19 @@ takes, and the acceleration a of O's origin; its error is ``e = [theta, p, dw, d
 
 The angular velocity is disturbed by white noise, and so is the acceleration: by more where it is
 large. An object that goes round quickly changes it as quickly, and a filter of constant velocity
-would lag behind; one that hardly accelerates is smoothed more. What a registration does not
-determine has no information in its measurement, and stays at what the filter expects. While
-nothing is measured, twist and acceleration die away: a wrong one must not carry the hand off. The
-covariance of the pose grows meanwhile as that of an object whose velocity changes: wide enough to
-look for it where it may have gone, and no wider, or what is found there would be anything.
+would lag behind; one that hardly accelerates is smoothed more. The mean follows a circle: what of
+the acceleration is across the way turns with it, by the jerk ``-|a_across|^2 / |v|^2 v``. What a
+registration does not determine has no information in its measurement, and stays at what the filter
+expects. While nothing is measured, twist and acceleration die away: a wrong one must not carry the
+hand off. The covariance of the pose grows meanwhile as that of an object whose velocity changes:
+wide enough to look for it where it may have gone, and no wider, or what is found there would be
+anything.
 
 References: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation,
-section 6.2; Zhou and Kumar, "A current statistical model and adaptive algorithm for estimating
-maneuvering targets", J. Guidance 7 (5), 1984, for noise that goes with the present acceleration;
-Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", arXiv 1812.01537.
+sections 6.2, and 11.7 for turns; Zhou and Kumar, "A current statistical model and adaptive
+algorithm for estimating maneuvering targets", J. Guidance 7 (5), 1984, for noise that goes with the
+present acceleration; Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics",
+arXiv 1812.01537.
 """
 
 from __future__ import annotations
@@ -33,10 +36,10 @@ from feasigrasp.models.geometry import se3
 #: the velocity while nothing is measured [m/s in 1 s].
 TWIST_NOISE, _COASTING_NOISE = 0.1, 0.1
 #: The same of the acceleration, of one that is zero [m/s^2 in 1 s], and what it grows by with it.
-_JERK, _JERK_OF_ACCELERATION = 0.2, 3.0
+_JERK, _JERK_OF_ACCELERATION = 1.0, 3.0
 #: What is known before the first image: standard deviations of the twist [rad/s, m/s] and the
 #: acceleration [m/s^2].
-TWIST_PRIOR, _ACCELERATION_PRIOR = (0.5, 0.25), 0.5
+TWIST_PRIOR, _ACCELERATION_PRIOR = (0.5, 0.4), 1.5
 _MOTION_PRIOR = np.repeat([*TWIST_PRIOR, _ACCELERATION_PRIOR], 3)
 #: The first image defines the frame; what is left is rounding [rad, m].
 _POSE_PRIOR = (1e-3, 1e-4)
@@ -44,6 +47,8 @@ _POSE_PRIOR = (1e-3, 1e-4)
 DECAY = 0.6
 #: ... and one that is turns steadily for about so long [s]: keeps what no image determines at rest.
 _STEADY = 5.0
+#: Slower than this, no direction is known [m/s]; what seems to turn more quickly is noise [rad/s].
+_STANDS, _TIGHTEST = 0.05, 6.0
 #: An acceleration lasts for about so long [s]; where nothing is measured, the way is bent by it for
 #: so long at most, and then goes straight on [s].
 _CURVE, _BENT = 0.5, 0.1
@@ -83,13 +88,22 @@ class TwistFilter(Frozen):
         """Covariance of [theta, p], shape (6, 6)."""
         return self.covariance[:6, :6]
 
+    @property
+    def jerk(self) -> Array:
+        """How the acceleration changes on a circle, shape (3,) [m/s^3]: it turns with the way."""
+        v, a = self.V_WO[3:], self.a_WO
+        square = max(float(v @ v), _STANDS**2)
+        across = a - (a @ v) / square * v
+        return np.asarray(-min(float(across @ across) / square, _TIGHTEST**2) * v)
+
     def pose(self, time: float, *, coasting: bool = False) -> Array:
         """The pose expected at a time, shape (4, 4)."""
         dt = time - self.time
         X_WO = se3.extrapolate(self.X_WO, self.V_WO, _way(dt) if coasting else dt)
         if not coasting:
             bent = min(dt, _BENT)
-            X_WO[:3, 3] += bent * (dt - 0.5 * bent) * self.a_WO
+            X_WO[:3, 3] += bent * (dt - bent / 2.0) * self.a_WO
+            X_WO[:3, 3] += bent**2 * (dt / 2.0 - bent / 3.0) * self.jerk
         return X_WO
 
     def twist(self, time: float, *, coasting: bool = False) -> Array:
@@ -97,7 +111,8 @@ class TwistFilter(Frozen):
         dt = time - self.time
         V_WO = _kept(dt, coasting) * self.V_WO
         if not coasting:
-            V_WO[3:] += min(dt, _BENT) * self.a_WO
+            bent = min(dt, _BENT)
+            V_WO[3:] += bent * self.a_WO + 0.5 * bent**2 * self.jerk
         return V_WO
 
     def predicted(self, time: float, *, coasting: bool = False) -> TwistFilter:
@@ -122,9 +137,13 @@ class TwistFilter(Frozen):
             time,
             self.pose(time, coasting=coasting),
             self.twist(time, coasting=coasting),
-            ends * self.a_WO,
+            ends * self.a_WO + (0.0 if coasting else min(dt, _BENT)) * self.jerk,
             F @ self.covariance @ F.T + Q,
         )
+
+    def gone_on(self, X_WO: Array, V_WO: Array) -> TwistFilter:
+        """The same estimate at the pose and twist that a known path leads to."""
+        return replace(self, X_WO=X_WO, V_WO=V_WO, a_WO=np.zeros(3))
 
     def carried(self, before: TwistFilter, X_WO: Array) -> TwistFilter:
         """The same estimate at the pose that something has carried it to from an earlier one."""

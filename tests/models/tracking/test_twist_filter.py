@@ -122,12 +122,28 @@ def test_a_curve_is_followed_for_a_moment_and_then_straight_on():
     def bent(t):
         return (estimate.pose(t) - straight.pose(t))[:3, 3]
 
-    np.testing.assert_allclose(bent(0.05), 0.5 * 0.05**2 * a_WO, atol=1e-12)
     h = 1e-6
     for t in (0.03, 0.09, 0.5):
         velocity = (bent(t + h) - bent(t - h)) / (2.0 * h)
         np.testing.assert_allclose(estimate.twist(t)[3:] - TWIST[3:], velocity, atol=1e-6)
     assert np.linalg.norm(bent(1.0)) < 0.25
+
+
+def test_an_acceleration_along_the_way_stays_and_one_across_turns_with_it():
+    v_WO = np.array([0.0, 0.0, 0.3])
+    along = TwistFilter(0.0, X0, np.r_[np.zeros(3), v_WO], 4.0 * v_WO, np.eye(15))
+    way = along.pose(0.08)[:3, 3] - X0[:3, 3]
+    np.testing.assert_allclose(way, (0.08 + 2.0 * 0.08**2) * v_WO, atol=1e-12)
+    speed, radius = 0.45, 0.12
+    X, v_WO = on_a_circle(0.0, speed, radius)
+    inwards = -(speed**2) / radius**2 * X[:3, 3]
+    across = TwistFilter(0.0, X, np.r_[np.zeros(3), v_WO], inwards, np.eye(15))
+    # By Taylor's theorem what is left is at most r (v t / r)^4 / 24, and its derivative.
+    turned = speed * 0.08 / radius
+    X_later, v_later = on_a_circle(0.08, speed, radius)
+    off = across.pose(0.08)[:3, 3] - X_later[:3, 3]
+    assert np.linalg.norm(off) < 1.01 * radius * turned**4 / 24.0
+    assert np.linalg.norm(across.twist(0.08)[3:] - v_later) < 1.01 * speed * turned**3 / 6.0
 
 
 def test_the_past_changes_nothing():
