@@ -197,7 +197,7 @@ def _by_middle(before: FieldTrack, view: ObjectView) -> FieldTrack:
     expected = before.estimate
     assert expected is not None
     if len(view.points_W) < _FIRST_POINTS or is_cut(view):
-        return before
+        return replace(before, in_view=0.0)
     information = np.diag(np.repeat([0.0, _MIDDLE_ERROR**-2], 3))
     P = expected.pose_covariance
     error = np.median(view.points_W, axis=0) - expected.X_WO[:3, 3]

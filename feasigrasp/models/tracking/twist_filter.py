@@ -26,6 +26,7 @@ arXiv 1812.01537.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -88,7 +89,7 @@ class TwistFilter(Frozen):
         """Covariance of [theta, p], shape (6, 6)."""
         return self.covariance[:6, :6]
 
-    @property
+    @cached_property
     def jerk(self) -> Array:
         """How the acceleration changes on a circle, shape (3,) [m/s^3]: it turns with the way."""
         v, a = self.V_WO[3:], self.a_WO
@@ -147,8 +148,7 @@ class TwistFilter(Frozen):
 
     def carried(self, before: TwistFilter, X_WO: Array) -> TwistFilter:
         """The same estimate at the pose that something has carried it to from an earlier one."""
-        V_WO = pose_error(before.X_WO, X_WO) / (self.time - before.time)
-        return replace(self, X_WO=X_WO, V_WO=V_WO, a_WO=np.zeros(3))
+        return self.gone_on(X_WO, pose_error(before.X_WO, X_WO) / (self.time - before.time))
 
     def measured(self, X_WO: Array, information: Array) -> TwistFilter:
         """The estimate after a registration that started from this one.

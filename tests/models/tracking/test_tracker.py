@@ -14,7 +14,7 @@ from feasigrasp.models.tracking.sequence import SequenceTracker
 from feasigrasp.models.tracking.tracker import track
 from feasigrasp.models.tracking.view import ObjectView
 from tests.object_views import camera_at, look
-from tests.tracked_block import MESH, SURFACE
+from tests.tracked_block import SURFACE, surface_error
 
 TWIST = np.array([0.05, 0.1, 0.2, 0.02, -0.06, 0.01])
 X0 = se3.make_pose(se3.so3_exp([0.2, 0.1, 0.4]), [0.5, 0.0, 0.5])
@@ -22,13 +22,6 @@ CAMERA = se3.make_pose(se3.so3_exp([0.0, 0.5 * np.pi, 0.0]), [0.1, 0.0, 0.5])
 PERIOD = 1.0 / 30.0
 #: Out of sight from when to when [s].
 GAP = (1.5, 1.9)
-
-
-def surface_error(X_WO, X_true):
-    """Mean distance of the surface at one pose from that at another [m]."""
-    E = se3.inverse(X_true) @ X_WO
-    points = MESH.vertices
-    return SURFACE.distance(points @ E[:3, :3].T + E[:3, 3]).mean()
 
 
 @pytest.fixture(scope="module")
@@ -80,47 +73,6 @@ def test_what_the_first_view_errs_is_no_motion():
         tracker = tracker.looked(view, k * PERIOD).learnt()
     assert np.abs(tracker.track.estimate.V_WO[:3]).max() < 0.15
     assert np.abs(tracker.track.estimate.V_WO[3:]).max() < 0.015
-
-
-def on_a_circle(t, speed, radius=0.08):
-    """Pose of the block as it goes round, and its velocity."""
-    angle = speed / radius * t
-    there = radius * np.array([0.0, np.cos(angle), np.sin(angle)])
-    v = speed * np.array([0.0, -np.sin(angle), np.cos(angle)])
-    return se3.make_pose(X0[:3, :3], X0[:3, 3] + there), v
-
-
-def test_a_quick_object_is_followed_from_its_first_views_on():
-    """There is no model yet in the first images, between which it moves by 15 mm."""
-    rng, tracker, X_BO = np.random.default_rng(0), SequenceTracker(), None
-    for k in range(20):
-        t = k * PERIOD
-        X_WB, v = on_a_circle(t, 0.45)
-        tracker = tracker.looked(look(SURFACE, X_WB, CAMERA, rng), t)
-        tracker = tracker.learnt() if k >= 4 else tracker
-        estimate = tracker.track.estimate
-        X_BO = se3.inverse(X_WB) @ estimate.X_WO if X_BO is None else X_BO
-        assert surface_error(estimate.X_WO @ se3.inverse(X_BO), X_WB) < 4e-3
-        if t > 0.3:
-            assert np.linalg.norm(estimate.V_WO[3:] - v) < 0.08
-
-
-def test_out_of_sight_it_is_expected_on_its_path():
-    rng, tracker, X_BO = np.random.default_rng(0), SequenceTracker(), None
-    for k in range(72):
-        t = k * PERIOD
-        X_WB, _ = on_a_circle(t, 0.3)
-        view = look(SURFACE, X_WB, CAMERA, rng)
-        if t > 2.0:
-            view = ObjectView(view.camera, CAMERA, np.zeros((0, 3)), np.full_like(view.depth, 2.0))
-        tracker = tracker.looked(view, t).learnt()
-        X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO if X_BO is None else X_BO
-    before, straight_on = on_a_circle(2.0, 0.3)
-    found = tracker.track.estimate.X_WO @ se3.inverse(X_BO)
-    off = np.linalg.norm(found[:3, 3] - X_WB[:3, 3])
-    straight = before[:3, 3] + (t - 2.0) * straight_on - X_WB[:3, 3]
-    assert off < 0.02 and off < 0.5 * np.linalg.norm(straight)
-    assert tracker.track.state(t, 0.5) is TrackingState.COASTING
 
 
 def test_out_of_sight_it_coasts_and_is_back_at_once(followed):

@@ -5,6 +5,7 @@ import pytest
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.tracking.twist_filter import DECAY, TwistFilter, moved, pose_error
+from tests.tracked_block import on_a_circle
 
 X0 = se3.make_pose(se3.so3_exp([0.3, -0.2, 1.0]), [0.5, 0.1, 0.4])
 TWIST = np.array([0.1, -0.2, 0.15, 0.05, 0.1, -0.02])
@@ -89,14 +90,6 @@ def test_while_nothing_is_measured_the_twist_dies_away():
     assert np.allclose(steps.X_WO, late.X_WO, atol=1e-9)
     assert np.trace(late.covariance) > np.trace(estimate.covariance)
     assert np.allclose(late.a_WO, 0.0)
-
-
-def on_a_circle(t, speed, radius=0.12):
-    """Pose and velocity of an object that goes round."""
-    angle = speed / radius * t
-    p = radius * np.array([np.cos(angle), np.sin(angle), 0.0])
-    v = speed * np.array([-np.sin(angle), np.cos(angle), 0.0])
-    return se3.make_pose(np.eye(3), p), v
 
 
 @pytest.mark.parametrize(("speed", "lag"), [(0.1, 0.002), (0.3, 0.007), (0.6, 0.02)])

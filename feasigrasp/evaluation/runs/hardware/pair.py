@@ -148,8 +148,8 @@ def _watch(
 def _strike(controller: subprocess.Popen[bytes], blow: Blow, number: int) -> None:
     if controller.poll() is not None:
         return
-    pids = workers_of(controller.pid) if blow.at_worker else [controller.pid]
-    with suppress(ProcessLookupError):
+    with suppress(ProcessLookupError, psutil.NoSuchProcess):
+        pids = workers_of(controller.pid) if blow.at_worker else [controller.pid]
         os.kill(pids[number % len(pids)], blow.signal)
 
 
