@@ -80,6 +80,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="command an arm by its driver's messages, see docs/hardware.md; what there is to "
         "grasp, and how it moves, is then not the scenario's to say",
     )
+    parser.add_argument(
+        "--no-guard",
+        action="store_true",
+        help="with --hardware: 'feasigrasp guard' works already, where the arm's driver does",
+    )
     add_lcm_option(parser)
 
 
@@ -118,6 +123,8 @@ def main(args: argparse.Namespace) -> int:
             "--replay and --live show what is simulated; with --hardware leave them out, or give "
             "them to 'feasigrasp run' without"
         )
+    if args.no_guard and not args.hardware:
+        raise FeasigraspError("--no-guard says who commands an arm; give it with --hardware")
     if args.ghost is not None and args.replay is None:
         raise FeasigraspError("--ghost is shown in a replay; give --replay FILE.html as well")
     groups = {str(scenario.control.controller)} & set(GROUPS)  # baselines compile as they go
@@ -130,7 +137,14 @@ def main(args: argparse.Namespace) -> int:
     kept = partial(keep, results=args.results, line=line)
     try:
         if args.hardware:
-            record = run_hardware(scenario, name, lcm_url=args.lcm_url, keep=kept, line=line)
+            record = run_hardware(
+                scenario,
+                name,
+                lcm_url=args.lcm_url,
+                own_guard=not args.no_guard,
+                keep=kept,
+                line=line,
+            )
         else:
             ghost = ControlMode(args.ghost) if args.ghost else None
             record = run(

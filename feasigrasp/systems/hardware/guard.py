@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import struct
@@ -25,12 +26,17 @@ QUIET = 30.0
 class Guard:
     """Listens to the arm's driver and to a controller, and commands the arm."""
 
-    def __init__(self, lcm: DrakeLcm, period: float = channels.IIWA_PERIOD) -> None:
-        """A guard on a bus, for a driver with that period [s]."""
-        self._lcm = lcm
-        rehearsed = CommandGuard(period)
-        for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, period):
-            rehearsed.command(time_, np.zeros(IIWA_7.joints))  # nothing is compiled later on
+    def __init__(
+        self, lcm: DrakeLcm, period: float = channels.IIWA_PERIOD, quiet: float = QUIET
+    ) -> None:
+        """A guard on a bus.
+
+        Args:
+            lcm: The bus that driver and controller are on.
+            period: Of the driver [s].
+            quiet: It ends when nothing has been requested for so long, and its arm rests [s].
+        """
+        self._lcm, self._quiet = lcm, quiet
         self._guard = CommandGuard(period)
         self._utime = -1
         self._heard_at = self._answered_at = time.monotonic()
@@ -40,7 +46,7 @@ class Guard:
         ]
 
     def serve(self) -> None:
-        """Works until it is told to end, or nothing has been requested for `QUIET` seconds.
+        """Works until it is told to end, or nothing has been requested for long.
 
         It never leaves an arm that moves, unless there is no driver to tell any more.
         """
@@ -52,7 +58,7 @@ class Guard:
         self._heard_at = -np.inf
 
     def _wanted_to_end(self) -> bool:
-        return time.monotonic() - self._heard_at >= QUIET
+        return time.monotonic() - self._heard_at >= self._quiet
 
     def _in_charge(self) -> bool:
         """Whether the arm moves, and its driver listens."""
@@ -87,11 +93,29 @@ class Guard:
         self._answered_at = time.monotonic()
 
 
-def main(url: str, period: float) -> None:
-    """A guard as a process of its own; Ctrl-C is for its controller, SIGTERM ends it at rest."""
+def main(url: str, period: float = channels.IIWA_PERIOD, *, alone: bool = False) -> None:
+    """A guard as a process of its own, which SIGTERM ends as soon as its arm rests.
+
+    Args:
+        url: Where driver and controller are.
+        period: Of the driver [s].
+        alone: Whether no controller has started it: then it serves one after the other, and Ctrl-C
+            is meant for it.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    guard = Guard(channels.open_lcm(url), period)
-    signal.signal(signal.SIGTERM, guard.end)
+    rehearse(period)
+    # Before there is a bus: the thread that receives its messages inherits what is granted here.
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    guard = Guard(channels.open_lcm(url), period, math.inf if alone else QUIET)
+    signal.signal(signal.SIGTERM, guard.end)
+    if alone:
+        signal.signal(signal.SIGINT, guard.end)
     guard.serve()
+
+
+def rehearse(period: float) -> None:
+    """Lets all be compiled that a guard calls."""
+    guard = CommandGuard(period)
+    for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, period):
+        guard.command(time_, np.zeros(IIWA_7.joints))

@@ -134,15 +134,13 @@ def bus(monkeypatch):
 def carried(bus, fault, messages, *, channel="A", begun=True):
     """What arrives at the other end, in its order."""
     relay, came = Relay("one", "other", fault, seed=0), []
-    relay.close()
     relay.begun = begun
     for message in messages:
         relay._take(1, channel, message)
     subscription = bus("other").Subscribe(channel, came.append)
     end = time.monotonic() + 2.0 * network.LATE
-    relay._over.clear()
     while time.monotonic() < end:
-        relay._step()
+        relay.step()
         bus("other").HandleSubscriptions(0)
     bus.forget()
     del subscription

@@ -157,7 +157,7 @@ class _Monitor:
     ) -> None:
         self.error: str | None = None
         self._tick = channels.IIWA_PERIOD / rate
-        self._ticks, self._ticked_at = 0, 0.0
+        self._ticks, self._tick_ends = 0, 0.0
         self._scenario, self._heard = scenario, heard
         self._interrupted, self._line = interrupted, line
         self._handover = diagram.GetSubsystemByName("handover")
@@ -193,12 +193,15 @@ class _Monitor:
         """Lets every period of the driver last as long as it should.
 
         One that took longer is not made up for by shorter ones, as Drake's own rate would: a
-        driver's messages do not come in bursts.
+        driver's messages do not come in bursts. Whoever answers a status, which has been sent
+        by now, has half a period at least, however late the simulation was with it.
         """
         ticks = int(now / channels.IIWA_PERIOD + 1e-6)
         if ticks > self._ticks:
-            time.sleep(max(0.0, self._ticked_at + self._tick - time.monotonic()))
-            self._ticks, self._ticked_at = ticks, time.monotonic()
+            sent = time.monotonic()
+            self._tick_ends = max(self._tick_ends + self._tick, sent + 0.5 * self._tick)
+            time.sleep(self._tick_ends - sent)
+            self._ticks, self._tick_ends = ticks, time.monotonic()
 
     def _end(self, error: str | None) -> EventStatus:
         self.error = error

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from pydrake.lcm import DrakeLcm
 from threadpoolctl import threadpool_limits
 
 from feasigrasp.errors import HardwareError
@@ -24,6 +25,8 @@ from feasigrasp.systems.remote.remote_stage import end_processes
 
 #: How long to wait for the driver's first message, and then for each [s].
 WAIT_FOR_DRIVER, SILENCE = 60.0, 5.0
+#: How long a controller may ask before somebody commands the arm, by the driver's clock [s].
+WAIT_FOR_GUARD = 2.0
 
 
 def run_hardware(
@@ -31,6 +34,7 @@ def run_hardware(
     name: str,
     *,
     lcm_url: str = channels.LCM_URL,
+    own_guard: bool = True,
     keep: Callable[[dict[str, Any]], None] = lambda record: None,
     line: StatusLine | None = None,
 ) -> dict[str, Any]:
@@ -43,6 +47,7 @@ def run_hardware(
         scenario: What to run; object and motion are not looked at.
         name: Its name, for the record.
         lcm_url: Where the drivers are.
+        own_guard: Whether to start the guard; else one serves already, see `guard`.
         keep: Gets the record.
         line: Where to say how far the run is.
 
@@ -50,7 +55,7 @@ def run_hardware(
         A record whose metrics are None: what happened, only who sees the cell can tell.
 
     Raises:
-        HardwareError: There is no driver.
+        HardwareError: There is no driver, or no guard.
     """
     say = line.show if line else lambda text: None
     record = crash_record(scenario, name, "")
@@ -58,26 +63,30 @@ def run_hardware(
     with threadpool_limits(1), postponed_interrupt() as interrupted:
         say("building the diagram")
         built = time.perf_counter()
-        loop = ControlLoop(scenario, channels.open_lcm(lcm_url))
+        lcm = channels.open_lcm(lcm_url)
+        loop, commands = ControlLoop(scenario, lcm), _Commands(lcm)
         # What is alive by now stays: not worth traversing again, least of all between two ticks.
         gc.freeze()
         watch = multiprocessing.get_context("spawn").Process(
             target=guard.main, args=(lcm_url, scenario.control.period)
         )
-        watch.start()
+        if own_guard:
+            watch.start()
         started = time.perf_counter()
         try:
             say("waiting for the arm's driver")
             loop.step(WAIT_FOR_DRIVER)
             while not interrupted.is_set() and not _is_over(loop, scenario):
                 loop.step(SILENCE)
+                commands.expect(loop.simulator.get_context().get_time())
                 if line is not None and loop.started:
                     _show(loop, started, line)
         except HardwareError as failure:
             error = str(failure)
         finally:
-            watch.terminate()  # which ends it when the arm rests
-            watch.join()
+            if own_guard:
+                watch.terminate()  # which ends it when the arm rests
+                watch.join()
             end_processes(loop.diagram)
     if interrupted.is_set():
         error = INTERRUPTED
@@ -98,6 +107,26 @@ def run_hardware(
     }
     keep(record)
     return record
+
+
+class _Commands:
+    """Whether anybody commands the arm."""
+
+    def __init__(self, lcm: DrakeLcm) -> None:
+        self._heard = False
+        self._subscription = lcm.Subscribe(channels.IIWA_COMMAND, self._hear)
+
+    def _hear(self, _: bytes) -> None:
+        self._heard = True
+
+    def expect(self, time_: float) -> None:
+        """Raises if nobody has, so long after the start [s]."""
+        if not self._heard and time_ > WAIT_FOR_GUARD:
+            raise HardwareError(
+                f"no message on {channels.IIWA_COMMAND} for {WAIT_FOR_GUARD:g} s: no guard does "
+                "what this controller asks for; start 'feasigrasp guard' on the computer of the "
+                "arm's driver, with the same --lcm-url, or leave out --no-guard"
+            )
 
 
 def _is_over(loop: ControlLoop, scenario: Scenario) -> bool:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import threading
+import os
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from enum import StrEnum
 from functools import partial
 
@@ -14,16 +18,25 @@ import numpy as np
 from drake import lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 
+from feasigrasp.errors import HardwareError
 from feasigrasp.systems.hardware import channels
 
 #: How late messages are, that are late, at most [s].
 LATE = 0.03
 #: What share of the messages is doubled, or overtaken by others.
 SHARE = 0.2
+#: Tells a process to begin to be bad.
+_BEGIN = signal.SIGUSR1
+#: How long it rests when nothing is there to be carried [s].
+_PAUSE = 5e-4
 _IMAGES = channels.image_channel("")
-_TO_CELL = "|".join((channels.IIWA_REQUEST, channels.IIWA_COMMAND, channels.WSG_COMMAND))
+#: Of the commands, those for the arm come from a guard on the computer of its driver.
+_TO_CELL = "|".join((channels.IIWA_REQUEST, channels.WSG_COMMAND))
 _FROM_CELL = "|".join(
-    (channels.IIWA_STATUS, channels.WSG_STATUS, channels.OBJECT_POSE, f"{_IMAGES}.*")
+    (
+        *(channels.IIWA_STATUS, channels.IIWA_COMMAND, channels.WSG_STATUS),
+        *(channels.OBJECT_POSE, f"{_IMAGES}.*"),
+    )
 )
 
 
@@ -50,25 +63,16 @@ class Relay:
         self._ends = DrakeLcm(one), DrakeLcm(other)
         self._queue: list[tuple[float, int, int, str, bytes]] = []
         self._numbers = itertools.count()
-        self._over = threading.Event()
         # By direction: an end hears what is published on it, too.
         self._subscriptions = [
             _all_of(self._ends[0], _FROM_CELL, partial(self._take, 1)),
             _all_of(self._ends[1], _TO_CELL, partial(self._take, 0)),
         ]
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Ends it."""
-        self._over.set()
-        self._thread.join()
 
     def _take(self, to: int, channel: str, data: bytes) -> None:
         now = time.monotonic()
         copies = [now]
-        # The guard belongs on the driver's own computer: no network is between those two.
-        if self.begun and channel != channels.IIWA_COMMAND:
+        if self.begun:
             if channel.startswith(_IMAGES) and self._fault is Network.NO_IMAGES:
                 return
             if channel.startswith(_IMAGES) and self._fault is Network.DEPTH_NAN:
@@ -81,16 +85,58 @@ class Relay:
         for due in copies:
             heapq.heappush(self._queue, (due, next(self._numbers), to, channel, data))
 
-    def _work(self) -> None:
-        while not self._over.is_set():
-            self._step()
-
-    def _step(self) -> None:
-        for end in self._ends:
-            end.HandleSubscriptions(1)
+    def step(self) -> None:
+        """Carries what has come and is due."""
+        came = sum(end.HandleSubscriptions(0) for end in self._ends)
         while self._queue and self._queue[0][0] <= time.monotonic():
             _, _, to, channel, data = heapq.heappop(self._queue)
             self._ends[to].Publish(channel, data)
+        if not came:
+            time.sleep(_PAUSE)
+
+
+class RelayProcess:
+    """A `Relay` that works in a process of its own, where no other work holds it up.
+
+    It asks for a priority of real time: a network does not wait for the processors of the
+    computers at its ends.
+    """
+
+    def __init__(self, one: str, other: str, fault: Network, seed: int) -> None:
+        """Starts it, and waits until it carries messages; the arguments are those of `Relay`.
+
+        Raises:
+            HardwareError: It does not start.
+        """
+        command = [sys.executable, "-m", __name__, one, other, fault, str(seed)]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE)
+        assert self._process.stdout is not None
+        if not self._process.stdout.readline():
+            raise HardwareError(f"the network between {one} and {other} does not start")
+
+    def begin(self) -> None:
+        """Makes it as bad as it is told to be."""
+        self._process.send_signal(_BEGIN)
+
+    def close(self) -> None:
+        """Ends it."""
+        self._process.kill()
+        self._process.communicate()
+
+
+def main(one: str, other: str, fault: str, seed: str) -> None:
+    """What a `RelayProcess` runs: says a word when it is ready, and works until it is ended."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    relay = Relay(one, other, Network(fault), int(seed))
+
+    def begin(*_: object) -> None:
+        relay.begun = True
+
+    signal.signal(_BEGIN, begin)
+    print("ready", flush=True)
+    while True:
+        relay.step()
 
 
 def _all_of(lcm: DrakeLcm, pattern: str, take: Callable[[str, bytes], None]) -> object:
@@ -109,3 +155,7 @@ def _nan_depth(data: bytes) -> bytes:
             image.data, image.size, image.row_stride = pixels, len(pixels), 4 * image.width
     encoded: bytes = message.encode()
     return encoded
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

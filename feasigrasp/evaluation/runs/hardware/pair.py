@@ -22,7 +22,7 @@ from drake import lcmt_iiwa_status
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
-from feasigrasp.evaluation.runs.hardware.network import Network, Relay
+from feasigrasp.evaluation.runs.hardware.network import Network, RelayProcess
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.remote.worker import SERVING
 
@@ -56,7 +56,8 @@ def run_pair(
 ) -> dict[str, Any]:
     """Runs ``feasigrasp sim`` and ``feasigrasp run --hardware``; returns what the former recorded.
 
-    What the latter says of itself, ``on_hardware``, comes along if it got so far.
+    What the latter says of itself, ``on_hardware``, comes along if it got so far. With a bad
+    network between the two, ``feasigrasp guard`` is on the side of the cell.
 
     Args:
         name: A name that no other pair has at the same time; its seed is made of it.
@@ -69,8 +70,9 @@ def run_pair(
         HardwareError: The simulated cell came to no end; the message has its last words.
     """
     number = zlib.crc32(name.encode())
-    cell, control = (_url(number, k) for k in (0, 1 if fault in list(Network) else 0))
-    relay = Relay(cell, control, Network(fault), number) if cell != control else None
+    apart = fault in list(Network)
+    cell, control = _url(number, 0), _url(number, int(apart))
+    relay = RelayProcess(cell, control, Network(fault), number) if apart else None
     with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
         file, results = Path(folder, "pair.yaml"), Path(folder, "sim.json")
         own = Path(folder, "run.json")
@@ -80,6 +82,8 @@ def run_pair(
         with Path(folder, "words").open("w+") as words:
             sim = _start("sim", *both, *rated, "--lcm-url", cell, output=words)
             driven = ["--hardware", "--lcm-url", control, "--results", str(own)]
+            guard = _start("guard", "--lcm-url", cell, output=None) if apart else None
+            driven += ["--no-guard"] if apart else []
             controller = _start("run", *both, *driven, output=None)
             try:
                 _watch(sim, controller, cell, relay, fault, at, number)
@@ -88,8 +92,9 @@ def run_pair(
             finally:
                 if relay is not None:
                     relay.close()
-                _end(sim)
-                _end(controller)
+                for process in (sim, controller, guard):
+                    if process is not None:
+                        _end(process)
             if not results.exists():
                 words.seek(0)
                 raise HardwareError(
@@ -117,7 +122,7 @@ def _watch(
     sim: subprocess.Popen[bytes],
     controller: subprocess.Popen[bytes],
     url: str,
-    relay: Relay | None,
+    relay: RelayProcess | None,
     fault: str,
     at: float,
     number: int,
@@ -137,7 +142,7 @@ def _watch(
         if not struck and fault and times.now >= times.first + at:
             struck = True
             if relay is not None:
-                relay.begun = True
+                relay.begin()
             else:
                 _strike(controller, Blow(fault), number)
         if controller.poll() not in (None, 0) and times.first == math.inf:

@@ -1,0 +1,24 @@
+"""``feasigrasp guard``: command an arm as controllers ask, and brake it when none does.
+
+It belongs on the computer of the arm's driver, and serves ``feasigrasp run --hardware --no-guard``,
+one after the other. Ctrl-C ends it as soon as the arm rests. See ``docs/hardware.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from feasigrasp.commands.run import add_lcm_option
+from feasigrasp.systems.hardware import guard
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    add_lcm_option(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    print(f"guarding the arm on {args.lcm_url}; Ctrl-C ends it at rest", flush=True)
+    guard.main(args.lcm_url, alone=True)
+    return 0
