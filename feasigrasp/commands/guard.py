@@ -19,6 +19,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    print(f"guarding the arm on {args.lcm_url}; Ctrl-C ends it at rest", flush=True)
     guard.main(args.lcm_url, alone=True)
     return 0

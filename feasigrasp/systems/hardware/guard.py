@@ -38,7 +38,7 @@ class Guard:
         """
         self._lcm, self._quiet = lcm, quiet
         self._guard = CommandGuard(period)
-        self._utime = -1
+        self._utime, self._dismissed = -1, False
         self._heard_at = self._answered_at = time.monotonic()
         self._subscriptions = [
             lcm.Subscribe(channels.IIWA_REQUEST, self._request),
@@ -54,11 +54,11 @@ class Guard:
             self._lcm.HandleSubscriptions(100)
 
     def end(self, *_: object) -> None:
-        """Ends the service as soon as the arm rests."""
-        self._heard_at = -np.inf
+        """Ends the service as soon as the arm rests, whatever is requested meanwhile."""
+        self._dismissed = True
 
     def _wanted_to_end(self) -> bool:
-        return time.monotonic() - self._heard_at >= self._quiet
+        return self._dismissed or time.monotonic() - self._heard_at >= self._quiet
 
     def _in_charge(self) -> bool:
         """Whether the arm moves, and its driver listens."""
@@ -99,8 +99,8 @@ def main(url: str, period: float = channels.IIWA_PERIOD, *, alone: bool = False)
     Args:
         url: Where driver and controller are.
         period: Of the driver [s].
-        alone: Whether no controller has started it: then it serves one after the other, and Ctrl-C
-            is meant for it.
+        alone: Whether no controller has started it: then it says that it serves, one after the
+            other, and Ctrl-C is meant for it.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     rehearse(period)
@@ -111,6 +111,7 @@ def main(url: str, period: float = channels.IIWA_PERIOD, *, alone: bool = False)
     signal.signal(signal.SIGTERM, guard.end)
     if alone:
         signal.signal(signal.SIGINT, guard.end)
+        print(f"guarding the arm on {url}; Ctrl-C ends it at rest", flush=True)
     guard.serve()
 
 

@@ -14,9 +14,10 @@ from drake import lcmt_iiwa_command, lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
+from feasigrasp.evaluation.runs.hardware import cell as cell_module
 from feasigrasp.evaluation.runs.hardware import network, pair
 from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
-from feasigrasp.evaluation.runs.hardware.network import Network, Relay
+from feasigrasp.evaluation.runs.hardware.network import Network, Relay, RelayProcess
 from feasigrasp.evaluation.runs.hardware.pair import Blow, workers_of
 from feasigrasp.evaluation.studies import hardware_loop
 from feasigrasp.evaluation.studies.hardware_loop import outcome, outcome_rows, planned_pairs
@@ -36,6 +37,7 @@ other = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIP
 print(*sorted(worker.pid for worker in workers), flush=True)
 input()
 """
+IMAGES = channels.image_channel("wrist_camera")
 RUNS = [SimpleNamespace(id=name, scenario=Scenario()) for name in "abc"]
 
 
@@ -194,3 +196,68 @@ def test_those_who_work_for_a_controller_are_found_and_struck():
 def test_a_controller_that_does_all_by_itself_has_no_workers():
     with pytest.raises(HardwareError, match="nobody who perceives"):
         workers_of(os.getpid())
+
+
+def test_a_network_in_a_process_of_its_own_begins_when_it_is_told_to():
+    urls = ["udpm://239.255.76.69:7669?ttl=0", "udpm://239.255.76.70:7670?ttl=0"]
+    try:
+        cell, control = map(DrakeLcm, urls)
+    except RuntimeError as error:
+        pytest.skip(f"no multicast on this computer: {error}")
+    came = []
+    subscription = control.Subscribe(IMAGES, came.append)
+    relay = RelayProcess(*urls, Network.NO_IMAGES, seed=0)
+    try:
+        assert soon(lambda: passed(cell, control, came))
+        relay.begin()
+        assert soon(lambda: not passed(cell, control, came))
+    finally:
+        relay.close()
+    del subscription
+
+
+def passed(cell, control, came):
+    """Whether a message gets through, within 0.2 s."""
+    while control.HandleSubscriptions(0):
+        pass
+    came.clear()
+    cell.Publish(IMAGES, b"image")
+    control.HandleSubscriptions(200)
+    return came == [b"image"]
+
+
+def soon(happens):
+    deadline = time.monotonic() + 20.0
+    while not happens():
+        if time.monotonic() > deadline:
+            return False
+    return True
+
+
+class Clock:
+    """Time that passes where somebody sleeps or works."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, duration):
+        assert duration >= 0.0
+        self.now += duration
+
+
+def test_a_status_that_was_sent_late_leaves_time_for_its_answer(monkeypatch):
+    clock, cell = Clock(), SimpleNamespace(GetSubsystemByName=lambda name: None)
+    monkeypatch.setattr(cell_module, "time", clock)
+    monitor = cell_module._Monitor(cell, Scenario(), None, None, None, rate=0.5)
+    sent, period = [], channels.IIWA_PERIOD / 0.5
+    for k, work in enumerate([0.0, 1e-3, 1e-3, 2.5 * period, 1e-3, 1e-3], start=1):
+        clock.now += work  # the simulation's, before the status of this tick is sent
+        sent.append(clock.now)
+        monitor._pace(k * channels.IIWA_PERIOD)
+    gaps = np.diff(sent)
+    np.testing.assert_allclose(gaps[[1, 4]], period, atol=1e-3)
+    assert gaps[2] == pytest.approx(2.5 * period + period - 1e-3, abs=1.5e-3)  # it was late itself
+    assert gaps[3] >= 0.5 * period

@@ -1,0 +1,100 @@
+"""The guard as a process of its own, on the computer of the arm's driver."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from drake import lcmt_iiwa_command
+from pydrake.lcm import DrakeLcm
+
+from feasigrasp.cli import main
+from feasigrasp.errors import HardwareError
+from feasigrasp.evaluation.runs.hardware.control import WAIT_FOR_GUARD, _Commands
+from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.guard import Guard
+
+URL = "udpm://239.255.76.68:7668?ttl=0"
+
+
+@pytest.fixture
+def alone():
+    """``feasigrasp guard``, once it serves."""
+    try:
+        DrakeLcm(URL).Publish("FEASIGRASP_TEST", b"")
+    except RuntimeError as error:
+        pytest.skip(f"no multicast on this computer: {error}")
+    command = [sys.executable, "-m", "feasigrasp.cli", "guard", "--lcm-url", URL]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert URL in process.stdout.readline()
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def urgent_threads(pid):
+    """How many threads of a process have a priority of real time."""
+    found = 0
+    for thread in Path(f"/proc/{pid}/task").iterdir():
+        found += os.sched_getscheduler(int(thread.name)) == os.SCHED_FIFO
+    return found
+
+
+def may_have_priority():
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, *before)
+    return True
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are looked for in /proc")
+def test_whoever_receives_its_messages_has_its_priority(alone):
+    """One that waits for other work hands statuses on late, however quick the guard itself is."""
+    if not may_have_priority():
+        pytest.skip("no priority of real time is granted here: see rtprio in limits.conf")
+    assert urgent_threads(alone.pid) >= 2
+
+
+def test_ctrl_c_ends_it(alone):
+    alone.send_signal(signal.SIGINT)
+    assert alone.wait(20.0) == 0
+
+
+def test_one_that_was_started_by_hand_waits_for_the_next_controller():
+    bus = DrakeLcm("memq://")
+    patient, usual = Guard(bus, quiet=float("inf")), Guard(bus, quiet=0.0)
+    usual.serve()  # nothing has been requested for long: it ends
+    assert not patient._wanted_to_end()
+    patient.end()
+    bus.Publish(channels.IIWA_REQUEST, a_request())  # the last one, which was under way already
+    bus.HandleSubscriptions(0)
+    patient.serve()
+
+
+def a_request():
+    message = lcmt_iiwa_command()
+    message.utime, message.num_joints, message.joint_position = 5000, 7, [0.0] * 7
+    return message.encode()
+
+
+def test_a_controller_without_a_guard_says_so():
+    bus = DrakeLcm("memq://")
+    commands = _Commands(bus)
+    commands.expect(0.9 * WAIT_FOR_GUARD)
+    with pytest.raises(HardwareError, match="no message on IIWA_COMMAND.*'feasigrasp guard'"):
+        commands.expect(1.1 * WAIT_FOR_GUARD)
+    bus.Publish(channels.IIWA_COMMAND, b"")
+    bus.HandleSubscriptions(0)
+    commands.expect(1.1 * WAIT_FOR_GUARD)
+
+
+def test_no_guard_is_for_hardware(capsys):
+    assert main(["run", "ReachCircularMocap", "--no-guard"]) != 0
+    assert "--no-guard says who commands an arm; give it with --hardware" in capsys.readouterr().err
