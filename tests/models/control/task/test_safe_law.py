@@ -71,7 +71,7 @@ class Controller:
 
     def __call__(self, t, q, X_WO, V_WO):
         if self.ticks % 10 == 0:
-            instants = self.options.choice.prices.instants
+            instants = self.options.choice.prices.instants_from(t)
             if self.motion is None:
                 ahead = [se3.extrapolate(X_WO, V_WO, s) for s in instants]
             else:
