@@ -11,8 +11,8 @@
 - far from both the geodesic may lead against a limit, where the arm would stay: there the joints go
   to the configuration, and what is free meanwhile keeps the hand close to the object
   (`feasigrasp.models.control.task.pursuit`);
-- farther still, they go to where that will be when it is due
-  (`feasigrasp.models.control.task.meeting`);
+- farther still, and where the object is not in the way, they go to where that will be when it is
+  due (`feasigrasp.models.control.task.meeting`);
 - a hand with the object between its fingers, but not for this grasp, steps back first, and one at
   the object that is too deep for its grasp goes back along its own axis before it turns;
 - a QP keeps limits and clearances.
@@ -46,6 +46,9 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 #: A hand at the object that is deeper than its target by this goes back rather than sideways or
 #: round, and only back from twice as much on: otherwise it would be stopped by the object [m].
 _DEEP = 0.02
+#: A hand this close to the object's middle goes round it, wherever it is due [m]; one that is twice
+#: as far away goes straight.
+_BESIDE = 0.15
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,8 @@ def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):
 def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
     """Writes the hand's Jacobian (6, 7).
 
-    Returns the twist (6,) that leads it to pose T, and how far it is, at its largest speeds [s].
+    Returns the twist (6,) that leads it to pose T, how far it is, at its largest speeds [s], and
+    its distance to the object's middle [m].
     ``goes_back`` says whether a hand that is too deep goes back first.
     """
     gain, max_angular, max_linear = gains
@@ -138,7 +142,8 @@ def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
     if goes_back:  # a body twist: its last component is along the hand's own axis
         way[:5] *= min(1.0, max(0.0, 1.0 - (way[5] - _DEEP) / _DEEP))
     twist = hand_twist_kernel(-gain * way, X_WH, X_WO, V_WO, max_angular, max_linear)
-    return twist, max(angle / max_angular, length / max_linear)
+    apart = np.sqrt(np.sum((X_WH[:3, 3] - X_WO[:3, 3]) ** 2))
+    return twist, max(angle / max_angular, length / max_linear), apart
 
 
 def task_space_velocity(
@@ -189,7 +194,7 @@ def task_space_velocity(
     if moving is not None and moving.astray:
         return retreat_velocity(safety, q, X_FG, moving, qd_last=qd_last, obstacles=obstacles)
     J_WH = np.empty((6, IIWA_7.joints))
-    V_WH, away = _steer_kernel(
+    V_WH, away, apart = _steer_kernel(
         np.ascontiguousarray(q, dtype=float),
         X_FG,
         X_WO,
@@ -204,7 +209,8 @@ def task_space_velocity(
     far = max(0.0, away / options.near - 1.0)
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
     left = choice.due - time
-    if far > 1.0 and left > 0.0 and qd_last is not None:
+    meets = min(1.0, far - 1.0, (apart - _BESIDE) / _BESIDE)
+    if meets > 0.0 and left > 0.0 and qd_last is not None:
         known = motion if options.feed_forward else None
         meeting = object_at_meeting(known, X_WO, V_WO, left, options.choice)
         goal = strand_reference(
@@ -212,7 +218,7 @@ def task_space_velocity(
         )
         if goal is not None:
             met = meeting_velocity(q, qd_last, goal.q, goal.qd, left, options.safety.period)
-            request += min(1.0, far - 1.0) * (met - request)
+            request += meets * (met - request)
     limited = partial(
         safety.velocity, q, request, qd_last=qd_last, obstacles=obstacles, moving=moving
     )
