@@ -56,8 +56,9 @@ class RMMTaskController(GraspController):
         if self.safety is None:
             return memory
         choice = self._options.choice
-        instants = choice.prices.instants_from(inputs.time)
-        ahead = poses_ahead(choice.look_ahead, inputs.motion, inputs.X_WO, inputs.V_WO, instants)
+        ahead = poses_ahead(
+            choice.look_ahead, inputs.motion, inputs.X_WO, inputs.V_WO, choice.prices.instants
+        )
         return memory.with_choice(inputs.time, inputs.q, ahead, self.reachability, choice)
 
     def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:
@@ -72,7 +73,6 @@ class RMMTaskController(GraspController):
                 self.safety,
                 self._options,
                 time=inputs.time,
-                motion=inputs.motion,
                 qd_last=inputs.qd_last,
                 obstacles=inputs.obstacles,
                 surface=inputs.surface,
