@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import signal
 import struct
 import time
-from contextlib import suppress
 
 import numpy as np
 from drake import lcmt_iiwa_command, lcmt_iiwa_status
@@ -16,9 +14,8 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.priority import ask_for_real_time
 
-#: Of the priorities of real time, which come before all other work, the lowest is enough.
-_PRIORITY = 1
 #: A guard ends when nothing has been requested for so long, and its arm rests [s].
 QUIET = 30.0
 
@@ -103,10 +100,8 @@ def main(url: str, period: float = channels.IIWA_PERIOD, *, alone: bool = False)
             other, and Ctrl-C is meant for it.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    rehearse(period)
-    # Before there is a bus: the thread that receives its messages inherits what is granted here.
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    _rehearse(period)
+    ask_for_real_time()
     guard = Guard(channels.open_lcm(url), period, math.inf if alone else QUIET)
     signal.signal(signal.SIGTERM, guard.end)
     if alone:
@@ -115,7 +110,7 @@ def main(url: str, period: float = channels.IIWA_PERIOD, *, alone: bool = False)
     guard.serve()
 
 
-def rehearse(period: float) -> None:
+def _rehearse(period: float) -> None:
     """Lets all be compiled that a guard calls."""
     guard = CommandGuard(period)
     for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, period):

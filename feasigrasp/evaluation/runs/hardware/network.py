@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import os
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from enum import StrEnum
 from functools import partial
 
@@ -20,6 +18,7 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.priority import ask_for_real_time
 
 #: How late messages are, that are late, at most [s].
 LATE = 0.03
@@ -126,8 +125,7 @@ class RelayProcess:
 
 def main(one: str, other: str, fault: str, seed: str) -> None:
     """What a `RelayProcess` runs: says a word when it is ready, and works until it is ended."""
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    ask_for_real_time()
     relay = Relay(one, other, Network(fault), int(seed))
 
     def begin(*_: object) -> None:
