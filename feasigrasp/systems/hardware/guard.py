@@ -14,7 +14,7 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.priority import ask_for_real_time
+from feasigrasp.systems.hardware.priority import DRIVER, real_time
 
 #: A guard ends when nothing has been requested for so long, and its arm rests [s].
 QUIET = 30.0
@@ -101,13 +101,14 @@ def main(url: str, period: float = channels.IIWA_PERIOD, *, alone: bool = False)
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _rehearse(period)
-    ask_for_real_time()
     guard = Guard(channels.open_lcm(url), period, math.inf if alone else QUIET)
     signal.signal(signal.SIGTERM, guard.end)
     if alone:
         signal.signal(signal.SIGINT, guard.end)
-        print(f"guarding the arm on {url}; Ctrl-C ends it at rest", flush=True)
-    guard.serve()
+    with real_time(DRIVER):
+        if alone:
+            print(f"guarding the arm on {url}; Ctrl-C ends it at rest", flush=True)
+        guard.serve()
 
 
 def _rehearse(period: float) -> None:

@@ -1,17 +1,42 @@
 """The priority of what must not wait for other work."""
 
+from __future__ import annotations
+
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
-#: Of the priorities of real time, which come before all other work, the lowest is enough.
-_LOWEST = 1
+import psutil
+
+#: Priorities of real time, which come before all other work: a controller's, and that of whoever
+#: answers the arm's driver or carries messages.
+CONTROL, DRIVER = 1, 2
 
 
-def ask_for_real_time() -> None:
-    """Asks the system for a priority of real time; where it is not granted nothing changes.
+@contextmanager
+def real_time(priority: int, *, main: bool = True) -> Iterator[None]:
+    """Asks for a priority of real time for the threads of this process, as long as it lasts.
 
-    It is that of the calling thread, and of those that it starts from then on: call it before a
-    message bus is opened, which receives in a thread of its own.
+    For those that there are: the one in which a message bus receives begins with the first
+    subscription. What they start themselves, such as a process that perceives, has no priority.
+    Where it is not granted, nothing changes.
+
+    Args:
+        priority: `CONTROL` or `DRIVER`.
+        main: Whether the main thread is one of them.
     """
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_LOWEST))
+    threads = {thread.id for thread in psutil.Process().threads()}
+    threads -= set() if main else {os.getpid()}
+    _ask(threads, "SCHED_FIFO", priority)
+    try:
+        yield
+    finally:
+        _ask(threads, "SCHED_OTHER", 0)
+
+
+def _ask(threads: set[int], policy: str, priority: int) -> None:
+    for thread in threads:
+        # Not there on every system, not granted to everybody, and a thread may have ended.
+        with suppress(AttributeError, PermissionError, ProcessLookupError):
+            kept = getattr(os, policy) | os.SCHED_RESET_ON_FORK
+            os.sched_setscheduler(thread, kept, os.sched_param(priority))

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.evaluation.runs.hardware.control import WAIT_FOR_GUARD, _Commands
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.guard import Guard
+from feasigrasp.systems.hardware.priority import CONTROL, real_time
 
 URL = "udpm://239.255.76.68:7668?ttl=0"
 
@@ -40,7 +42,8 @@ def urgent_threads(pid):
     """How many threads of a process have a priority of real time."""
     found = 0
     for thread in Path(f"/proc/{pid}/task").iterdir():
-        found += os.sched_getscheduler(int(thread.name)) == os.SCHED_FIFO
+        policy = os.sched_getscheduler(int(thread.name)) & ~os.SCHED_RESET_ON_FORK
+        found += policy == os.SCHED_FIFO
     return found
 
 
@@ -54,12 +57,38 @@ def may_have_priority():
     return True
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are looked for in /proc")
+IN_PROC = pytest.mark.skipif(
+    not Path("/proc/self/task").exists(), reason="threads are looked for in /proc"
+)
+
+
+@IN_PROC
 def test_whoever_receives_its_messages_has_its_priority(alone):
     """One that waits for other work hands statuses on late, however quick the guard itself is."""
     if not may_have_priority():
         pytest.skip("no priority of real time is granted here: see rtprio in limits.conf")
     assert urgent_threads(alone.pid) >= 2
+
+
+@IN_PROC
+@pytest.mark.parametrize("main_thread", [True, False])
+def test_a_controller_has_priority_and_what_it_starts_has_none(main_thread):
+    if not may_have_priority():
+        pytest.skip("no priority of real time is granted here: see rtprio in limits.conf")
+    done, said = threading.Event(), []
+    other = threading.Thread(target=done.wait)
+    other.start()
+    show = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0) == os.SCHED_OTHER)"]
+    before = urgent_threads(os.getpid())
+    with real_time(CONTROL, main=main_thread):
+        within = urgent_threads(os.getpid())
+        there = len(list(Path("/proc/self/task").iterdir()))
+        said.append(subprocess.run(show, capture_output=True, text=True, check=True).stdout)
+    done.set()
+    other.join()
+    assert before == 0 == urgent_threads(os.getpid())
+    assert within == there - (not main_thread) >= 1
+    assert said == ["True\n"]
 
 
 def test_ctrl_c_ends_it(alone):

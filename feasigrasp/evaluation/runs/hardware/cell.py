@@ -21,6 +21,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.priority import DRIVER, real_time
 from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
 
@@ -68,7 +69,9 @@ def simulate_cell(
         started = time.perf_counter()
         try:
             simulator.Initialize()
-            simulator.AdvanceTo(np.inf)
+            # The simulation may be slow, but not deaf: a driver hears its commands.
+            with real_time(DRIVER, main=False):
+                simulator.AdvanceTo(np.inf)
         except RuntimeError as failure:
             error = str(failure)
     if error is None:

@@ -21,6 +21,7 @@ from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
+from feasigrasp.systems.hardware.priority import CONTROL, real_time
 from feasigrasp.systems.remote.remote_stage import end_processes
 
 #: How long to wait for the driver's first message, and then for each [s].
@@ -76,11 +77,12 @@ def run_hardware(
         try:
             say("waiting for the arm's driver")
             loop.step(WAIT_FOR_DRIVER)
-            while not interrupted.is_set() and not _is_over(loop, scenario):
-                loop.step(SILENCE)
-                commands.expect(loop.simulator.get_context().get_time())
-                if line is not None and loop.started:
-                    _show(loop, started, line)
+            with real_time(CONTROL):
+                while not interrupted.is_set() and not _is_over(loop, scenario):
+                    loop.step(SILENCE)
+                    commands.expect(loop.simulator.get_context().get_time())
+                    if line is not None and loop.started:
+                        _show(loop, started, line)
         except HardwareError as failure:
             error = str(failure)
         finally:

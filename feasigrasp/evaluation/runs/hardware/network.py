@@ -18,7 +18,7 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.priority import ask_for_real_time
+from feasigrasp.systems.hardware.priority import DRIVER, real_time
 
 #: How late messages are, that are late, at most [s].
 LATE = 0.03
@@ -125,7 +125,6 @@ class RelayProcess:
 
 def main(one: str, other: str, fault: str, seed: str) -> None:
     """What a `RelayProcess` runs: says a word when it is ready, and works until it is ended."""
-    ask_for_real_time()
     relay = Relay(one, other, Network(fault), int(seed))
 
     def begin(*_: object) -> None:
@@ -133,8 +132,9 @@ def main(one: str, other: str, fault: str, seed: str) -> None:
 
     signal.signal(_BEGIN, begin)
     print("ready", flush=True)
-    while True:
-        relay.step()
+    with real_time(DRIVER):
+        while True:
+            relay.step()
 
 
 def _all_of(lcm: DrakeLcm, pattern: str, take: Callable[[str, bytes], None]) -> object:
