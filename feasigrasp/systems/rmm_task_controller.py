@@ -56,9 +56,8 @@ class RMMTaskController(GraspController):
         if self.safety is None:
             return memory
         choice = self._options.choice
-        ahead = poses_ahead(
-            choice.look_ahead, inputs.motion, inputs.X_WO, inputs.V_WO, choice.prices.instants
-        )
+        instants = choice.prices.instants_from(inputs.time)
+        ahead = poses_ahead(choice.look_ahead, inputs.motion, inputs.X_WO, inputs.V_WO, instants)
         return memory.with_choice(inputs.time, inputs.q, ahead, self.reachability, choice)
 
     def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:
@@ -73,6 +72,7 @@ class RMMTaskController(GraspController):
                 self.safety,
                 self._options,
                 time=inputs.time,
+                motion=inputs.motion,
                 qd_last=inputs.qd_last,
                 obstacles=inputs.obstacles,
                 surface=inputs.surface,

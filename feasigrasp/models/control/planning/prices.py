@@ -110,6 +110,15 @@ class Prices:
         """``times`` as an array."""
         return np.array(self.times)
 
+    def instants_from(self, time: float) -> Array:
+        """The instants that a plan looks at, from a time [s] on: now, and such of a fixed grid.
+
+        The next plan looks at the same, so that what is due at one of them does not recede.
+        """
+        step = self.times[1]
+        gone = time - step * np.floor(time / step + 1e-3)  # no instant is next to now
+        return np.concatenate([[0.0], self.instants[1:] - gone])
+
     @cached_property
     def record(self) -> NDArray[np.void]:
         """The rest for kernels."""

@@ -105,8 +105,10 @@ def way_kernel(q, node, k0, k, travel, X_WO, times, start, standoff, search, X_F
 
 
 @njit(cache=True)
-def transfer_kernel(q, k0, only, skipped, plan):
+def transfer_kernel(q, k0, last, only, skipped, plan):
     """The best `Transfer` that leaves configuration ``q`` at instant ``k0``.
+
+    It is over at the instant ``last`` at the latest.
 
     ``only`` and ``skipped`` are the grasp and branch of the one strand that is looked at, or of the
     one that is not; (-1, -1) for none.
@@ -128,7 +130,7 @@ def transfer_kernel(q, k0, only, skipped, plan):
         for b in range(8):
             if (only[1] >= 0 and b != only[1]) or (i == skipped[0] and b == skipped[1]):
                 continue
-            for k in range(min(k0 + 1, K), K + 1):
+            for k in range(min(k0 + 1, last), last + 1):
                 available = times[k] - times[k0]
                 for j in range(P):
                     rate = strands.rate[k, i, b, j]
@@ -166,8 +168,10 @@ def transfer_kernel(q, k0, only, skipped, plan):
 
 
 @njit(cache=True)
-def stay_kernel(q, grasp, branch, plan):
+def stay_kernel(q, last, grasp, branch, plan):
     """What it costs to go on with a strand, and to leave it at the best moment.
+
+    The strand is reached at the instant ``last`` at the latest.
 
     Returns the `Transfer` onto the strand, its cost that of the whole plan, and the instant at
     which it is left; -1 if not before the horizon.
@@ -175,17 +179,17 @@ def stay_kernel(q, grasp, branch, plan):
     strands, times = plan.strands, plan.times
     # Typed: for every constant among the arguments numba would compile another transfer_kernel.
     now, nobody = np.int64(0), (np.int64(-1), np.int64(-1))
-    there = transfer_kernel(q, now, (grasp, branch), nobody, plan)
+    K = np.int64(len(times) - 1)
+    there = transfer_kernel(q, now, last, (grasp, branch), nobody, plan)
     if there.grasp < 0:
         return there, -1
     best, leave = there.cost, -1
     to_go = strands.to_go[there.instant, grasp, branch, there.angle]
     until = there.cost - to_go  # cost until the instant that is looked at
     k, j = there.instant, there.angle
-    K = len(times) - 1
     while k < K:
         here = strands.q[k, grasp, branch, j]
-        away = transfer_kernel(here, k, nobody, (grasp, branch), plan)
+        away = transfer_kernel(here, k, K, nobody, (grasp, branch), plan)
         if until + away.cost < best:
             best, leave = until + away.cost, k
         m = strands.following[k, grasp, branch, j]

@@ -59,8 +59,7 @@ class SafetyOptions:
     Attributes:
         period: Time between commands, that of the drive [s].
         position_margin: Distance kept from the joint position limits [rad].
-        velocity_scale: Share of the velocity limits that may be used. The arm's own controller
-            overshoots a command that changes at the acceleration limits by a tenth and more.
+        velocity_scale: Share of the velocity limits that may be used.
         acceleration_scale: Share of the acceleration limits that may be used.
         clearance: Distance kept between bodies, and to the table [m].
         obstacle_clearance: Distance kept to the obstacles of a scene, whose surfaces are known to a
@@ -68,7 +67,9 @@ class SafetyOptions:
         object_clearance: Distance kept between the open hand and the object that it follows [m].
         table_height: Height of the table top in the base frame [m].
         approach_gain: g; limits and bodies are approached at most at g x remaining distance [1/s].
-        object_gain: The same for the open hand and the object that it follows [1/s] ...
+        speed_gain: g_v; a joint accelerates at most at g_v x what is left to its speed limit [1/s]:
+            the arm's own controller overshoots a command whose acceleration ends at once.
+        object_gain: As ``approach_gain``, for the open hand and the object it follows [1/s] ...
         slow: ... up to g x distance and this speed [m/s]: a quick hand takes longer to stop.
         rotation_weight: Weight of rad/s against m/s in following a twist.
         damping: rho, the weight of the preferred joint velocity.
@@ -76,13 +77,14 @@ class SafetyOptions:
 
     period: float = 0.005
     position_margin: float = IIWA_7.position_margin
-    velocity_scale: float = 0.8
+    velocity_scale: float = 0.9
     acceleration_scale: float = 0.95
     clearance: float = 0.01
     obstacle_clearance: float = 0.02
     object_clearance: float = 0.002
     table_height: float = 0.0
-    approach_gain: float = 3.5
+    approach_gain: float = 3.3
+    speed_gain: float = 10.0
     object_gain: float = 6.0
     slow: float = 0.1
     rotation_weight: float = 0.3

@@ -13,6 +13,10 @@ that kept to its bounds can keep to them at the next step too without decelerati
 - where the line ``g r`` is lower, ``v <= 2 b / g + b T``, and following the line from v takes
   ``g v <= (2 + g T) b = a``.
 
+The speed limit itself is approached at no more than ``g_v (v_limit - v)``: an arm lags behind a
+command that accelerates, and one whose acceleration ends at once it overshoots by what it has to
+make up. Slowing down is never bounded by that, so that all of the above holds.
+
 So the interval of admissible velocities, between the bounds and the acceleration limits, is never
 empty. Should it be all the same (a joint that was pushed, or that begins outside), the acceleration
 limits come first.
@@ -57,7 +61,9 @@ def bounds_kernel(q, qd_last, options, lower, upper):
         up = _approach(limit - q[i], gain, speed, deceleration, period)
         down = -_approach(limit + q[i], gain, speed, deceleration, period)
         if len(qd_last) > 0:
-            least = qd_last[i] - acceleration * period
-            most = qd_last[i] + acceleration * period
+            v, change = qd_last[i], acceleration * period
+            share = options.speed_gain * period
+            most = v + min(change, max(share * (speed - v), -v, 0.0))
+            least = v - min(change, max(share * (speed + v), v, 0.0))
             up, down = min(max(up, least), most), min(max(down, least), most)
         lower[i], upper[i] = down, up

@@ -32,7 +32,12 @@ from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.planning.strands import strands_kernel
-from feasigrasp.models.control.planning.transfers import Plan, stay_kernel, transfer_kernel
+from feasigrasp.models.control.planning.transfers import (
+    Plan,
+    Transfer,
+    stay_kernel,
+    transfer_kernel,
+)
 from feasigrasp.models.control.task.target import neighbours
 from feasigrasp.models.grasps.funnel import Funnel, grasp_errors
 from feasigrasp.models.reach.reachability import Reachability
@@ -52,7 +57,8 @@ class ChoiceOptions:
         look_ahead: What the object is taken to do meanwhile, a `LookAhead`.
         hysteresis: A grasp is kept at least so long [s].
         advantage: Another strand must be better by this much [s].
-        commitment: The same, on the way to a strand [s].
+        commitment: The same, on the way to a strand, or where there is one grasp alone [s]. By as
+            much it must be better to be on a strand later than was planned before.
         temperature: Grasps near the chosen one weigh e times less per so much cost [s].
         neighbourhood: How near that is [m], see `neighbours`; 0 for none but the chosen one.
         smoothing: Share of the way to a new arm angle that is gone when a choice is confirmed.
@@ -137,7 +143,7 @@ def choose_grasp(
         X_OG: Hand poses to choose from, flips included, in the object frame, shape (n, 4, 4) [m].
         grasp_rates: What a second at each of them costs by itself, shape (n,), see
             `Prices.grasp_rates`.
-        X_WO: Predicted poses of the object at the instants of the prices, shape (K + 1, 4, 4).
+        X_WO: Predicted poses of the object at `Prices.instants_from` now, shape (K + 1, 4, 4).
         reachability: Tells which configurations are admissible.
         options: Horizon and prices.
 
@@ -148,7 +154,8 @@ def choose_grasp(
     if len(X_OG) == 0 or not (np.isfinite(X_WO).all() and np.isfinite(q).all()):
         return GraspChoice(count=choice.count)
     X_FG, X_GF = reachability.gripper.X_FG, np.linalg.inv(reachability.gripper.X_FG)
-    times, prices, search = options.prices.instants, options.prices.record, reachability.search
+    times, prices = options.prices.instants_from(t), options.prices.record
+    search = reachability.search
     # Copies, so that no kernel is compiled twice, for arrays that may and may not be written.
     poses, grasps = np.array(X_WO, dtype=float), np.array(X_OG, dtype=float)
     strands = strands_kernel(q, poses, times, grasps, grasp_rates, X_GF, search, prices)
@@ -156,12 +163,13 @@ def choose_grasp(
     nobody, present = (-1, -1), present_index(choice, grasps)
     plan, margin = None, 0.0
     if present >= 0:
-        plan, _ = stay_kernel(q, present, choice.branch, ways)
-        margin = options.advantage if t >= choice.due else options.commitment
+        plan = _confirmed(q, present, choice, t, ways, options)
+        there = t >= choice.due and len(grasps) > 1
+        margin = options.advantage if there else options.commitment
         if plan.grasp >= 0 and t - choice.since < options.hysteresis:
             margin = np.inf
     skipped = nobody if plan is None else (present, choice.branch)
-    other = transfer_kernel(q, 0, nobody, skipped, ways)
+    other = transfer_kernel(q, 0, len(times) - 1, nobody, skipped, ways)
     if plan is None or plan.grasp < 0 or other.cost < plan.cost - margin:
         if other.grasp < 0:
             return GraspChoice(count=choice.count)
@@ -191,6 +199,18 @@ def choose_grasp(
     )
 
 
+def _confirmed(
+    q: Array, grasp: int, choice: GraspChoice, t: float, ways: Plan, options: ChoiceOptions
+) -> Transfer:
+    """The plan of going on with a strand: on it when that was planned before, if possible."""
+    plan, _ = stay_kernel(q, len(ways.times) - 1, grasp, choice.branch, ways)
+    if plan.grasp < 0 or t >= choice.due:
+        return plan
+    due = int(np.argmin(np.abs(ways.times - (choice.due - t))))
+    kept, _ = stay_kernel(q, due, grasp, choice.branch, ways)
+    return kept if kept.grasp >= 0 and kept.cost < plan.cost + options.commitment else plan
+
+
 def present_index(choice: GraspChoice, X_OG: Array) -> int:
     """Index of the grasp that was chosen among grasps (n, 4, 4), or of the one in its place.
 
@@ -208,7 +228,8 @@ def _weighed(
 ) -> tuple[Array, Array]:
     """Steps to the grasps round one that can be held in its branch, and their weights."""
     some, steps = neighbours(ways.X_OG, index, options.neighbourhood)
-    cost = np.array([transfer_kernel(q, 0, (i, branch), (-1, -1), ways).cost for i in some])
+    end = len(ways.times) - 1
+    cost = np.array([transfer_kernel(q, 0, end, (i, branch), (-1, -1), ways).cost for i in some])
     if not np.isfinite(cost[0]):
         return steps[:1], np.ones(1)
     weights = np.exp(np.minimum((cost[0] - cost) / options.temperature, _MOST))

@@ -61,6 +61,8 @@ def strand_reference(
     V_WO: Array,
     reachability: Reachability,
     options: ChoiceOptions,
+    *,
+    meeting: tuple[Array, Array] | None = None,
 ) -> StrandReference | None:
     """Configuration and velocity that follow the choice, at the control rate (10 us).
 
@@ -76,6 +78,8 @@ def strand_reference(
         V_WO: Object twist [angular; linear], shape (6,).
         reachability: Its gripper tells where the flange is.
         options: The funnel.
+        meeting: Pose and twist of the object when the strand is due: what is asked for is where
+            that will be then, as far behind the grasp as the hand has to be now.
 
     Returns:
         The reference; None without a choice, if the object is out of reach, or if its pose or twist
@@ -83,11 +87,14 @@ def strand_reference(
     """
     if not choice:
         return None
+    X_WO_then, V_WO_then = (X_WO, V_WO) if meeting is None else meeting
     q_ref, qd_ref, X_OT = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints), np.empty((4, 4))
     status = _reference_kernel(
         np.ascontiguousarray(q, dtype=float),
         np.ascontiguousarray(X_WO, dtype=float),
-        np.ascontiguousarray(V_WO, dtype=float),
+        np.ascontiguousarray(X_WO_then, dtype=float),
+        np.ascontiguousarray(V_WO_then, dtype=float),
+        meeting is not None,
         choice.X_OG,
         choice.steps,
         choice.weights,
@@ -132,8 +139,10 @@ def _continue(
 @njit(cache=True)
 def _reference_kernel(
     q,
+    X_WO_now,
     X_WO,
     V_WO,
+    later,
     chosen,
     steps,
     weights,
@@ -148,13 +157,13 @@ def _reference_kernel(
     X_OT,
 ):
     """Writes what `strand_reference` returns: 1 on the strand, 0 on the way, -1 if nowhere."""
-    if not np.isfinite(X_WO.sum() + V_WO.sum() + q.sum()):
+    if not np.isfinite(X_WO_now.sum() + X_WO.sum() + V_WO.sum() + q.sum()):
         return -1
     X_WH, X_WF = np.empty((4, 4)), np.empty((4, 4))
     pose_jacobian_kernel(q, X_FG, X_WH, None)
-    X_OH = inverse_kernel(X_WO) @ X_WH
+    X_OH = inverse_kernel(X_WO_now) @ X_WH
     X_GF = inverse_kernel(X_FG)
-    on_strand = branch_kernel(q) == branch
+    on_strand = branch_kernel(q) == branch and not later
     X_OG = target_kernel(chosen, steps, weights, X_OH)
     back, reached, angle, rate = _continue(
         *(X_OG, X_OH, X_WO, X_GF, q, branch, psi, remaining, on_strand),

@@ -11,6 +11,8 @@
 - far from both the geodesic may lead against a limit, where the arm would stay: there the joints go
   to the configuration, and what is free meanwhile keeps the hand close to the object
   (`feasigrasp.models.control.task.pursuit`);
+- farther still, if the object is quick and not in the way, they go to where that will be when it is
+  due (`feasigrasp.models.control.task.meeting`);
 - a hand with the object between its fingers, but not for this grasp, steps back first, and one at
   the object that is too deep for its grasp goes back along its own axis before it turns;
 - a QP keeps limits and clearances.
@@ -32,9 +34,11 @@ from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
 from feasigrasp.models.control.safety.reserve import is_close, kept_off, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
+from feasigrasp.models.control.task.meeting import meeting_velocity, object_at_meeting
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
+from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -42,6 +46,12 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 #: A hand at the object that is deeper than its target by this goes back rather than sideways or
 #: round, and only back from twice as much on: otherwise it would be stopped by the object [m].
 _DEEP = 0.02
+#: A hand this close to the object's middle goes round it, wherever it is due [m]; one that is twice
+#: as far away goes straight.
+_BESIDE = 0.15
+#: An object up to this quick is run after, which keeps it in the camera's view; one that is twice
+#: as quick is met [m/s].
+_QUICK = 0.2
 
 
 @dataclass(frozen=True)
@@ -60,7 +70,8 @@ class TaskControlOptions:
         feed_forward: Whether the object's twist is added.
         targets: What the density is made of: components about their medoids, or their means.
         near: Travel time to the chosen configuration, or of the hand to its pose, up to which the
-            hand follows the geodesic [s]; from twice as much on the joints go there.
+            hand follows the geodesic [s]; from twice as much on the joints go there, and from three
+            times as much on to where it will be.
         choice: Which grasp is followed, and in which configuration.
         pursuit: How the joints go to that configuration.
         safety: Margins of the QP.
@@ -122,7 +133,8 @@ def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):
 def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
     """Writes the hand's Jacobian (6, 7).
 
-    Returns the twist (6,) that leads it to pose T, and how far it is, at its largest speeds [s].
+    Returns the twist (6,) that leads it to pose T, how far it is, at its largest speeds [s], and
+    its distance to the object's middle [m].
     ``goes_back`` says whether a hand that is too deep goes back first.
     """
     gain, max_angular, max_linear = gains
@@ -133,7 +145,8 @@ def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
     if goes_back:  # a body twist: its last component is along the hand's own axis
         way[:5] *= min(1.0, max(0.0, 1.0 - (way[5] - _DEEP) / _DEEP))
     twist = hand_twist_kernel(-gain * way, X_WH, X_WO, V_WO, max_angular, max_linear)
-    return twist, max(angle / max_angular, length / max_linear)
+    apart = np.sqrt(np.sum((X_WH[:3, 3] - X_WO[:3, 3]) ** 2))
+    return twist, max(angle / max_angular, length / max_linear), apart
 
 
 def task_space_velocity(
@@ -146,6 +159,7 @@ def task_space_velocity(
     options: TaskControlOptions,
     *,
     time: float = 0.0,
+    motion: MotionEstimate | None = None,
     qd_last: Array | None = None,
     obstacles: ObstacleGrid | None = None,
     surface: ObstacleGrid | None = None,
@@ -161,8 +175,9 @@ def task_space_velocity(
         safety: The QP, for the same gripper.
         options: Gains.
         time: Present time [s].
+        motion: What the tracker knows of the object's motion.
         qd_last: The command of one period ago [rad/s], shape (7,); without it accelerations are
-            not limited.
+            not limited, and the arm goes for where the object is now.
         obstacles: What the arm must not touch.
         surface: Distances to the object's surface, in its frame, which the open hand keeps off.
 
@@ -181,14 +196,8 @@ def task_space_velocity(
         )
     if moving is not None and moving.astray:
         return retreat_velocity(safety, q, X_FG, moving, qd_last=qd_last, obstacles=obstacles)
-    request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
-    limited = partial(
-        safety.velocity, q, request, qd_last=qd_last, obstacles=obstacles, moving=moving
-    )
-    if not reference.on_strand:
-        return limited()
     J_WH = np.empty((6, IIWA_7.joints))
-    V_WH, away = _steer_kernel(
+    V_WH, away, apart = _steer_kernel(
         np.ascontiguousarray(q, dtype=float),
         X_FG,
         X_WO,
@@ -199,8 +208,25 @@ def task_space_velocity(
         J_WH,
     )
     travel_time = np.max(np.abs(reference.q - q) / IIWA_7.velocity_limits)
-    far = max(0.0, min(travel_time, away) / options.near - 1.0)
-    if far >= 1.0:
+    away = min(travel_time, away) if reference.on_strand else travel_time
+    far = max(0.0, away / options.near - 1.0)
+    request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
+    left = choice.due - time
+    quick = float(np.sqrt(np.sum(V_WO[3:] ** 2)))
+    meets = min(1.0, far - 1.0, (apart - _BESIDE) / _BESIDE, (quick - _QUICK) / _QUICK)
+    if meets > 0.0 and left > 0.0 and qd_last is not None:
+        known = motion if options.feed_forward else None
+        meeting = object_at_meeting(known, X_WO, V_WO, left, options.choice)
+        goal = strand_reference(
+            choice, time, q, X_WO, V_WO, reachability, options.choice, meeting=meeting
+        )
+        if goal is not None:
+            met = meeting_velocity(q, qd_last, goal.q, goal.qd, left, options.safety.period)
+            request += meets * (met - request)
+    limited = partial(
+        safety.velocity, q, request, qd_last=qd_last, obstacles=obstacles, moving=moving
+    )
+    if not reference.on_strand or far >= 1.0:
         return limited()
     V_WH += far * (J_WH @ request - V_WH)
     return limited(J_WH, V_WH)

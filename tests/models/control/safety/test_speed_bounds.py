@@ -97,3 +97,41 @@ def test_acceleration_comes_first_where_not_all_can_be_kept(q, share):
     lower, upper = velocity_bounds(q, OPTIONS, last)
     assert (lower <= upper).all()
     assert (lower >= last - change - 1e-12).all() and (upper <= last + change + 1e-12).all()
+
+
+def lagging(commands, period, gain=100.0):
+    """Velocities of a joint with critical damping that is sent these, by small steps."""
+    q, v, wish, reached = 0.0, 0.0, 0.0, []
+    fine = 10
+    for command in commands:
+        for _ in range(fine):
+            wish += command * period / fine
+            v += (gain * (wish - q) + 2.0 * np.sqrt(gain) * (command - v)) * period / fine
+            q += v * period / fine
+        reached.append(v)
+    return np.array(reached)
+
+
+def test_an_arm_that_lags_does_not_overshoot_the_speed_limit():
+    """All joints accelerate as hard as they may; without `speed_gain` they would be too fast."""
+    reached = {}
+    for speed_gain in (OPTIONS.speed_gain, 1e3):
+        options, last, sent = SafetyOptions(speed_gain=speed_gain), np.zeros(7), []
+        for _ in range(150):
+            _, last = velocity_bounds(np.zeros(7), options, last)
+            sent.append(last)
+        arm = [lagging(joint, options.period) for joint in np.transpose(sent)]
+        reached[speed_gain] = np.max(np.array(arm).max(axis=1) / IIWA_7.velocity_limits)
+        np.testing.assert_allclose(last, CAPACITY, rtol=0.05)
+    assert reached[OPTIONS.speed_gain] < 1.0 < reached[1e3]
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7).map(np.array), st.floats(0.05, 0.9))
+def test_slowing_down_is_bounded_by_the_acceleration_alone(share, scale):
+    options = SafetyOptions(velocity_scale=scale)
+    last = share * options.velocity_scale * IIWA_7.velocity_limits
+    change = options.acceleration_scale * IIWA_7.acceleration_limits * options.period
+    lower, upper = velocity_bounds(np.zeros(7), options, last)
+    slower = np.sign(last) * np.maximum(np.abs(last) - change, 0.0)
+    assert (lower <= slower + 1e-12).all() and (upper >= slower - 1e-12).all()

@@ -49,7 +49,7 @@ GRASPS = ring_of_grasps()
 
 
 def ahead(motion, t, options=OPTIONS):
-    return np.array([motion.pose(t + s) for s in options.prices.instants])
+    return np.array([motion.pose(t + s) for s in options.prices.instants_from(t)])
 
 
 def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS):
@@ -249,3 +249,28 @@ def test_pursuit_is_inside_the_speed_limits_and_leaves_the_slow_joint_its_speed(
         if needed[slow] > 1.0:
             towards = qd[slow] * np.sign(reference.q[slow] - q[slow]) / IIWA_7.velocity_limits[slow]
             assert towards > 0.5 * options.speed_share
+
+
+def test_what_is_due_stays_due_from_plan_to_plan():
+    """An arm that is on its way in time is not given more."""
+    options = replace(OPTIONS, prices=replace(PRICES, regrip_time=0.0))
+    first = choice = choose(GraspChoice(), 0.0, START, options=options)
+    X_WF = CIRCLE.pose(first.due) @ first.X_OG @ np.linalg.inv(X_FG)
+    goal = closed_form(X_WF, first.psi)[first.branch]
+    for t in np.arange(0.07, 0.95 * first.due, 0.07):
+        choice = choose(choice, t, START + t / first.due * (goal - START), options=options)
+        assert choice.count == first.count and choice.due == pytest.approx(first.due)
+
+
+def test_where_there_is_one_grasp_alone_the_way_of_holding_it_is_not_changed_for_little():
+    """It is the one that the fingers close on; where there are others, it may be."""
+    rng, alone, changes = np.random.default_rng(0), GRASPS[:1], []
+    both = GRASPS[:2].copy()
+    both[1, 0, 3] += 5.0  # out of reach
+    for q in START + rng.normal(0.0, 0.4, (60, 7)):
+        best = choose(GraspChoice(), 0.0, q, alone)
+        for branch in set(range(8)) - {best.branch} if best else ():
+            there = replace(best, branch=branch, since=-9.0, due=0.0)
+            changes.append([choose(there, 0.0, q, X).count - there.count for X in (alone, both)])
+    only, more = np.transpose(changes)
+    assert (only <= more).all() and (only < more).any()

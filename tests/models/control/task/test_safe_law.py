@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from feasigrasp.models.control.safety.safe_velocity import Safety
+from feasigrasp.models.control.task import safe_law
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.control.task.memory import TaskMemory
@@ -22,6 +23,7 @@ from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
@@ -71,7 +73,7 @@ class Controller:
 
     def __call__(self, t, q, X_WO, V_WO):
         if self.ticks % 10 == 0:
-            instants = self.options.choice.prices.instants
+            instants = self.options.choice.prices.instants_from(t)
             if self.motion is None:
                 ahead = [se3.extrapolate(X_WO, V_WO, s) for s in instants]
             else:
@@ -306,3 +308,63 @@ def test_whatever_comes_in_the_command_never_jumps(events, seed):
             assert (np.abs(qd) <= IIWA_7.velocity_limits).all()
             q, last, t = q + PERIOD * qd, qd, t + PERIOD
             assert (np.abs(q) <= IIWA_7.position_limits).all()
+
+
+def a_strand(X_WO, turn):
+    """A grasp from above with a turned hand, and where the arm holds it."""
+    R_WG = se3.so3_exp([0.0, 0.0, turn]) @ se3.so3_exp([np.pi, 0.0, 0.0])
+    X_OG = se3.inverse(X_WO) @ se3.make_pose(R_WG, X_WO[:3, 3])
+    q, time = REACHABILITY.nearest(X_WO @ X_OG, HOME)
+    assert np.isfinite(time[0])
+    branch = int(4 * (q[0, 3] < 0) + 2 * (q[0, 1] < 0) + (q[0, 5] < 0))
+    return GraspChoice(X_OG, branch, arm_angle_kernel(q[0]))
+
+
+def on_the_way(choice, motion, duration):
+    """How far the hand is from its grasp at last [m]."""
+    q, qd = HOME.copy(), np.zeros(7)
+    for k in range(round(duration / PERIOD)):
+        where = (q, choice, *motion(k * PERIOD), REACHABILITY, SAFETY, NO_FUNNEL)
+        qd = task_space_velocity(*where, time=k * PERIOD, qd_last=qd)
+        q = q + PERIOD * qd
+    goal = (motion(duration)[0] @ choice.X_OG)[:3, 3]
+    return np.linalg.norm(forward_kinematics(q, X_FG)[:3, 3] - goal)
+
+
+def quick_circle(t):
+    """0.6 m/s about a point in front of the arm."""
+    c, s = np.cos(5.0 * t), np.sin(5.0 * t)
+    X_WO = se3.make_pose(np.eye(3), [0.5 + 0.12 * c, 0.12 * s, 0.3])
+    return X_WO, np.array([0.0, 0.0, 0.0, -0.6 * s, 0.6 * c, 0.0])
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])
+def test_far_away_the_arm_goes_to_where_its_strand_will_be_when_it_is_due(monkeypatch, turn):
+    """As the tracker knows the circle; one that runs after the strand is late."""
+    monkeypatch.setattr(safe_law, "object_at_meeting", lambda *a: quick_circle(1.3))
+    choice = a_strand(quick_circle(1.3)[0], turn)
+    met = on_the_way(replace(choice, due=1.3), quick_circle, 1.3)
+    followed = on_the_way(replace(choice, due=-1.0), quick_circle, 1.3)
+    assert met < 0.6 * followed
+
+
+@pytest.mark.parametrize(
+    ("below", "speed", "meets"), [(0.35, 0.6, True), (0.1, 0.6, False), (0.35, 0.15, False)]
+)
+def test_only_a_quick_object_that_is_not_in_the_way_is_met(
+    below, speed, meets
+):
+    p_WH, X_WO = np.array([0.5, 0.0, 0.45]), np.eye(4)
+    q, time = REACHABILITY.nearest(se3.make_pose(se3.so3_exp([np.pi, 0.0, 0.0]), p_WH), HOME)
+    assert np.isfinite(time[0])
+    X_WO[:3, 3] = p_WH - [0.0, 0.0, below]
+    choice, V_WO = a_strand(X_WO, 2.0), np.array([0.0, 0.0, 0.0, 0.0, speed, 0.0])
+    met, followed = (
+        task_space_velocity(
+            *(q[0], replace(choice, due=due), X_WO, V_WO, REACHABILITY, SAFETY, OPTIONS),
+            qd_last=np.zeros(7),
+        )
+        for due in (1.0, -1.0)
+    )
+    assert np.abs(followed).max() > 1e-3
+    assert (np.abs(met - followed).max() > 1e-3) == meets
