@@ -351,9 +351,7 @@ def test_far_away_the_arm_goes_to_where_its_strand_will_be_when_it_is_due(monkey
 @pytest.mark.parametrize(
     ("below", "speed", "meets"), [(0.35, 0.6, True), (0.1, 0.6, False), (0.35, 0.15, False)]
 )
-def test_only_a_quick_object_that_is_not_in_the_way_is_met(
-    below, speed, meets
-):
+def test_only_a_quick_object_that_is_not_in_the_way_is_met(below, speed, meets):
     p_WH, X_WO = np.array([0.5, 0.0, 0.45]), np.eye(4)
     q, time = REACHABILITY.nearest(se3.make_pose(se3.so3_exp([np.pi, 0.0, 0.0]), p_WH), HOME)
     assert np.isfinite(time[0])
