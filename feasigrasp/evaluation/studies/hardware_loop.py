@@ -44,7 +44,7 @@ _AT_CONTROLLER = [blow for blow in Blow if not blow.at_worker]
 #: What is kept of what was heard of the controller.
 _HEARD = (
     *("request_gap_ms_max", "request_gap_ms_p99", "rest_s", "commands_missing"),
-    *("commands_clamped", "driver_stopped_by_joint"),
+    *("commands_late", "commands_clamped", "driver_stopped_by_joint"),
 )
 
 

@@ -108,16 +108,17 @@ def test_what_was_heard_is_what_was_sent():
     lcm, now = DrakeLcm("memq://"), Namespace(time=0.0)
     heard = HeardCommands(lcm, lambda: now.time)
     Q = np.arange(28.0).reshape(4, 7)
-    for k, q in zip((0, 1, 3, 4), Q, strict=True):
-        now.time = 1.0 + 0.005 * k
-        lcm.Publish(channels.IIWA_COMMAND, command(5000 * k, q))
-        lcm.Publish(channels.IIWA_REQUEST, command(5000 * k, q))
+    for k, comes, q in zip((0, 1, 3, 4), (0, 1, 3, 5), Q, strict=True):
+        now.time, utime = 1.0 + 0.005 * comes, 1000000 + 5000 * k
+        lcm.Publish(channels.IIWA_COMMAND, command(utime, q))
+        lcm.Publish(channels.IIWA_REQUEST, command(utime, q))
         lcm.HandleSubscriptions(0)
-    lcm.Publish(channels.IIWA_COMMAND, command(30000, [np.nan] * 7))
+    lcm.Publish(channels.IIWA_COMMAND, command(1030000, [np.nan] * 7))
     lcm.HandleSubscriptions(0)
-    assert heard.first == 1.0 and heard.missing == 1 and heard.unusable == 1
+    assert heard.first == 1.0
+    assert heard.missing == heard.late == heard.unusable == 1
     np.testing.assert_array_equal(heard.positions(np.zeros(7)), np.vstack([np.zeros(7), Q]))
-    np.testing.assert_allclose(heard.gaps(), [0.005, 0.010, 0.005])
+    np.testing.assert_allclose(heard.gaps(), [0.005, 0.010, 0.010])
 
 
 @pytest.fixture

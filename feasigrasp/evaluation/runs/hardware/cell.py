@@ -114,6 +114,7 @@ def _judged(
         "first_command_s": heard.first,
         "commands": len(sent) - 1,
         "commands_missing": heard.missing,
+        "commands_late": heard.late,
         "commands_unusable": heard.unusable,
         "commands_clamped": int(beyond.any(axis=1).sum()),
         "driver_stopped_by_joint": int(stopped[0]),

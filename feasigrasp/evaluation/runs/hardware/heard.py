@@ -21,6 +21,7 @@ class HeardCommands:
         requests: When each request came [s].
         moved: When the last command came that differed from the one before [s]; 0 before.
         unusable: How many commands were none: not seven finite positions.
+        late: How many came when the period that they were for was over.
     """
 
     def __init__(self, lcm: DrakeLcm, now: Callable[[], float]) -> None:
@@ -32,7 +33,7 @@ class HeardCommands:
         """
         self.first: float | None = None
         self.requests: list[float] = []
-        self.unusable = 0
+        self.unusable = self.late = 0
         self.moved = 0.0
         self._now = now
         self._utime: list[int] = []
@@ -52,6 +53,7 @@ class HeardCommands:
             return
         if self._q and np.any(q != self._q[-1]):
             self.moved = self._now()
+        self.late += self._now() >= 1e-6 * command.utime + channels.IIWA_PERIOD - 1e-6
         self._utime.append(command.utime)
         self._q.append(q)
 

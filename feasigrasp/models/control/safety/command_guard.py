@@ -35,9 +35,10 @@ class CommandGuard:
     SILENCE = 0.25
     #: How fast what is left to a request is made up for [1/s].
     GAIN = 20.0
-    #: Share of the velocity limits that it uses: what has to be made up for, since requests came
-    #: late, is made up for in a hurry, and an arm overshoots a speed that is reached so.
-    SPEED = 0.95
+    #: Share of the velocity limits that it uses, and rate at which that is approached where
+    #: something has to be made up for, since requests came late [1/s]: an arm overshoots a speed
+    #: that is reached in a hurry.
+    SPEED, SPEED_GAIN = 0.95, 10.0
     #: A request farther from the measured position is none [rad].
     MAX_DISTANCE = 0.25
     #: The command waits for the arm when it is so far ahead of it [rad].
@@ -100,7 +101,12 @@ class CommandGuard:
             # What is sent now counts at the end of the period, like the request that is prolonged.
             left = self._requested + (age - self._period) * self._rate - self._q
             limit = self.SPEED * np.array(IIWA_7.velocity_limits)
-            wish = np.clip(self._rate + self.GAIN * left, -limit, limit)
+            rate, share = np.clip(self._rate, -limit, limit), self.SPEED_GAIN * self._period
+            up = self._v + np.maximum(share * (limit - self._v), -self._v)
+            down = self._v - np.maximum(share * (limit + self._v), self._v)
+            wish = np.clip(
+                self._rate + self.GAIN * left, np.minimum(down, rate), np.maximum(up, rate)
+            )
         q, v = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
         drive_step_kernel(self._q, self._v, wish, measured, self._period, self.MAX_LEAD, q, v)
         self._q, self._v = q, v

@@ -53,6 +53,16 @@ def test_it_follows_what_is_asked_for():
     keeps_limits(sent)
 
 
+def test_what_is_left_is_made_up_for_without_haste_near_the_speed_limit():
+    """Requests that have come late are far off: an arm overshoots a speed reached at full tilt."""
+    sent, _ = simulated(lambda t: START + 0.2 * (t > 1.0), 2.0)
+    v = keeps_limits(sent) / (CommandGuard.SPEED * IIWA_7.velocity_limits)
+    share = CommandGuard.SPEED_GAIN * T
+    assert (np.diff(v, axis=0) <= share * (1.0 - v[:-1]) + 1e-9)[v[:-1] > 0.0].all()
+    assert v.max() > 0.8
+    np.testing.assert_allclose(sent[-1], START + 0.2, atol=1e-4)
+
+
 def test_a_controller_that_dies_leaves_the_arm_at_rest():
     speed = np.abs(0.4 * np.cos(2.0 * 2.5))
     sent, guard = simulated(lambda t: swing(t) if t < 2.5 else None, 4.0)
