@@ -56,7 +56,7 @@ class RMMTaskController(GraspController):
         if self.safety is None:
             return memory
         choice = self._options.choice
-        instants = choice.prices.instants_from(inputs.time)
+        instants = choice.prices.instants_from(inputs.time, memory.choice.due)
         ahead = poses_ahead(choice.look_ahead, inputs.motion, inputs.X_WO, inputs.V_WO, instants)
         return memory.with_choice(inputs.time, inputs.q, ahead, self.reachability, choice)
 

@@ -11,6 +11,7 @@ import numpy as np
 from drake import lcmt_iiwa_command, lcmt_iiwa_status
 from pydrake.lcm import DrakeLcm
 
+from feasigrasp.errors import HardwareError
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
@@ -36,22 +37,32 @@ class Guard:
         self._lcm, self._quiet = lcm, quiet
         self._guard = CommandGuard(period)
         self._utime, self._dismissed = -1, False
+        self._commands, self._rival = 0, False
         self._heard_at = self._answered_at = time.monotonic()
         self._subscriptions = [
             lcm.Subscribe(channels.IIWA_REQUEST, self._request),
             lcm.Subscribe(channels.IIWA_STATUS, self._answer),
+            lcm.Subscribe(channels.IIWA_COMMAND, self._hear),
         ]
 
     def serve(self) -> None:
         """Works until it is told to end, or nothing has been requested for long.
 
         It never leaves an arm that moves, unless there is no driver to tell any more.
+
+        Raises:
+            HardwareError: Somebody commands the arm already.
         """
         while not self._wanted_to_end() or self._in_charge():
             self._lcm.HandleSubscriptions(100)
+            if self._rival:
+                raise HardwareError(
+                    f"messages on {channels.IIWA_COMMAND}: somebody commands this arm already; "
+                    "with a 'feasigrasp guard' that serves, give --no-guard to the controller"
+                )
 
     def end(self, *_: object) -> None:
-        """Ends the service as soon as the arm rests, whatever is requested meanwhile."""
+        """Ends the service: the arm brakes, whatever is requested, and then it is over."""
         self._dismissed = True
 
     def _wanted_to_end(self) -> bool:
@@ -61,7 +72,13 @@ class Guard:
         """Whether the arm moves, and its driver listens."""
         return self._guard.moving and time.monotonic() - self._answered_at < 1.0
 
+    def _hear(self, _: bytes) -> None:
+        # What it says itself it hears, too, but not before.
+        self._rival |= self._commands == 0
+
     def _request(self, data: bytes) -> None:
+        if self._dismissed:
+            return
         try:
             request = lcmt_iiwa_command.decode(data)
         except (ValueError, struct.error):  # of another program, or cut off
@@ -86,22 +103,25 @@ class Guard:
         command = lcmt_iiwa_command()
         command.utime, command.num_joints = status.utime, IIWA_7.joints
         command.joint_position = q.tolist()
+        self._commands += 1
         self._lcm.Publish(channels.IIWA_COMMAND, command.encode())
         self._answered_at = time.monotonic()
 
 
-def main(url: str, period: float = channels.IIWA_PERIOD, *, alone: bool = False) -> None:
+def main(url: str, *, alone: bool = False) -> None:
     """A guard as a process of its own, which SIGTERM ends as soon as its arm rests.
 
     Args:
         url: Where driver and controller are.
-        period: Of the driver [s].
         alone: Whether no controller has started it: then it says that it serves, one after the
             other, and Ctrl-C is meant for it.
+
+    Raises:
+        HardwareError: Somebody commands the arm already.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _rehearse(period)
-    guard = Guard(channels.open_lcm(url), period, math.inf if alone else QUIET)
+    _rehearse()
+    guard = Guard(channels.open_lcm(url), quiet=math.inf if alone else QUIET)
     signal.signal(signal.SIGTERM, guard.end)
     if alone:
         signal.signal(signal.SIGINT, guard.end)
@@ -111,8 +131,8 @@ def main(url: str, period: float = channels.IIWA_PERIOD, *, alone: bool = False)
         guard.serve()
 
 
-def _rehearse(period: float) -> None:
+def _rehearse() -> None:
     """Lets all be compiled that a guard calls."""
-    guard = CommandGuard(period)
-    for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, period):
+    guard = CommandGuard(channels.IIWA_PERIOD)
+    for time_ in np.arange(0.0, 2.0 * CommandGuard.START_AFTER, channels.IIWA_PERIOD):
         guard.command(time_, np.zeros(IIWA_7.joints))

@@ -26,17 +26,21 @@ def real_time(priority: int, *, main: bool = True) -> Iterator[None]:
         main: Whether the main thread is one of them.
     """
     threads = {thread.id for thread in psutil.Process().threads()}
-    threads -= set() if main else {os.getpid()}
-    _ask(threads, "SCHED_FIFO", priority)
+    before = {}
+    for thread in threads - (set() if main else {os.getpid()}):
+        # Not there on every system, not granted to everybody, and a thread may have ended.
+        with suppress(AttributeError, PermissionError, ProcessLookupError):
+            usual = os.sched_getscheduler(thread), os.sched_getparam(thread)
+            _set(thread, os.SCHED_FIFO, os.sched_param(priority))
+            before[thread] = usual
     try:
         yield
     finally:
-        _ask(threads, "SCHED_OTHER", 0)
+        for thread, (policy, parameter) in before.items():
+            with suppress(ProcessLookupError):
+                _set(thread, policy, parameter)
 
 
-def _ask(threads: set[int], policy: str, priority: int) -> None:
-    for thread in threads:
-        # Not there on every system, not granted to everybody, and a thread may have ended.
-        with suppress(AttributeError, PermissionError, ProcessLookupError):
-            kept = getattr(os, policy) | os.SCHED_RESET_ON_FORK
-            os.sched_setscheduler(thread, kept, os.sched_param(priority))
+def _set(thread: int, policy: int, parameter: os.sched_param) -> None:
+    # Whoever may ask for a priority may not take the flag back, so that it stays.
+    os.sched_setscheduler(thread, policy | os.SCHED_RESET_ON_FORK, parameter)

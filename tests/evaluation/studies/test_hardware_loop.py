@@ -37,7 +37,7 @@ other = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIP
 print(*sorted(worker.pid for worker in workers), flush=True)
 input()
 """
-IMAGES = channels.image_channel("wrist_camera")
+STATUS, IMAGES = channels.IIWA_STATUS, channels.image_channel("wrist_camera")
 RUNS = [SimpleNamespace(id=name, scenario=Scenario()) for name in "abc"]
 
 
@@ -206,25 +206,27 @@ def test_a_network_in_a_process_of_its_own_begins_when_it_is_told_to():
     except RuntimeError as error:
         pytest.skip(f"no multicast on this computer: {error}")
     came = []
-    subscription = control.Subscribe(IMAGES, came.append)
+    subscriptions = [control.Subscribe(name, came.append) for name in (IMAGES, STATUS)]
     relay = RelayProcess(*urls, Network.NO_IMAGES, seed=0)
     try:
-        assert soon(lambda: passed(cell, control, came))
+        assert soon(lambda: passed(cell, control, came) == [b"image", b"status"])
         relay.begin()
-        assert soon(lambda: not passed(cell, control, came))
+        assert soon(lambda: passed(cell, control, came) == [b"status"])
     finally:
         relay.close()
-    del subscription
+    del subscriptions
 
 
 def passed(cell, control, came):
-    """Whether a message gets through, within 0.2 s."""
+    """What gets through of an image and a status after it, within 0.2 s."""
     while control.HandleSubscriptions(0):
         pass
     came.clear()
     cell.Publish(IMAGES, b"image")
-    control.HandleSubscriptions(200)
-    return came == [b"image"]
+    cell.Publish(STATUS, b"status")
+    while b"status" not in came and control.HandleSubscriptions(200):
+        pass
+    return list(came)
 
 
 def soon(happens):
@@ -247,6 +249,31 @@ class Clock:
     def sleep(self, duration):
         assert duration >= 0.0
         self.now += duration
+
+
+def test_a_guard_alone_is_no_controller():
+    """One that serves holds the arm; the scenario's time does not count before it is asked."""
+    lcm, scenario = DrakeLcm("memq://"), Scenario(simulation_duration=3.0)
+    now = SimpleNamespace(time=0.0, get_time=lambda: now.time)
+    heard = HeardCommands(lcm, now.get_time)
+    handover = SimpleNamespace(
+        GetOutputPort=lambda name: SimpleNamespace(Eval=lambda context: [0]),
+        GetMyContextFromRoot=lambda context: context,
+    )
+    diagram = SimpleNamespace(GetSubsystemByName=lambda name: handover)
+    ends = []
+    monitor = cell_module._Monitor(diagram, scenario, heard, lambda: False, None, rate=1e6)
+    monitor._end = lambda error: ends.append((now.time, error))
+    for k in range(1, 2000):
+        now.time = 0.005 * k
+        lcm.Publish(channels.IIWA_COMMAND, command(5000 * k, np.zeros(7)))
+        if now.time > 5.0:
+            lcm.Publish(channels.IIWA_REQUEST, command(5000 * k, np.zeros(7)))
+        while lcm.HandleSubscriptions(0):
+            pass
+        if not ends:
+            monitor(now)
+    assert ends == [(pytest.approx(8.0, abs=0.1), None)]
 
 
 def test_a_status_that_was_sent_late_leaves_time_for_its_answer(monkeypatch):

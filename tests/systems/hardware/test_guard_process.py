@@ -7,8 +7,9 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
-from drake import lcmt_iiwa_command
+from drake import lcmt_iiwa_command, lcmt_iiwa_status
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.cli import main
@@ -18,6 +19,7 @@ from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.guard import Guard
 from feasigrasp.systems.hardware.priority import CONTROL, real_time
 
+RESET = getattr(os, "SCHED_RESET_ON_FORK", 0)
 URL = "udpm://239.255.76.68:7668?ttl=0"
 
 
@@ -91,6 +93,53 @@ def test_a_controller_has_priority_and_what_it_starts_has_none(main_thread):
     assert said == ["True\n"]
 
 
+def test_whoever_had_a_policy_has_it_again(monkeypatch):
+    """Nothing is asked for in the name of threads that were refused."""
+    policies, asked = {}, []
+
+    def set_policy(thread, policy, _):
+        if thread != os.getpid():
+            raise PermissionError
+        asked.append(policy & ~RESET)
+
+    idle = getattr(os, "SCHED_IDLE", 5)
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: idle, raising=False)
+    monkeypatch.setattr(os, "sched_getparam", policies.get, raising=False)
+    monkeypatch.setattr(os, "sched_setscheduler", set_policy, raising=False)
+    with real_time(CONTROL):
+        assert asked == [os.SCHED_FIFO]
+    assert asked == [os.SCHED_FIFO, idle]
+    monkeypatch.delattr(os, "sched_getscheduler")  # as on macOS
+    with real_time(CONTROL):
+        assert len(asked) == 2
+
+
+def test_one_that_is_told_to_end_brakes_whatever_is_requested():
+    bus, sent = DrakeLcm("memq://"), []
+    listening = bus.Subscribe(channels.IIWA_COMMAND, sent.append)
+    guard, q = Guard(bus), np.zeros(7)
+    for k in range(400):
+        if k == 200:
+            assert guard._guard.moving
+            guard.end()
+        bus.Publish(channels.IIWA_REQUEST, a_request(k, 0.5 * k * channels.IIWA_PERIOD))
+        bus.Publish(channels.IIWA_STATUS, a_status(k, q))
+        while bus.HandleSubscriptions(0):
+            pass
+        q = np.array(lcmt_iiwa_command.decode(sent[-1]).joint_position) if sent else q
+    assert not guard._guard.moving
+    guard.serve()  # it is over
+    del listening
+
+
+def test_where_somebody_commands_already_it_does_not_begin():
+    bus = DrakeLcm("memq://")
+    guard = Guard(bus)
+    bus.Publish(channels.IIWA_COMMAND, a_request())
+    with pytest.raises(HardwareError, match="commands this arm already; .* --no-guard"):
+        guard.serve()
+
+
 def test_ctrl_c_ends_it(alone):
     alone.send_signal(signal.SIGINT)
     assert alone.wait(20.0) == 0
@@ -107,9 +156,20 @@ def test_one_that_was_started_by_hand_waits_for_the_next_controller():
     patient.serve()
 
 
-def a_request():
+def a_request(tick=1, q=0.0):
     message = lcmt_iiwa_command()
-    message.utime, message.num_joints, message.joint_position = 5000, 7, [0.0] * 7
+    message.utime, message.num_joints, message.joint_position = 5000 * tick, 7, [q] * 7
+    return message.encode()
+
+
+def a_status(tick, q):
+    message = lcmt_iiwa_status()
+    message.utime, message.num_joints = 5000 * tick, 7
+    for name in ("measured", "commanded", "ipo"):
+        setattr(message, f"joint_position_{name}", list(q))
+    message.joint_velocity_estimated = [0.0] * 7
+    for name in ("measured", "commanded", "external"):
+        setattr(message, f"joint_torque_{name}", [0.0] * 7)
     return message.encode()
 
 

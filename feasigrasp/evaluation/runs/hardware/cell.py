@@ -40,7 +40,7 @@ def simulate_cell(
 ) -> dict[str, Any]:
     """Simulates a cell until the grasp is over, or the controller gone, and judges it.
 
-    The scenario's duration counts from the first command.
+    The scenario's duration counts from the controller's first request.
 
     Args:
         scenario: The cell, its object and motion.
@@ -60,20 +60,20 @@ def simulate_cell(
     with threadpool_limits(1), postponed_interrupt() as interrupted:
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
-        diagram = make_simulated_cell(scenario, lcm)
-        simulator = Simulator(diagram)
-        ApplySimulatorConfig(scenario.simulator_config, simulator)
-        heard = HeardCommands(lcm, simulator.get_context().get_time)
-        monitor = _Monitor(diagram, scenario, heard, interrupted.is_set, line, rate)
-        simulator.set_monitor(monitor)
-        started = time.perf_counter()
-        try:
-            simulator.Initialize()
-            # The simulation may be slow, but not deaf: a driver hears its commands.
-            with real_time(DRIVER, main=False):
+        heard = HeardCommands(lcm, lambda: simulator.get_context().get_time())
+        # The simulation may be slow, but not deaf: a driver hears its commands.
+        with real_time(DRIVER, main=False):
+            diagram = make_simulated_cell(scenario, lcm)
+            simulator = Simulator(diagram)
+            ApplySimulatorConfig(scenario.simulator_config, simulator)
+            monitor = _Monitor(diagram, scenario, heard, interrupted.is_set, line, rate)
+            simulator.set_monitor(monitor)
+            started = time.perf_counter()
+            try:
+                simulator.Initialize()
                 simulator.AdvanceTo(np.inf)
-        except RuntimeError as failure:
-            error = str(failure)
+            except RuntimeError as failure:
+                error = str(failure)
     if error is None:
         error = monitor.error
     ended = time.perf_counter()
@@ -111,7 +111,7 @@ def _judged(
     stopped = driver.GetOutputPort("stopped").Eval(driver.GetMyContextFromRoot(context))
     gaps = 1e3 * heard.gaps()
     said = {
-        "first_command_s": heard.first,
+        "first_request_s": heard.first,
         "commands": len(sent) - 1,
         "commands_missing": heard.missing,
         "commands_late": heard.late,

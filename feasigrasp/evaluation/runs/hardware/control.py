@@ -6,6 +6,7 @@ import gc
 import multiprocessing
 import time
 from collections.abc import Callable
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 import numpy as np
@@ -53,10 +54,12 @@ def run_hardware(
         line: Where to say how far the run is.
 
     Returns:
-        A record whose metrics are None: what happened, only who sees the cell can tell.
+        A record whose metrics are None: what happened, only who sees the cell can tell. Its
+        ``error`` says if there is no driver, or no guard, or one too many.
 
     Raises:
-        HardwareError: There is no driver, or no guard.
+        HardwareError: There is no such bus.
+        WorkerError: A process of perception does not start.
     """
     say = line.show if line else lambda text: None
     record = crash_record(scenario, name, "")
@@ -68,9 +71,7 @@ def run_hardware(
         loop, commands = ControlLoop(scenario, lcm), _Commands(lcm)
         # What is alive by now stays: not worth traversing again, least of all between two ticks.
         gc.freeze()
-        watch = multiprocessing.get_context("spawn").Process(
-            target=guard.main, args=(lcm_url, scenario.control.period)
-        )
+        watch = multiprocessing.get_context("spawn").Process(target=_guard, args=(lcm_url,))
         if own_guard:
             watch.start()
         started = time.perf_counter()
@@ -80,7 +81,10 @@ def run_hardware(
             with real_time(CONTROL):
                 while not interrupted.is_set() and not _is_over(loop, scenario):
                     loop.step(SILENCE)
-                    commands.expect(loop.simulator.get_context().get_time())
+                    if own_guard:
+                        _expect(watch)
+                    else:
+                        commands.expect(loop.simulator.get_context().get_time())
                     if line is not None and loop.started:
                         _show(loop, started, line)
         except HardwareError as failure:
@@ -109,6 +113,20 @@ def run_hardware(
     }
     keep(record)
     return record
+
+
+def _guard(lcm_url: str) -> None:
+    """What the process of a guard runs; what is wrong it says without a traceback."""
+    try:
+        guard.main(lcm_url)
+    except HardwareError as error:
+        raise SystemExit(str(error)) from error
+
+
+def _expect(watch: BaseProcess) -> None:
+    """Raises if a guard has ended before its time."""
+    if not watch.is_alive():
+        raise HardwareError("the guard that this controller started has ended; see what it said")
 
 
 class _Commands:

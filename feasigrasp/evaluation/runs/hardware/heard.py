@@ -17,7 +17,6 @@ class HeardCommands:
     """Every command for the arm, and when something was asked of the guard.
 
     Attributes:
-        first: When the first command came [s]; None before.
         requests: When each request came [s].
         moved: When the last command came that differed from the one before [s]; 0 before.
         unusable: How many commands were none: not seven finite positions.
@@ -31,7 +30,6 @@ class HeardCommands:
             lcm: The bus.
             now: Tells the simulated time [s].
         """
-        self.first: float | None = None
         self.requests: list[float] = []
         self.unusable = self.late = 0
         self.moved = 0.0
@@ -44,8 +42,6 @@ class HeardCommands:
         ]
 
     def _command(self, data: bytes) -> None:
-        if self.first is None:
-            self.first = self._now()
         command = lcmt_iiwa_command.decode(data)
         q = np.array(command.joint_position)
         if q.shape != (IIWA_7.joints,) or not np.isfinite(q).all():
@@ -56,6 +52,14 @@ class HeardCommands:
         self.late += self._now() >= 1e-6 * command.utime + channels.IIWA_PERIOD - 1e-6
         self._utime.append(command.utime)
         self._q.append(q)
+
+    @property
+    def first(self) -> float | None:
+        """When something was asked of the guard first [s]; None before.
+
+        A guard that serves holds the arm where it is until then.
+        """
+        return self.requests[0] if self.requests else None
 
     def positions(self, q_start: Array) -> Array:
         """Where the arm was, then the positions sent, in their order, shape (m + 1, 7) [rad].

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import os
 import signal
 import subprocess
 import sys
@@ -111,6 +112,7 @@ class RelayProcess:
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE)
         assert self._process.stdout is not None
         if not self._process.stdout.readline():
+            self.close()
             raise HardwareError(f"the network between {one} and {other} does not start")
 
     def begin(self) -> None:
@@ -124,7 +126,11 @@ class RelayProcess:
 
 
 def main(one: str, other: str, fault: str, seed: str) -> None:
-    """What a `RelayProcess` runs: says a word when it is ready, and works until it is ended."""
+    """What a `RelayProcess` runs: says a word when it is ready, and works until it is ended.
+
+    It does not outlive whoever has started it.
+    """
+    owner = os.getppid()
     relay = Relay(one, other, Network(fault), int(seed))
 
     def begin(*_: object) -> None:
@@ -133,7 +139,7 @@ def main(one: str, other: str, fault: str, seed: str) -> None:
     signal.signal(_BEGIN, begin)
     print("ready", flush=True)
     with real_time(DRIVER):
-        while True:
+        while os.getppid() == owner:
             relay.step()
 
 

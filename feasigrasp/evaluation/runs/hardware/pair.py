@@ -12,7 +12,7 @@ import tempfile
 import textwrap
 import time
 import zlib
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -64,37 +64,36 @@ def run_pair(
         scenario_yaml: What to run.
         rate: Of the simulation, at most.
         fault: A `Blow` or a `Network`; empty for none.
-        at: When it begins, after the first command [simulated s].
+        at: When it begins, after the controller's first request [simulated s].
 
     Raises:
         HardwareError: The simulated cell came to no end; the message has its last words.
     """
     number = zlib.crc32(name.encode())
     apart = fault in list(Network)
-    cell, control = _url(number, 0), _url(number, int(apart))
-    relay = RelayProcess(cell, control, Network(fault), number) if apart else None
+    cell, control = _url(name, 0), _url(name, int(apart))
     with tempfile.TemporaryDirectory(prefix="feasigrasp-") as folder:
         file, results = Path(folder, "pair.yaml"), Path(folder, "sim.json")
         own = Path(folder, "run.json")
         file.write_text("Pair:\n" + textwrap.indent(scenario_yaml, "  "))
         both = ["Pair", "--scenario_file", str(file)]
         rated = ["--rate", str(rate), "--results", str(results)]
+        driven = ["--hardware", "--lcm-url", control, "--results", str(own)]
         with Path(folder, "words").open("w+") as words:
-            sim = _start("sim", *both, *rated, "--lcm-url", cell, output=words)
-            driven = ["--hardware", "--lcm-url", control, "--results", str(own)]
-            guard = _start("guard", "--lcm-url", cell, output=None) if apart else None
-            driven += ["--no-guard"] if apart else []
-            controller = _start("run", *both, *driven, output=None)
-            try:
+            with ExitStack() as running:
+                relay = None
+                if apart:
+                    relay = RelayProcess(cell, control, Network(fault), number)
+                    running.callback(relay.close)
+                    running.callback(_end, _start("guard", "--lcm-url", cell, output=None))
+                    driven += ["--no-guard"]
+                controller = _start("run", *both, *driven, output=None)
+                running.callback(_end, controller)
+                sim = _start("sim", *both, *rated, "--lcm-url", cell, output=words)
+                running.callback(_end, sim)
                 _watch(sim, controller, cell, relay, fault, at, number)
                 if fault not in list(Blow) or Blow(fault).at_worker:
                     _wait_for(controller)
-            finally:
-                if relay is not None:
-                    relay.close()
-                for process in (sim, controller, guard):
-                    if process is not None:
-                        _end(process)
             if not results.exists():
                 words.seek(0)
                 raise HardwareError(
@@ -106,8 +105,9 @@ def run_pair(
     return record
 
 
-def _url(number: int, side: int) -> str:
-    """A bus on this computer that nobody else uses, by all likelihood."""
+def _url(name: str, side: int) -> str:
+    """A bus on this computer that nobody else uses, by all likelihood, nor has used."""
+    number = zlib.crc32(f"{name} {os.getpid()}".encode())
     return f"udpm://239.255.{100 + side}.{1 + number % 250}:{20000 + number // 250 % 40000}?ttl=0"
 
 
@@ -134,7 +134,7 @@ def _watch(
     lcm, times = DrakeLcm(url), _Times()
     subscriptions = [
         lcm.Subscribe(channels.IIWA_STATUS, times.status),
-        lcm.Subscribe(channels.IIWA_COMMAND, times.command),
+        lcm.Subscribe(channels.IIWA_REQUEST, times.request),
     ]
     struck, deadline = False, time.monotonic() + PATIENCE
     while sim.poll() is None and time.monotonic() < deadline:
@@ -175,7 +175,7 @@ def workers_of(pid: int) -> list[int]:
 
 
 class _Times:
-    """The time of the simulation, and when the arm was commanded first."""
+    """The time of the simulation, and when something was asked of the arm's guard first."""
 
     def __init__(self) -> None:
         self.now, self.first = 0.0, math.inf
@@ -183,7 +183,7 @@ class _Times:
     def status(self, data: bytes) -> None:
         self.now = 1e-6 * lcmt_iiwa_status.decode(data).utime
 
-    def command(self, data: bytes) -> None:
+    def request(self, data: bytes) -> None:
         self.first = min(self.first, self.now)
 
 

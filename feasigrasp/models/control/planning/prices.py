@@ -110,19 +110,31 @@ class Prices:
         """``times`` as an array."""
         return np.array(self.times)
 
-    def instants_from(self, time: float) -> Array:
-        """The instants that a plan looks at, from a time [s] on: now, and such of a fixed grid.
+    def instants_from(self, time: float, due: float) -> Array:
+        """The instants that a plan looks at, from a time on: now, such of a fixed grid, and one.
 
-        The next plan looks at the same, so that what is due at one of them does not recede.
+        What is due then does not recede from plan to plan.
+
+        Args:
+            time: Now [s].
+            due: When something is due that was planned before [s].
         """
         step = self.times[1]
         gone = time - step * np.floor(time / step + 1e-3)  # no instant is next to now
-        return np.concatenate([[0.0], self.instants[1:] - gone])
+        times = np.concatenate([[0.0], self.instants[1:] - gone])
+        if due > time:
+            times[instant_at(due - time, times)] = due - time
+        return times
 
     @cached_property
     def record(self) -> NDArray[np.void]:
         """The rest for kernels."""
         return record(self)
+
+
+def instant_at(left: float, times: Array) -> int:
+    """Index of the instant that is nearest to so long from now [s], and not now itself."""
+    return 1 + int(np.argmin(np.abs(times[1:] - left)))
 
 
 @njit(cache=True)

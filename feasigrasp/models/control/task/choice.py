@@ -30,7 +30,7 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.planning.outlook import LookAhead
-from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.planning.prices import Prices, instant_at
 from feasigrasp.models.control.planning.strands import strands_kernel
 from feasigrasp.models.control.planning.transfers import (
     Plan,
@@ -56,9 +56,8 @@ class ChoiceOptions:
         prices: How far is looked ahead, and what is charged.
         look_ahead: What the object is taken to do meanwhile, a `LookAhead`.
         hysteresis: A grasp is kept at least so long [s].
-        advantage: Another strand must be better by this much [s].
-        commitment: The same, on the way to a strand, or where there is one grasp alone [s]. By as
-            much it must be better to be on a strand later than was planned before.
+        commitment: Another strand must be better by this much [s], and so must it be to be on this
+            one later than was planned before.
         temperature: Grasps near the chosen one weigh e times less per so much cost [s].
         neighbourhood: How near that is [m], see `neighbours`; 0 for none but the chosen one.
         smoothing: Share of the way to a new arm angle that is gone when a choice is confirmed.
@@ -68,7 +67,6 @@ class ChoiceOptions:
     prices: Prices = field(default_factory=Prices)
     look_ahead: str = LookAhead.PREDICTED
     hysteresis: float = 0.3
-    advantage: float = 0.2
     commitment: float = 1.0
     temperature: float = 0.2
     neighbourhood: float = 0.04
@@ -143,7 +141,8 @@ def choose_grasp(
         X_OG: Hand poses to choose from, flips included, in the object frame, shape (n, 4, 4) [m].
         grasp_rates: What a second at each of them costs by itself, shape (n,), see
             `Prices.grasp_rates`.
-        X_WO: Predicted poses of the object at `Prices.instants_from` now, shape (K + 1, 4, 4).
+        X_WO: Predicted poses of the object, shape (K + 1, 4, 4), at the instants
+            ``options.prices.instants_from(t, choice.due)``.
         reachability: Tells which configurations are admissible.
         options: Horizon and prices.
 
@@ -154,7 +153,7 @@ def choose_grasp(
     if len(X_OG) == 0 or not (np.isfinite(X_WO).all() and np.isfinite(q).all()):
         return GraspChoice(count=choice.count)
     X_FG, X_GF = reachability.gripper.X_FG, np.linalg.inv(reachability.gripper.X_FG)
-    times, prices = options.prices.instants_from(t), options.prices.record
+    times, prices = options.prices.instants_from(t, choice.due), options.prices.record
     search = reachability.search
     # Copies, so that no kernel is compiled twice, for arrays that may and may not be written.
     poses, grasps = np.array(X_WO, dtype=float), np.array(X_OG, dtype=float)
@@ -164,10 +163,8 @@ def choose_grasp(
     plan, margin = None, 0.0
     if present >= 0:
         plan = _confirmed(q, present, choice, t, ways, options)
-        there = t >= choice.due and len(grasps) > 1
-        margin = options.advantage if there else options.commitment
-        if plan.grasp >= 0 and t - choice.since < options.hysteresis:
-            margin = np.inf
+        kept = plan.grasp >= 0 and t - choice.since < options.hysteresis
+        margin = np.inf if kept else options.commitment
     skipped = nobody if plan is None else (present, choice.branch)
     other = transfer_kernel(q, 0, len(times) - 1, nobody, skipped, ways)
     if plan is None or plan.grasp < 0 or other.cost < plan.cost - margin:
@@ -206,7 +203,7 @@ def _confirmed(
     plan, _ = stay_kernel(q, len(ways.times) - 1, grasp, choice.branch, ways)
     if plan.grasp < 0 or t >= choice.due:
         return plan
-    due = int(np.argmin(np.abs(ways.times - (choice.due - t))))
+    due = instant_at(choice.due - t, ways.times)
     kept, _ = stay_kernel(q, due, grasp, choice.branch, ways)
     return kept if kept.grasp >= 0 and kept.cost < plan.cost + options.commitment else plan
 

@@ -24,8 +24,6 @@ from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
 
-#: No meeting is closer than this: what is left of the way then is followed, not met [s].
-SOONEST = 0.15
 #: Time over which the velocity of an object at a meeting is taken [s].
 _INSTANT = 0.01
 
@@ -58,8 +56,7 @@ def meeting_velocity(
         v: Velocities now [rad/s], shape (7,).
         q_meet: Positions at the meeting [rad], shape (7,).
         v_meet: Velocities there [rad/s], shape (7,).
-        left: How long until then [s]; it counts as `SOONEST` at least.
+        left: How long until then [s], positive.
         period: Between ticks [s].
     """
-    T = max(left, SOONEST)
-    return v + period * (6.0 * (q_meet - q) - T * (4.0 * v + 2.0 * v_meet)) / T**2
+    return v + period * (6.0 * (q_meet - q) - left * (4.0 * v + 2.0 * v_meet)) / left**2

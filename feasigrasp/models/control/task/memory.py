@@ -74,7 +74,8 @@ class TaskMemory(Frozen):
         Args:
             time: Present time [s].
             q: Joint positions [rad], shape (7,).
-            X_WO_ahead: Object poses at ``options.prices.instants_from(time)``, shape (K + 1, 4, 4).
+            X_WO_ahead: Poses of the object at the instants of the plan, see `choose_grasp`, shape
+                (K + 1, 4, 4).
             reachability: Tells which configurations are admissible.
             options: Horizon and prices of a choice.
         """

@@ -52,6 +52,8 @@ _BESIDE = 0.15
 #: An object up to this quick is run after, which keeps it in the camera's view; one that is twice
 #: as quick is met [m/s].
 _QUICK = 0.2
+#: What is left of the way in this time is followed, not met; twice as long before, it is met [s].
+_SOONEST = 0.15
 
 
 @dataclass(frozen=True)
@@ -213,10 +215,10 @@ def task_space_velocity(
     request = pursuit_velocity(q, reference, X_WO, V_WO, X_FG, options.pursuit)
     left = choice.due - time
     quick = float(np.sqrt(np.sum(V_WO[3:] ** 2)))
-    meets = min(1.0, far - 1.0, (apart - _BESIDE) / _BESIDE, (quick - _QUICK) / _QUICK)
-    if meets > 0.0 and left > 0.0 and qd_last is not None:
-        known = motion if options.feed_forward else None
-        meeting = object_at_meeting(known, X_WO, V_WO, left, options.choice)
+    shares = (far, apart / _BESIDE, quick / _QUICK, left / _SOONEST)
+    meets = min(min(shares) - 1.0, 1.0)
+    if meets > 0.0 and qd_last is not None:
+        meeting = object_at_meeting(motion, X_WO, V_WO, left, options.choice)
         goal = strand_reference(
             choice, time, q, X_WO, V_WO, reachability, options.choice, meeting=meeting
         )

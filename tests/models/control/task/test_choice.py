@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.planning.prices import Prices, instant_at
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice, choose_grasp
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
@@ -48,13 +48,13 @@ def ring_of_grasps(tilts=(0.0, 0.5), turns=3):
 GRASPS = ring_of_grasps()
 
 
-def ahead(motion, t, options=OPTIONS):
-    return np.array([motion.pose(t + s) for s in options.prices.instants_from(t)])
+def ahead(motion, t, options=OPTIONS, due=0.0):
+    return np.array([motion.pose(t + s) for s in options.prices.instants_from(t, due)])
 
 
 def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS):
     grasps = GraspSet(X_OG, np.full(len(X_OG), 0.05), np.ones(len(X_OG)))
-    rates, poses = options.prices.grasp_rates(grasps), ahead(motion, t, options)
+    rates, poses = options.prices.grasp_rates(grasps), ahead(motion, t, options, choice.due)
     return choose_grasp(choice, t, q, X_OG, rates, poses, REACHABILITY, options)
 
 
@@ -262,15 +262,30 @@ def test_what_is_due_stays_due_from_plan_to_plan():
         assert choice.count == first.count and choice.due == pytest.approx(first.due)
 
 
-def test_where_there_is_one_grasp_alone_the_way_of_holding_it_is_not_changed_for_little():
-    """It is the one that the fingers close on; where there are others, it may be."""
-    rng, alone, changes = np.random.default_rng(0), GRASPS[:1], []
-    both = GRASPS[:2].copy()
-    both[1, 0, 3] += 5.0  # out of reach
+@pytest.mark.parametrize("prices", [PRICES, Prices.to_grasp_soon()])
+def test_what_is_due_is_an_instant_of_every_plan_before(prices):
+    rng, step = np.random.default_rng(0), prices.times[1]
+    for start, left in rng.uniform(0.01, [9.0, prices.times[-1]], (50, 2)):
+        for t in np.linspace(start, start + left, 7)[:-1]:
+            times = prices.instants_from(t, start + left)
+            assert times[0] == 0.0 and (np.diff(times) > 0.0).all()
+            at = instant_at(start + left - t, times)
+            assert t + times[at] == pytest.approx(start + left)
+            rounds = (t + np.delete(times[1:], at - 1)) / step  # the others are on the grid
+            np.testing.assert_allclose(rounds, np.round(rounds), atol=1e-9)
+        after = prices.instants_from(start + 2.0 * left, start + left)
+        np.testing.assert_array_equal(after, prices.instants_from(start + 2.0 * left, 0.0))
+
+
+def test_another_way_of_holding_has_to_be_better_by_the_commitment():
+    rng, changes = np.random.default_rng(0), []
+    several = [replace(OPTIONS, commitment=price) for price in (0.0, 1.0, np.inf)]
     for q in START + rng.normal(0.0, 0.4, (60, 7)):
-        best = choose(GraspChoice(), 0.0, q, alone)
+        best = choose(GraspChoice(), 0.0, q)
         for branch in set(range(8)) - {best.branch} if best else ():
-            there = replace(best, branch=branch, since=-9.0, due=0.0)
-            changes.append([choose(there, 0.0, q, X).count - there.count for X in (alone, both)])
-    only, more = np.transpose(changes)
-    assert (only <= more).all() and (only < more).any()
+            there = replace(best, branch=branch, since=-9.0, due=-1.0)
+            if choose(there, 0.0, q, options=several[2]).count == there.count:  # it can be held so
+                found = [choose(there, 0.0, q, options=each) for each in several]
+                changes.append([choice.count - there.count for choice in found])
+    free, usual, never = np.transpose(changes).sum(axis=1)
+    assert len(changes) == free > usual > never == 0

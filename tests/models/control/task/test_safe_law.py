@@ -73,7 +73,7 @@ class Controller:
 
     def __call__(self, t, q, X_WO, V_WO):
         if self.ticks % 10 == 0:
-            instants = self.options.choice.prices.instants_from(t)
+            instants = self.options.choice.prices.instants_from(t, self.memory.choice.due)
             if self.motion is None:
                 ahead = [se3.extrapolate(X_WO, V_WO, s) for s in instants]
             else:
