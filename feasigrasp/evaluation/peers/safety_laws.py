@@ -119,8 +119,8 @@ def saturation_in_the_null_space(s: State) -> Array:
 def drake_function(options: SafetyOptions) -> Law:
     """Drake's ``DoDifferentialInverseKinematics`` with our limits.
 
-    It keeps the direction of the twist and scales it down. From Python it takes no rows, and a
-    position limit holds for the next step only.
+    It keeps the direction of the twist and scales it down. From Python it takes no rows, a
+    position limit holds for the next step only, and a speed limit may be reached in a hurry.
     """
     parameters = DifferentialInverseKinematicsParameters(_N, _N)
     parameters.set_time_step(options.period)

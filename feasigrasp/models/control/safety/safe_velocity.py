@@ -14,7 +14,8 @@ Why there is always an admissible velocity: slowing down all joints in the same 
 joint stops from full speed, keeps the acceleration limits; if ``g <= 1/S`` it also keeps every row
 that held before, since then ``g d`` falls no faster than the speed of approach. It is exact where a
 distance is linear in the joints; where it bends, the clearance takes up the difference. The bounds
-of single joints are in `feasigrasp.models.control.safety.speed_bounds`.
+of single joints are in `feasigrasp.models.control.safety.speed_bounds`; how a speed limit is
+approached (`SafetyOptions.speed_gain`) bounds only what speeds up.
 
 If the rows cannot be kept, because the arm was pushed or begins too close, it stops: the velocity
 between the joints' bounds that breaks them least, and otherwise is nearest to zero. So commands are
