@@ -278,14 +278,15 @@ def test_what_is_due_is_an_instant_of_every_plan_before(prices):
 
 
 def test_another_way_of_holding_has_to_be_better_by_the_commitment():
+    """An arm that is where one of the ways wants it."""
     rng, changes = np.random.default_rng(0), []
     several = [replace(OPTIONS, commitment=price) for price in (0.0, 1.0, np.inf)]
-    for q in START + rng.normal(0.0, 0.4, (60, 7)):
-        best = choose(GraspChoice(), 0.0, q)
-        for branch in set(range(8)) - {best.branch} if best else ():
-            there = replace(best, branch=branch, since=-9.0, due=-1.0)
-            if choose(there, 0.0, q, options=several[2]).count == there.count:  # it can be held so
-                found = [choose(there, 0.0, q, options=each) for each in several]
-                changes.append([choice.count - there.count for choice in found])
+    for X_OG in GRASPS[:4]:
+        ways = closed_form(CIRCLE.pose(0.0) @ X_OG @ np.linalg.inv(X_FG), rng.uniform(-1.0, 1.0))
+        for branch in np.flatnonzero(np.isfinite(ways).all(axis=1)):
+            q = ways[branch]
+            there = GraspChoice(X_OG, int(branch), arm_angle(q), due=-1.0, since=-9.0)
+            if choose(there, 0.0, q, options=several[2]).count == 0:  # it can be held so
+                changes.append([choose(there, 0.0, q, options=each).count for each in several])
     free, usual, never = np.transpose(changes).sum(axis=1)
-    assert len(changes) == free > usual > never == 0
+    assert len(changes) >= free > usual > never == 0
