@@ -19,5 +19,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    guard.main(args.lcm_url, alone=True)
+    say = f"guarding the arm on {args.lcm_url}; Ctrl-C ends it at rest"
+    guard.main(args.lcm_url, lambda: print(say, flush=True), alone=True)
     return 0

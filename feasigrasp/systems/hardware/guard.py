@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import math
+import multiprocessing
 import signal
 import struct
 import time
+from collections.abc import Callable
 
 import numpy as np
 from drake import lcmt_iiwa_command, lcmt_iiwa_status
@@ -17,28 +18,24 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.priority import DRIVER, real_time
 
-#: A guard ends when nothing has been requested for so long, and its arm rests [s].
-QUIET = 30.0
+#: For so long a guard listens whether there is another one [s].
+LISTENS = 0.1
+_RIVAL = (
+    f"messages on {channels.IIWA_COMMAND}: somebody commands this arm already; with a 'feasigrasp "
+    "guard' that serves, give --no-guard to the controller"
+)
 
 
 class Guard:
     """Listens to the arm's driver and to a controller, and commands the arm."""
 
-    def __init__(
-        self, lcm: DrakeLcm, period: float = channels.IIWA_PERIOD, quiet: float = QUIET
-    ) -> None:
-        """A guard on a bus.
-
-        Args:
-            lcm: The bus that driver and controller are on.
-            period: Of the driver [s].
-            quiet: It ends when nothing has been requested for so long, and its arm rests [s].
-        """
-        self._lcm, self._quiet = lcm, quiet
-        self._guard = CommandGuard(period)
+    def __init__(self, lcm: DrakeLcm) -> None:
+        """A guard on the bus that driver and controller are on."""
+        self._lcm = lcm
+        self._guard = CommandGuard(channels.IIWA_PERIOD)
         self._utime, self._dismissed = -1, False
-        self._commands, self._rival = 0, False
-        self._heard_at = self._answered_at = time.monotonic()
+        self._said, self._heard, self._rival = 0, 0, False
+        self._answered_at = time.monotonic()
         self._subscriptions = [
             lcm.Subscribe(channels.IIWA_REQUEST, self._request),
             lcm.Subscribe(channels.IIWA_STATUS, self._answer),
@@ -46,7 +43,7 @@ class Guard:
         ]
 
     def serve(self) -> None:
-        """Works until it is told to end, or nothing has been requested for long.
+        """Works until it is told to end, or the controller that has started it is no more.
 
         It never leaves an arm that moves, unless there is no driver to tell any more.
 
@@ -56,25 +53,25 @@ class Guard:
         while not self._wanted_to_end() or self._in_charge():
             self._lcm.HandleSubscriptions(100)
             if self._rival:
-                raise HardwareError(
-                    f"messages on {channels.IIWA_COMMAND}: somebody commands this arm already; "
-                    "with a 'feasigrasp guard' that serves, give --no-guard to the controller"
-                )
+                raise HardwareError(_RIVAL)
 
     def end(self, *_: object) -> None:
         """Ends the service: the arm brakes, whatever is requested, and then it is over."""
         self._dismissed = True
 
     def _wanted_to_end(self) -> bool:
-        return self._dismissed or time.monotonic() - self._heard_at >= self._quiet
+        owner = multiprocessing.parent_process()
+        return self._dismissed or (owner is not None and not owner.is_alive())
 
     def _in_charge(self) -> bool:
         """Whether the arm moves, and its driver listens."""
         return self._guard.moving and time.monotonic() - self._answered_at < 1.0
 
     def _hear(self, _: bytes) -> None:
-        # What it says itself it hears, too, but not before.
-        self._rival |= self._commands == 0
+        # It hears what it says itself, too: more than that is somebody else's. Only at rest: who
+        # commands an arm that moves does not leave it.
+        self._heard += 1
+        self._rival |= self._heard > self._said and not self._guard.moving
 
     def _request(self, data: bytes) -> None:
         if self._dismissed:
@@ -83,8 +80,7 @@ class Guard:
             request = lcmt_iiwa_command.decode(data)
         except (ValueError, struct.error):  # of another program, or cut off
             return
-        if self._guard.request(1e-6 * request.utime, np.array(request.joint_position)):
-            self._heard_at = time.monotonic()
+        self._guard.request(1e-6 * request.utime, np.array(request.joint_position))
 
     def _answer(self, data: bytes) -> None:
         try:
@@ -103,31 +99,49 @@ class Guard:
         command = lcmt_iiwa_command()
         command.utime, command.num_joints = status.utime, IIWA_7.joints
         command.joint_position = q.tolist()
-        self._commands += 1
+        self._said += 1
         self._lcm.Publish(channels.IIWA_COMMAND, command.encode())
         self._answered_at = time.monotonic()
 
 
-def main(url: str, *, alone: bool = False) -> None:
+def refuse_if_commanded(lcm: DrakeLcm) -> None:
+    """Listens for a while whether somebody commands the arm.
+
+    Raises:
+        HardwareError: Somebody does.
+    """
+    heard: list[bytes] = []
+    subscription = lcm.Subscribe(channels.IIWA_COMMAND, heard.append)
+    deadline = time.monotonic() + LISTENS
+    while time.monotonic() < deadline and not heard:
+        lcm.HandleSubscriptions(10)
+    del subscription
+    if heard:
+        raise HardwareError(_RIVAL)
+
+
+def main(url: str, begun: Callable[[], None], *, alone: bool = False) -> None:
     """A guard as a process of its own, which SIGTERM ends as soon as its arm rests.
 
     Args:
         url: Where driver and controller are.
-        alone: Whether no controller has started it: then it says that it serves, one after the
-            other, and Ctrl-C is meant for it.
+        begun: Called when it serves.
+        alone: Whether no controller has started it: then it serves one after the other, and Ctrl-C
+            is meant for it.
 
     Raises:
         HardwareError: Somebody commands the arm already.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _rehearse()
-    guard = Guard(channels.open_lcm(url), quiet=math.inf if alone else QUIET)
+    lcm = channels.open_lcm(url)
+    refuse_if_commanded(lcm)
+    guard = Guard(lcm)
     signal.signal(signal.SIGTERM, guard.end)
     if alone:
         signal.signal(signal.SIGINT, guard.end)
     with real_time(DRIVER):
-        if alone:
-            print(f"guarding the arm on {url}; Ctrl-C ends it at rest", flush=True)
+        begun()
         guard.serve()
 
 

@@ -31,13 +31,15 @@ def real_time(priority: int, *, main: bool = True) -> Iterator[None]:
         # Not there on every system, not granted to everybody, and a thread may have ended.
         with suppress(AttributeError, PermissionError, ProcessLookupError):
             usual = os.sched_getscheduler(thread), os.sched_getparam(thread)
+            if usual[1].sched_priority >= priority:
+                continue
             _set(thread, os.SCHED_FIFO, os.sched_param(priority))
             before[thread] = usual
     try:
         yield
     finally:
         for thread, (policy, parameter) in before.items():
-            with suppress(ProcessLookupError):
+            with suppress(PermissionError, ProcessLookupError):
                 _set(thread, policy, parameter)
 
 

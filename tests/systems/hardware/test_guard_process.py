@@ -1,11 +1,15 @@
 """The guard as a process of its own, on the computer of the arm's driver."""
 
+import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +20,7 @@ from feasigrasp.cli import main
 from feasigrasp.errors import HardwareError
 from feasigrasp.evaluation.runs.hardware.control import WAIT_FOR_GUARD, _Commands
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.guard import Guard
+from feasigrasp.systems.hardware.guard import Guard, refuse_if_commanded
 from feasigrasp.systems.hardware.priority import CONTROL, real_time
 
 RESET = getattr(os, "SCHED_RESET_ON_FORK", 0)
@@ -95,7 +99,7 @@ def test_a_controller_has_priority_and_what_it_starts_has_none(main_thread):
 
 def test_whoever_had_a_policy_has_it_again(monkeypatch):
     """Nothing is asked for in the name of threads that were refused."""
-    policies, asked = {}, []
+    asked, usual = [], SimpleNamespace(sched_priority=0)
 
     def set_policy(thread, policy, _):
         if thread != os.getpid():
@@ -104,7 +108,7 @@ def test_whoever_had_a_policy_has_it_again(monkeypatch):
 
     idle = getattr(os, "SCHED_IDLE", 5)
     monkeypatch.setattr(os, "sched_getscheduler", lambda _: idle, raising=False)
-    monkeypatch.setattr(os, "sched_getparam", policies.get, raising=False)
+    monkeypatch.setattr(os, "sched_getparam", lambda _: usual, raising=False)
     monkeypatch.setattr(os, "sched_setscheduler", set_policy, raising=False)
     with real_time(CONTROL):
         assert asked == [os.SCHED_FIFO]
@@ -132,12 +136,50 @@ def test_one_that_is_told_to_end_brakes_whatever_is_requested():
     del listening
 
 
-def test_where_somebody_commands_already_it_does_not_begin():
+RIVAL = "commands this arm already; .* --no-guard"
+
+
+def test_where_somebody_commands_already_it_does_not_begin(alone):
+    """It commands the arm as soon as there is one, wanted or not."""
+    bus, other = DrakeLcm(URL), [sys.executable, "-m", "feasigrasp.cli", "guard", "--lcm-url", URL]
+    second = subprocess.Popen(other, stderr=subprocess.PIPE, text=True)
+    for tick in range(10000):
+        bus.Publish(channels.IIWA_STATUS, a_status(tick, np.zeros(7)))
+        if second.poll() is not None:
+            break
+        time.sleep(0.005)
+    assert second.wait(1.0) == 2 and re.search(RIVAL, second.stderr.read())
+    assert alone.poll() is None
+
+
+def test_two_that_wait_for_the_same_driver_find_each_other():
     bus = DrakeLcm("memq://")
-    guard = Guard(bus)
+    guards = [Guard(bus), Guard(bus)]
+    for k in range(100):
+        bus.Publish(channels.IIWA_STATUS, a_status(k, np.zeros(7)))
+        while bus.HandleSubscriptions(0):
+            pass
+    for guard in guards:
+        with pytest.raises(HardwareError, match=RIVAL):
+            guard.serve()
+
+
+def test_one_whose_controller_is_no_more_ends(monkeypatch):
+    for alive in (True, False):
+        owner = SimpleNamespace(is_alive=lambda alive=alive: alive)
+        monkeypatch.setattr(multiprocessing, "parent_process", lambda owner=owner: owner)
+        assert Guard(DrakeLcm("memq://"))._wanted_to_end() is not alive
+
+
+def test_a_controller_does_not_begin_where_somebody_commands():
+    bus = DrakeLcm("memq://")
+    refuse_if_commanded(bus)
     bus.Publish(channels.IIWA_COMMAND, a_request())
-    with pytest.raises(HardwareError, match="commands this arm already; .* --no-guard"):
-        guard.serve()
+    subscribed = bus.Subscribe(channels.IIWA_COMMAND, lambda data: None)
+    threading.Timer(0.02, bus.Publish, (channels.IIWA_COMMAND, a_request())).start()
+    with pytest.raises(HardwareError, match=RIVAL):
+        refuse_if_commanded(bus)
+    del subscribed
 
 
 def test_ctrl_c_ends_it(alone):
@@ -147,8 +189,7 @@ def test_ctrl_c_ends_it(alone):
 
 def test_one_that_was_started_by_hand_waits_for_the_next_controller():
     bus = DrakeLcm("memq://")
-    patient, usual = Guard(bus, quiet=float("inf")), Guard(bus, quiet=0.0)
-    usual.serve()  # nothing has been requested for long: it ends
+    patient = Guard(bus)
     assert not patient._wanted_to_end()
     patient.end()
     bus.Publish(channels.IIWA_REQUEST, a_request())  # the last one, which was under way already

@@ -189,7 +189,7 @@ class _Monitor:
             return self._end(None)
         if now - self._heard.first >= self._scenario.simulation_duration:
             return self._end(None)
-        if self._heard.requests and now - self._heard.requests[-1] >= GONE_AFTER:
+        if now - self._heard.requests[-1] >= GONE_AFTER:
             return self._end("the controller is gone: it asks for nothing any more")
         return EventStatus.DidNothing()
 

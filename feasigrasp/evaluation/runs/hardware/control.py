@@ -6,7 +6,7 @@ import gc
 import multiprocessing
 import time
 from collections.abc import Callable
-from multiprocessing.process import BaseProcess
+from multiprocessing.synchronize import Event
 from typing import Any
 
 import numpy as np
@@ -55,10 +55,10 @@ def run_hardware(
 
     Returns:
         A record whose metrics are None: what happened, only who sees the cell can tell. Its
-        ``error`` says if there is no driver, or no guard, or one too many.
+        ``error`` says if there is no driver, or no guard.
 
     Raises:
-        HardwareError: There is no such bus.
+        HardwareError: There is no such bus, or somebody commands the arm already.
         WorkerError: A process of perception does not start.
     """
     say = line.show if line else lambda text: None
@@ -68,21 +68,23 @@ def run_hardware(
         say("building the diagram")
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
+        if own_guard:
+            guard.refuse_if_commanded(lcm)
         loop, commands = ControlLoop(scenario, lcm), _Commands(lcm)
         # What is alive by now stays: not worth traversing again, least of all between two ticks.
         gc.freeze()
-        watch = multiprocessing.get_context("spawn").Process(target=_guard, args=(lcm_url,))
-        if own_guard:
-            watch.start()
+        watch = _OwnGuard(lcm_url) if own_guard else None
         started = time.perf_counter()
         try:
             say("waiting for the arm's driver")
+            if watch is not None:
+                watch.wait_until_it_serves()
             loop.step(WAIT_FOR_DRIVER)
             with real_time(CONTROL):
                 while not interrupted.is_set() and not _is_over(loop, scenario):
                     loop.step(SILENCE)
-                    if own_guard:
-                        _expect(watch)
+                    if watch is not None:
+                        watch.expect()
                     else:
                         commands.expect(loop.simulator.get_context().get_time())
                     if line is not None and loop.started:
@@ -90,9 +92,8 @@ def run_hardware(
         except HardwareError as failure:
             error = str(failure)
         finally:
-            if own_guard:
-                watch.terminate()  # which ends it when the arm rests
-                watch.join()
+            if watch is not None:
+                watch.end()
             end_processes(loop.diagram)
     if interrupted.is_set():
         error = INTERRUPTED
@@ -115,18 +116,40 @@ def run_hardware(
     return record
 
 
-def _guard(lcm_url: str) -> None:
-    """What the process of a guard runs; what is wrong it says without a traceback."""
+class _OwnGuard:
+    """A guard in a process of its own, which ends when the arm rests after this one has."""
+
+    def __init__(self, lcm_url: str) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._begun = context.Event()
+        self._process = context.Process(target=_serve, args=(lcm_url, self._begun))
+        self._process.start()
+
+    def wait_until_it_serves(self) -> None:
+        """Raises if it ends instead."""
+        while not self._begun.wait(0.1):
+            self.expect()
+
+    def expect(self) -> None:
+        """Raises if it has ended before its time."""
+        if not self._process.is_alive():
+            raise HardwareError(
+                "the guard that this controller started has ended; see what it said, and start "
+                "'feasigrasp run' again"
+            )
+
+    def end(self) -> None:
+        """Ends it, as soon as the arm rests."""
+        self._process.terminate()
+        self._process.join()
+
+
+def _serve(lcm_url: str, begun: Event) -> None:
+    """What its process runs; what is wrong it says without a traceback."""
     try:
-        guard.main(lcm_url)
+        guard.main(lcm_url, begun.set)
     except HardwareError as error:
         raise SystemExit(str(error)) from error
-
-
-def _expect(watch: BaseProcess) -> None:
-    """Raises if a guard has ended before its time."""
-    if not watch.is_alive():
-        raise HardwareError("the guard that this controller started has ended; see what it said")
 
 
 class _Commands:
