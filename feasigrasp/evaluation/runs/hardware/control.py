@@ -25,7 +25,7 @@ from feasigrasp.systems.hardware.control_loop import ControlLoop
 from feasigrasp.systems.hardware.priority import CONTROL, real_time
 from feasigrasp.systems.remote.remote_stage import end_processes
 
-#: How long to wait for the driver's first message, and then for each [s].
+#: How long to wait for the guard, or the driver's first message, and then for each message [s].
 WAIT_FOR_DRIVER, SILENCE = 60.0, 5.0
 #: How long a controller may ask before somebody commands the arm, by the driver's clock [s].
 WAIT_FOR_GUARD = 2.0
@@ -126,9 +126,12 @@ class _OwnGuard:
         self._process.start()
 
     def wait_until_it_serves(self) -> None:
-        """Raises if it ends instead."""
+        """Raises if it ends instead, or takes too long."""
+        deadline = time.monotonic() + WAIT_FOR_DRIVER
         while not self._begun.wait(0.1):
             self.expect()
+            if time.monotonic() > deadline:
+                raise HardwareError(f"the arm's guard does not serve after {WAIT_FOR_DRIVER:g} s")
 
     def expect(self) -> None:
         """Raises if it has ended before its time."""

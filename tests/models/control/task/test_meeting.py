@@ -5,16 +5,17 @@ import numpy as np
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.meeting import meeting_velocity, object_at_meeting
+from feasigrasp.models.control.task.safe_law import _SOONEST
 from feasigrasp.models.geometry import se3
 
-PERIOD, SOONEST = 0.005, 0.15
+PERIOD = 0.005
 OPTIONS = ChoiceOptions(look_ahead=LookAhead.TWIST)
 
 
 def way(q, v, q_meet, v_meet, duration):
     """Positions and velocities at the ticks until the meeting is too close to be met."""
     left, path = duration, []
-    while left > SOONEST:
+    while left > _SOONEST:
         v = meeting_velocity(q, v, q_meet, v_meet, left, PERIOD)
         q, left = q + PERIOD * v, left - PERIOD
         path.append((duration - left, q, v))

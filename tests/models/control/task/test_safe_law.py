@@ -1,6 +1,7 @@
 """The task-space controller in kinematic rollouts, and its symmetries."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -366,3 +367,23 @@ def test_only_a_quick_object_that_is_not_in_the_way_is_met(below, speed, meets):
     )
     assert np.abs(followed).max() > 1e-3
     assert (np.abs(met - followed).max() > 1e-3) == meets
+
+
+def test_the_request_does_not_jump_when_what_is_met_is_due(monkeypatch):
+    """What is left of the way is followed: a meeting's share is gone, whatever it asks for."""
+    asked, shares = [], []
+    monkeypatch.setattr(safe_law, "meeting_velocity", lambda *a: asked.append(a[4]) or np.ones(7))
+    choice, motion = a_strand(quick_circle(0.0)[0], 2.0), quick_circle(0.0)
+    times = np.array([0.5, 0.31, 0.25, 0.2, 0.16, 0.14, 0.05])
+    keeps = SimpleNamespace(velocity=lambda q, qd, *a, **k: qd)
+    for left in times:
+        met, followed = (
+            task_space_velocity(
+                *(HOME, replace(choice, due=due), *motion, REACHABILITY, keeps, NO_FUNNEL),
+                qd_last=np.zeros(7),
+            )
+            for due in (left, -1.0)
+        )
+        shares.append(np.median((met - followed) / (1.0 - followed)))
+    np.testing.assert_allclose(shares, np.clip(times / 0.15 - 1.0, 0.0, 1.0), atol=1e-9)
+    assert asked == list(times[times > 0.15])
