@@ -278,15 +278,17 @@ def test_what_is_due_is_an_instant_of_every_plan_before(prices):
 
 
 def test_another_way_of_holding_has_to_be_better_by_the_commitment():
-    """An arm that is where one of the ways wants it."""
-    rng, changes = np.random.default_rng(0), []
+    """An arm that is where one of the ways wants it: changed if the costs differ by more."""
+    rng, changed, better = np.random.default_rng(0), [], []
     several = [replace(OPTIONS, commitment=price) for price in (0.0, 1.0, np.inf)]
     for X_OG in GRASPS[:4]:
         ways = closed_form(CIRCLE.pose(0.0) @ X_OG @ np.linalg.inv(X_FG), rng.uniform(-1.0, 1.0))
         for branch in np.flatnonzero(np.isfinite(ways).all(axis=1)):
             q = ways[branch]
             there = GraspChoice(X_OG, int(branch), arm_angle(q), due=-1.0, since=-9.0)
-            if choose(there, 0.0, q, options=several[2]).count == 0:  # it can be held so
-                changes.append([choose(there, 0.0, q, options=each).count for each in several])
-    free, usual, never = np.transpose(changes).sum(axis=1)
-    assert len(changes) >= free > usual > never == 0
+            free, usual, stays = [choose(there, 0.0, q, options=each) for each in several]
+            if stays.count == 0:  # it can be held so
+                changed.append(usual.count)
+                better.append(stays.cost - free.cost)
+    np.testing.assert_array_equal(changed, np.array(better) > 1.0)
+    assert 0 < np.sum(changed) < np.sum(np.array(better) > 0.0) <= len(changed)
