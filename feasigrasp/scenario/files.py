@@ -67,6 +67,7 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
     if name not in names:
         raise ScenarioError(
             f"no scenario {name!r} in {filename}; it has {', '.join(names)}{nearest(name, names)}"
+            f"{'; give a file by --scenario_file' if name.endswith(('.yaml', '.yml')) else ''}"
         )
     what = f"scenario {name!r} in {filename}"
     stages: list[tuple[str, Scenario]] = []
@@ -152,6 +153,11 @@ def _load(defaults: Scenario, **source: str) -> Scenario:
         defaults = dc.replace(defaults, **changes)
         return yaml_load_typed(schema=Scenario, defaults=defaults, **source)
     except _YAML_ERRORS as error:
+        # Drake's structs list the C++ types that they take before what they were given.
+        _, refused, given = str(error).partition("incompatible function arguments.")
+        if refused:
+            given = " ".join(given.partition("Invoked with: ")[2].split())
+            raise ScenarioError(f"a value of a wrong length or kind: {given}") from error
         raise ScenarioError(str(error) or type(error).__name__) from error
 
 

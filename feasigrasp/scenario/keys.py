@@ -11,6 +11,7 @@ import types
 import typing
 from collections.abc import Iterable
 
+import numpy as np
 import yaml
 
 from feasigrasp.errors import ScenarioError
@@ -73,8 +74,9 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
     of, (kind, given) = typing.get_args(kind), _chosen(kind, node)
     shown = ".".join(path) or "the scenario"
     where = f"(line {node.start_mark.line + 1})"
-    if kind is None and any(map(dc.is_dataclass, of)) and not node.tag.startswith(_TAG):
-        tags = ", ".join(f"!{each.__name__}" for each in of[1:])
+    structs = [_tag(each) for each in of if _is_struct(each)]
+    if kind is None and structs and not node.tag.startswith(_TAG):
+        tags = ", ".join(structs[len(structs) == len(of) :])  # the first of several needs none
         raise ScenarioError(f"{shown} has the tag {node.tag}; give {tags}, or none {where}")
     if kind in _SCALARS:
         if not _is_scalar(node, kind):
@@ -98,17 +100,32 @@ def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) ->
                 )
             else:
                 check_keys(value, fields[name], (*path, name))
+    elif _is_struct(kind):
+        if not isinstance(node, yaml.MappingNode):
+            what = f"{node.tag} {{}}" if given else f"one of {', '.join(structs)}"
+            raise ScenarioError(f"{shown} is {_text(node)}; give {what} {where}")
     elif typing.get_origin(kind) is dict:
         if not isinstance(node, yaml.MappingNode):
             raise ScenarioError(f"{shown} is {_text(node)}; give names with values {where}")
         for key, value in node.value:
             if key.tag != f"{_TAG}merge":
                 check_keys(value, typing.get_args(kind)[1], (*path, key.value))
-    elif typing.get_origin(kind) is list:
+    elif kind is np.ndarray or typing.get_origin(kind) is list:
         if not isinstance(node, yaml.SequenceNode):
             raise ScenarioError(f"{shown} is {_text(node)}; give a list {where}")
         for i, value in enumerate(node.value):
-            check_keys(value, typing.get_args(kind)[0], (*path[:-1], f"{path[-1]}[{i}]"))
+            each = next(iter(typing.get_args(kind)), float)
+            check_keys(value, each, (*path[:-1], f"{path[-1]}[{i}]"))
+
+
+def _is_struct(kind: typing.Any) -> bool:
+    """Whether a kind is a dataclass or one of Drake's structs, which may have no fields."""
+    return dc.is_dataclass(kind) or (hasattr(kind, "__fields__") and kind.__name__[0] != "_")
+
+
+def _tag(kind: typing.Any) -> str:
+    """The tag of a kind; of a template, without its parameters."""
+    return "!" + getattr(kind, "__name__", "").partition("𝓣")[0]
 
 
 def _chosen(kind: typing.Any, node: yaml.Node) -> tuple[typing.Any, bool]:
@@ -118,7 +135,7 @@ def _chosen(kind: typing.Any, node: yaml.Node) -> tuple[typing.Any, bool]:
     kinds = typing.get_args(kind)
     if type(None) in kinds and node.tag == f"{_TAG}null":
         return None, False
-    named = [k for k in kinds if f"!{getattr(k, '__name__', '')}" == node.tag]
+    named = [k for k in kinds if _tag(k) == node.tag]
     if named:
         return named[0], True
     if all(k in _SCALARS for k in kinds):  # any single value will do

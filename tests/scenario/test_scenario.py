@@ -321,6 +321,12 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
         ("{object: {scale: 0.0}}", "object.scale is 0; "),
         ("{object: {friction: -0.1}}", "object.friction is -0.1"),
         ("{object: {model: mug", "ReachLinearMocap"),
+        ("{object: {rotation: Uniform}}", "object.rotation is Uniform; give one of !Ident.*!Unif"),
+        ("{object: {rotation: !Uniform }}", "object.rotation is empty; give !Uniform {}"),
+        ("{object: {rotation: !Turn {}}}", "object.rotation has the tag !Turn; give !Rpy"),
+        ("{object: {rotation: !Rpy {deg: 30}}}", "object.rotation.deg is 30; give a list"),
+        ("{object: {rotation: !Rpy {deg: [0, 0, x]}}}", r"rotation.deg\[2\] is x; give a number"),
+        ("{object: {rotation: !Rpy {deg: [0, 0]}}}", "of a wrong length.*Rpy"),
     ],
 )
 def test_wrong_values_are_refused(text, message):
