@@ -65,9 +65,10 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
     nodes = _nodes(filename)
     names = _names(nodes)
     if name not in names:
+        is_file = Path(name).suffix in (".yaml", ".yml")
         raise ScenarioError(
-            f"no scenario {name!r} in {filename}; it has {', '.join(names)}{nearest(name, names)}"
-            f"{'; give a file by --scenario_file' if name.endswith(('.yaml', '.yml')) else ''}"
+            f"no scenario {name!r} in {filename}; it has {', '.join(names)}"
+            f"{'; give a file by --scenario_file' if is_file else nearest(name, names)}"
         )
     what = f"scenario {name!r} in {filename}"
     stages: list[tuple[str, Scenario]] = []

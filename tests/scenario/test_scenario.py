@@ -253,6 +253,8 @@ def test_the_step_that_is_proposed_is_accepted():
 def test_unknown_scenario_names_the_known_ones():
     with pytest.raises(ScenarioError, match="'ReachSquare'.*ReachCircularMocap, ReachLinearMocap"):
         load_scenario(FILE, "ReachSquare")
+    with pytest.raises(ScenarioError, match="'my.yaml'.*give a file by --scenario_file"):
+        load_scenario(FILE, "my.yaml")
 
 
 def test_missing_and_broken_files_are_named(tmp_path):
