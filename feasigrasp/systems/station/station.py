@@ -25,6 +25,7 @@ from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
 from feasigrasp.systems.station.company import add_company
+from feasigrasp.systems.station.finger_drive import FingerDrive
 from feasigrasp.systems.station.friction import contact_friction, set_friction
 from feasigrasp.systems.station.object_model import add_object
 from feasigrasp.systems.station.object_servo import ObjectServo
@@ -161,10 +162,9 @@ class Station(Diagram):
 
     def _export_gripper(self, builder: DiagramBuilder) -> None:
         plant, gripper = self.plant, self._gripper
-        # Either finger moves half the opening; the right one mimics the left.
-        command = builder.AddNamedSystem("gripper_command", MatrixGain(np.array([[0.5], [0.0]])))
-        builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(gripper))
-        builder.ExportInput(command.get_input_port(), "gripper.position")
+        drive = builder.AddNamedSystem("finger_drive", FingerDrive(plant.time_step()))
+        builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(gripper))
+        builder.ExportInput(drive.get_input_port(), "gripper.position")
         measured = builder.AddNamedSystem(
             "gripper_state", MatrixGain(np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]]))
         )

@@ -1,0 +1,51 @@
+"""What moves the fingers: no faster than a drive can, so that their force takes time to rise."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+
+class FingerDrive(LeafSystem):
+    """The opening that a gripper is told, as the state that its left finger is driven to.
+
+    .. pydrake_system::
+
+        name: FingerDrive
+        input_ports:
+        - opening
+        output_ports:
+        - desired_state
+
+    ``opening`` is the distance between the pads [m], V1; ``desired_state`` V2, position [m] and
+    velocity [m/s] of the left finger, which moves half of it: the right one mimics it. An opening
+    that jumps is followed by `SPEED`: fingers that press with all their force within one step deal
+    the arm a blow, such as no motor does.
+    """
+
+    #: How fast the opening changes at most [m/s]: a choice, well above the speed at which fingers
+    #: close. Their force then takes some 50 ms to rise.
+    SPEED = 1.0
+
+    def __init__(self, period: float) -> None:
+        """A drive with a period [s], best that of the plant."""
+        super().__init__()
+        self._way = self.SPEED * period
+        self._opening = self.DeclareVectorInputPort("opening", 1)
+        self.DeclareDiscreteState([np.nan])  # where it was a period ago; at first where it is told
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        self.DeclareVectorOutputPort("desired_state", 2, self._calc)
+
+    def _next(self, context: Context) -> float:
+        told = float(self._opening.Eval(context)[0])
+        before = context.get_discrete_state_vector().value()[0]
+        if np.isnan(before):
+            return told
+        return before + float(np.clip(told - before, -self._way, self._way))
+
+    def _update(self, context: Context, state) -> EventStatus:
+        state.set_value([self._next(context)])
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context, output) -> None:
+        output.SetFromVector([0.5 * self._next(context), 0.0])
