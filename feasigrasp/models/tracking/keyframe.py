@@ -40,15 +40,24 @@ class Keyframe(Frozen):
         p_OC: Position of the camera in O, shape (3,) [m].
         time: Of the image [s].
         deviation: How far the surface may be from there, across itself [m].
+        begun_at: Time of the first view of this O [s]: what is older is of another one.
     """
 
     points_O: Array
     p_OC: Array
     time: float
     deviation: float = 0.0
+    begun_at: float = -np.inf
 
 
-def keyframe_of(view: ObjectView, X_WO: Array, time: float, deviation: float = 0.0) -> Keyframe:
+def keyframe_of(
+    view: ObjectView,
+    X_WO: Array,
+    time: float,
+    deviation: float = 0.0,
+    *,
+    begun_at: float = -np.inf,
+) -> Keyframe:
     """A view as a keyframe.
 
     Args:
@@ -56,10 +65,11 @@ def keyframe_of(view: ObjectView, X_WO: Array, time: float, deviation: float = 0
         X_WO: Pose of the object in it, shape (4, 4).
         time: When it was taken [s].
         deviation: How far the surface may be from there, across itself [m].
+        begun_at: Time of the first view of this O [s].
     """
     points_W = view.points_W[:: -(-len(view.points_W) // _MOST_POINTS)]
     p_OC = _in_object(X_WO, view.X_WC[:3, 3])
-    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation)
+    return Keyframe(_in_object(X_WO, points_W), p_OC, time, deviation, begun_at)
 
 
 def is_worth_merging(key: Keyframe, found: Registration, last: float, views: ViewRecord) -> bool:

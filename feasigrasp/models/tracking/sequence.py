@@ -47,6 +47,8 @@ class LearntShape(Frozen):
     def merged(self, keyframe: Keyframe | None, **options: Any) -> LearntShape:
         """With one more keyframe, if there is a new one, and if a field comes of it.
 
+        A keyframe in a frame O that was begun anew is the first: what was there is forgotten.
+
         Args:
             keyframe: A tracker's last one; None before the first.
             **options: Of `complete_shape`.
@@ -54,12 +56,15 @@ class LearntShape(Frozen):
         if keyframe is None or keyframe.time <= self.looked:
             return self
         looked = replace(self, looked=keyframe.time)
-        points, known = keyframe.points_O, self.cloud.points
+        before = self if self.is_of(keyframe) else self._forgotten()
+        points, known = keyframe.points_O, before.cloud.points
         kept, fault, _ = usable_points(points, keyframe.p_OC, _LEAST_POINTS, known)
         if fault is not None:
             return replace(looked, faults=self.faults + Counter([fault]))
         # The tracker has registered it to this very cloud; merging must not move O.
-        cloud = self.cloud.merged(kept, keyframe.p_OC, register=False, deviation=keyframe.deviation)
+        cloud = before.cloud.merged(
+            kept, keyframe.p_OC, register=False, deviation=keyframe.deviation
+        )
         try:
             gpdf = complete_shape(cloud, **options)
         # Whatever numerics make of a strange cloud (LinAlgError is a ValueError).
@@ -69,9 +74,17 @@ class LearntShape(Frozen):
             looked,
             cloud=cloud,
             gpdf=gpdf,
-            views=self.views.extended(keyframe.p_OC, keyframe.time),
-            outliers=self.outliers + len(keyframe.points_O) - len(kept),
+            views=before.views.extended(keyframe.p_OC, keyframe.time),
+            outliers=before.outliers + len(keyframe.points_O) - len(kept),
         )
+
+    def is_of(self, keyframe: Keyframe) -> bool:
+        """Whether what has been merged is in the frame O of a keyframe."""
+        return not len(self.views.times) or keyframe.begun_at <= self.views.times[0]
+
+    def _forgotten(self) -> LearntShape:
+        nothing = FusedCloud.empty(self.cloud.voxel_size, smooth=self.cloud.smooth)
+        return replace(self, cloud=nothing, gpdf=None, views=ViewRecord(), outliers=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,8 @@ of the world. What was seen there is the first keyframe, from which somebody fit
 there is one, every image is registered to it, and images that are good enough to teach the model
 something are keyframes again. Until then the middle of what is seen tells how the object moves: a
 quick one would be out of a search's reach otherwise. The pose of a keyframe is the tracked one:
-merging does not move O.
+merging does not move O. An object that is in sight as a whole for a while, and fits no pose, is
+begun anew: what was learnt of it is wrong, or was not its side.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ _SEARCH_AFTER, _SEARCH_PERIOD = 0.25, 0.2
 #: After such a gap little in the image is not enough, and any turn is tried [s]; a pose so far from
 #: the expected one is asked for as much as one that was searched for [m].
 _LONG_GAP, _LARGE_STEP = 1.0, 0.01
+#: An object that is seen as a whole is not recognised for so long: what is known is given up [s].
+_GIVEN_UP = 0.6
 #: A merged view moves the model by its own error, as one of so many views, and by this share of it
 #: at least: where it shows another side it is the only one.
 _LEAST_SHARE = 0.2
@@ -81,6 +84,9 @@ class FieldTrack(Frozen):
         keyframe: The last view worth merging; None before the first.
         cut: Points of the object where the images worth merging ended, in O, shape (k, 3) [m].
         searched_at: When it was last searched for from several starts [s].
+        begun_at: Time of the first view, that of O [s]; -inf before.
+        unknown_since: Since when the whole object has been in sight without being recognised [s];
+            inf if it is not.
         motion: State of the filter that predicts, see `feasigrasp.models.objects.pose_filter`.
         measured_motion: The same at the last image that a pose was got from.
     """
@@ -96,6 +102,8 @@ class FieldTrack(Frozen):
     keyframe: Keyframe | None = None
     cut: Array = field(default_factory=lambda: np.zeros((0, 3)))
     searched_at: float = -np.inf
+    begun_at: float = -np.inf
+    unknown_since: float = np.inf
     motion: Array = field(default_factory=empty_state)
     measured_motion: Array = field(default_factory=empty_state)
 
@@ -131,7 +139,8 @@ def track(
         before: What was known before; `FieldTrack` to begin with.
         view: The image.
         time: When it was taken [s]; one not later than the last is ignored.
-        gpdf: The field of what was merged so far, in O; None until there is one.
+        gpdf: The field of what was merged so far, in O; None until there is one. One of views from
+            before O was begun is of another O, and not used.
         views: From where the merged views were taken.
         held: Whether the hand that carries the camera has the object: it moves with both, and is
             not learnt from, since fingers hide a part of it.
@@ -143,6 +152,8 @@ def track(
     estimate, last, model = before.estimate, before.measured, before.model
     if estimate is None or last is None:
         return _begun(before, view, time)
+    if not len(views.times) or views.times[0] < before.begun_at:
+        gpdf = None
     if gpdf is not None and (model is None or model.gpdf is not gpdf):
         model = TrackedModel(gpdf, before.cut)
         estimate = estimate.widened(_one_view(before.information, len(views.times)))
@@ -163,7 +174,7 @@ def track(
         assert after.estimate is not None and before.keyframe is not None
         if not held and time >= before.keyframe.time + KEY_PERIOD:
             X_WO = after.estimate.X_WO
-            key = keyframe_of(view, X_WO, time, after.deviation)
+            key = keyframe_of(view, X_WO, time, after.deviation, begun_at=after.begun_at)
             if is_worth_merging(key, found, before.keyframe.time, views):
                 after = replace(after, keyframe=key, cut=cut_off(after.cut, view, X_WO))
         return _passed_on(after)
@@ -172,6 +183,11 @@ def track(
         searched_at = after.searched_at
         after, _ = _located(before, other, gap)
         after = replace(after, searched_at=max(searched_at, after.searched_at))
+    whole = len(view.points_W) >= _FIRST_POINTS and not is_cut(view)
+    unknown = whole and gap > _LONG_GAP and not held and after.measured_at < time
+    after = replace(after, unknown_since=min(after.unknown_since, time) if unknown else np.inf)
+    if time - after.unknown_since >= _GIVEN_UP:
+        return _begun(after, view, time)
     return _passed_on(replace(after, in_view=0.0))
 
 
@@ -275,22 +291,27 @@ def _located(
 
 
 def _begun(before: FieldTrack, view: ObjectView, time: float) -> FieldTrack:
-    """The first view defines O."""
+    """The first view defines O.
+
+    One that is begun anew is turned as the old one was expected to be: what others have still heard
+    of that one, such as its grasps, is near where it was on the object.
+    """
     if len(view.points_W) < _FIRST_POINTS:
         return replace(before, image_time=time)
-    X_WO = se3.make_pose(np.eye(3), np.median(view.points_W, axis=0))
+    R_WO = np.eye(3) if before.estimate is None else before.estimate.X_WO[:3, :3]
+    X_WO = se3.make_pose(R_WO, np.median(view.points_W, axis=0))
     estimate = TwistFilter.at_rest(time, X_WO)
     return _passed_on(
-        replace(
-            before,
+        FieldTrack(
             image_time=time,
             X_WC=view.X_WC,
             measured=estimate,
             estimate=estimate,
             in_view=1.0,
             deviation=0.0,
-            keyframe=keyframe_of(view, X_WO, time),
-            cut=cut_off(before.cut, view, X_WO),
+            keyframe=keyframe_of(view, X_WO, time, begun_at=time),
+            cut=cut_off(np.zeros((0, 3)), view, X_WO),
+            begun_at=time,
         )
     )
 

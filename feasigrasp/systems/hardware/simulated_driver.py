@@ -76,9 +76,9 @@ class Handover(LeafSystem):
 
     ``target`` is the commanded distance between the pads [m], ``gripper_state`` the measured one
     and its rate. The phases are told by the gripper alone: it closes, and if something is between
-    the pads when they have pressed for ``squeeze_time``, that is let go; lift, shake and hold last
-    as long as the scenario says. ``gripper_position`` is what the fingers are sent: a gripper that
-    is told to close squeezes with all its force, however wide the object is.
+    the pads when they have squeezed it for ``squeeze_time``, that is let go; lift, shake and hold
+    last as long as the scenario says. ``gripper_position`` is what the fingers are sent: a gripper
+    that is told to close squeezes with all its force, however wide the object is.
     """
 
     PERIOD = 0.01
@@ -121,7 +121,8 @@ class Handover(LeafSystem):
             if not closing:
                 after = Phase.APPROACH
             else:
-                pressing = pressing_since(pressing, t, elapsed, rate)
+                squeezed = opening <= self._OPEN  # what is still closing does not press as hard
+                pressing = pressing_since(pressing, t, elapsed, rate) if squeezed else np.nan
                 gripped = has_closed(t, since, pressing, config) and width >= config.min_width
                 after = Phase.LIFT if gripped else None
         elif elapsed >= lasts.get(Phase(int(phase)), np.inf) - 1e-9:

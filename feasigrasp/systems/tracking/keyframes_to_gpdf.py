@@ -33,8 +33,8 @@ class KeyframesToGPDF(LeafSystem):
         - view_faults
 
     The tracker says which views are worth merging, and has registered them to the field already:
-    they are merged where they are, and O does not move. A keyframe that cannot be used is counted
-    in ``view_faults``.
+    they are merged where they are, and O does not move. Where it has begun anew, with another O,
+    what was merged is forgotten. A keyframe that cannot be used is counted in ``view_faults``.
     """
 
     def __init__(
@@ -78,9 +78,11 @@ class KeyframesToGPDF(LeafSystem):
 
     def _look(self, context: Context) -> LearntShape:
         learnt: LearntShape = self._learnt.Eval(context)
-        if self._max_views and len(learnt.views.times) >= self._max_views:
+        key: Keyframe | None = self._keyframe.Eval(context)
+        enough = self._max_views and len(learnt.views.times) >= self._max_views
+        if key is not None and enough and learnt.is_of(key):
             return learnt
-        after = learnt.merged(self._keyframe.Eval(context), **self._options)
+        after = learnt.merged(key, **self._options)
         if after.gpdf is not None:
             object_grid(after.gpdf)  # now, and not in the tick of a controller that looks it up
         return after

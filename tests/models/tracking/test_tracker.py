@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.models.tracking.sequence import SequenceTracker
-from feasigrasp.models.tracking.tracker import track
+from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
 from tests.object_views import camera_at, look
 from tests.tracked_block import SURFACE, surface_error
@@ -222,6 +223,49 @@ def test_after_a_long_gap_it_is_found_though_it_has_turned_far(followed, turn):
         tracker = tracker.looked(look(SURFACE, X, CAMERA, np.random.default_rng(k)), later)
     assert tracker.track.measured_at == later
     assert surface_error(tracker.track.estimate.X_WO @ se3.inverse(X_BO), X) < 3e-3
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_what_is_not_recognised_in_full_sight_is_begun_anew(followed, whole):
+    """Another shape is there after a gap, as if what was learnt were wrong."""
+    known, turned = followed[-1][1], CAMERA
+    if not whole:  # the image ends within it
+        turned = CAMERA @ se3.make_pose(se3.so3_exp([0.0, 0.5, 0.0]), np.zeros(3))
+    mesh = trimesh.creation.box((0.05, 0.2, 0.05))
+    surface, rng = Raycaster(mesh.vertices, mesh.faces), np.random.default_rng(0)
+    tracker, begun = known, []
+    t0 = followed[-1][0] + 1.2
+    twist = np.array([0.0, 0.0, 0.2, 0.0, 0.05, 0.0])
+    for k in range(60):
+        t = t0 + k * PERIOD
+        X_WB = se3.extrapolate(X0, twist, t - t0)
+        tracker = tracker.looked(look(surface, X_WB, turned, rng), t).learnt()
+        begun.append(tracker.track.begun_at)
+        if begun[-1] == t:
+            X_BO = se3.inverse(X_WB) @ tracker.track.estimate.X_WO
+    assert known.track.begun_at == followed[0][0]
+    if not whole:
+        assert set(begun) == {known.track.begun_at}
+        return
+    assert t0 + 0.6 <= tracker.track.begun_at < t0 + 0.7
+    # What is merged by now is of the new one, and the pose is its.
+    assert tracker.shape.views.times[0] == tracker.track.begun_at
+    cloud = tracker.shape.cloud.points @ X_BO[:3, :3].T + X_BO[:3, 3]
+    assert np.quantile(surface.distance(cloud), 0.9) < 2e-3
+    E = se3.inverse(X_WB) @ tracker.track.estimate.X_WO @ se3.inverse(X_BO)
+    assert surface.distance(mesh.vertices @ E[:3, :3].T + E[:3, 3]).mean() < 3e-3
+    assert tracker.track.state(t, 0.5) is TrackingState.TRACKING
+
+
+def test_a_field_of_the_object_before_is_not_tracked_by(followed):
+    """It comes late from another process, when the tracker has begun anew."""
+    t, tracker, X_WB, _ = followed[-1]
+    begun = track(FieldTrack(), look(SURFACE, X_WB, CAMERA), t, None, ViewRecord())
+    shape = tracker.shape
+    after = track(begun, look(SURFACE, X_WB, CAMERA), t + PERIOD, shape.gpdf, shape.views)
+    assert after.model is None
+    assert tracker.shape.is_of(tracker.track.keyframe)
+    assert not tracker.shape.is_of(begun.keyframe)
 
 
 def test_a_pose_far_from_the_expected_one_must_fit(followed):
