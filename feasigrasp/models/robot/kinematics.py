@@ -22,7 +22,7 @@ _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
 _IDENTITY = np.eye(4)
 
 
-@njit(cache=True, fastmath={"contract"}, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _axes(s, c):
     """Axes of joints 2 to 7, and the x- and y-axis of link 7, from the sines and cosines."""
     x, y = (c[0] * c[1], s[0] * c[1], -s[1]), (-s[0], c[0], 0.0)
@@ -46,7 +46,7 @@ def _write_column(J, i, axis, lever):
     J[3, i], J[4, i], J[5, i] = cross(axis, lever)
 
 
-@njit(cache=True, fastmath={"contract"}, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _pose_jacobian(s, c, X_FT, X_WT, J_WT):
     """As `pose_jacobian_kernel`, from sines and cosines; no Jacobian where ``J_WT`` is None."""
     a2, a3, a4, a5, a6, a7, x7, y7 = _axes(s, c)
@@ -74,7 +74,7 @@ def _pose_jacobian(s, c, X_FT, X_WT, J_WT):
         _write_column(J_WT, 6, a7, from_wrist)
 
 
-@njit(cache=True, fastmath={"contract"}, forceinline=True)
+@njit(cache=True, forceinline=True)
 def _manipulability(s, c):
     r"""sqrt(det J J^T) by Cauchy and Binet: the sum of the squares of the seven 6 x 6 minors.
 

@@ -132,7 +132,7 @@ class KnownBodies:
         return kinds
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@njit(cache=True, nogil=True)
 def _kinds(points, X_WC, spread, arm, hand, cell, kinds):
     """Writes the kind of each point (n, 3)."""
     lines = _lines(arm)
@@ -169,7 +169,7 @@ def _lines(capsules):
     return lines
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@njit(cache=True, nogil=True)
 def _in_capsules(x, y, z, lines, capsules, margin):
     ends, radius = capsules
     for k in range(len(ends)):
@@ -182,7 +182,7 @@ def _in_capsules(x, y, z, lines, capsules, margin):
     return False
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@njit(cache=True, nogil=True)
 def _in_boxes(x, y, z, boxes, margin):
     X_WB, half = boxes
     for k in range(len(half)):
