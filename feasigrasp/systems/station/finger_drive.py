@@ -24,7 +24,7 @@ class FingerDrive(LeafSystem):
     """
 
     #: How fast the opening changes at most [m/s]: a choice, well above the speed at which fingers
-    #: close. Their force then takes some 50 ms to rise.
+    #: close.
     SPEED = 1.0
 
     def __init__(self, period: float) -> None:
