@@ -199,9 +199,8 @@ def test_every_module_says_what_it_is_for(path):
 
 
 def is_compiled(function: ast.FunctionDef) -> bool:
-    return any(
-        "njit" in ast.unparse(d) or "intrinsic" in ast.unparse(d) for d in function.decorator_list
-    )
+    decorators = map(ast.unparse, function.decorator_list)
+    return any("compiled" in d or "intrinsic" in d for d in decorators)
 
 
 def untyped_functions(source: str) -> list[str]:
@@ -224,7 +223,7 @@ def test_the_mathematics_is_typed(path):
 
 def test_an_untyped_function_is_found():
     assert untyped_functions("def f(x, y: int) -> int: ...") == ["f, line 1"]
-    assert untyped_functions("@njit(cache=True)\ndef f(x): ...") == []
+    assert untyped_functions("@compiled(nogil=True)\ndef f(x): ...") == []
 
 
 def test_an_upward_import_is_found():

@@ -67,10 +67,11 @@ def all_callees(function: Any) -> dict[str, int]:
         name = f"{code.__module__}.{code.__qualname__}"
         if name not in found:
             found[name] = len(code.__code__.co_code)
-            to_do += _callees(code)
+            to_do += callees(code)
     return found
 
 
-def _callees(code: Any) -> Iterator[Any]:
+def callees(code: Any) -> Iterator[Any]:
+    """The compiled functions that a Python function names."""
     named = (code.__globals__.get(name) for name in code.__code__.co_names)
     return (value for value in named if isinstance(value, Dispatcher))

@@ -10,11 +10,11 @@ import argparse
 from collections.abc import Iterator
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.evaluation.measures.timing import Case, installed, report_bench, time_cases
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.ik.flow import IkFlow
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.collision_kernels import in_collision_kernel
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser, out="out/bench_kinematics", objects="builtin")
 
 
-@njit(cache=True)
+@compiled
 def _one_by_one(Q, model, hit):
     """What batches are measured against."""
     for k in range(len(Q)):

@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.spatial.distance import pdist
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.ik.arm_circle import closed_form_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
@@ -60,7 +60,7 @@ class Sizes(NamedTuple):
 FULL, QUICK = Sizes(20_000, 1000, 1000), Sizes(2000, 200, 1000)
 
 
-@njit(cache=True)
+@compiled
 def _closed_form_kernel(X_WF, psi, choice, q):
     """Writes for each pose a random branch inside the limits at the first arm angle with any."""
     candidates = np.empty((8, IIWA_7.joints))

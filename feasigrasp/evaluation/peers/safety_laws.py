@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from pydrake.common.value import Value
 from pydrake.multibody.inverse_kinematics import (
     DifferentialInverseKinematicsParameters,
@@ -23,6 +22,7 @@ from pydrake.systems.framework import BusValue
 
 from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -73,7 +73,7 @@ def clamped_pseudo_inverse(damping: float = 0.05) -> Law:
     return law
 
 
-@njit(cache=True)
+@compiled
 def _saturate(J, V, qd_preferred, lower, upper):
     """Saturation in the null space (Flacco, De Luca, Khatib, ICRA 2012, algorithm 1)."""
     free, fixed = np.ones(_N), qd_preferred.copy()

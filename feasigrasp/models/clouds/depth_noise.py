@@ -27,12 +27,12 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from feasigrasp.errors import CameraError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def _correlated(white: Array, width: float) -> Array:
     return np.asarray(gaussian_filter(white, width, mode="wrap") / deviation)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _edges_kernel(inverse, threshold, partner, edge):
     """The most different inverse depth among each pixel's four neighbours, and where it is an edge.
 
@@ -220,7 +220,7 @@ def _edges_kernel(inverse, threshold, partner, edge):
             partner[i, j], edge[i, j] = other, most > threshold
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _smear_kernel(inverse, threshold, partner, edge):
     """Partners and edge pixels, each edge wider by a pixel on the surface that it ends.
 
@@ -247,7 +247,7 @@ def _smear_kernel(inverse, threshold, partner, edge):
     return partners, wider
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _cosine_kernel(inverse, valid, intrinsics, cosine):
     """Cosine of the angle between line of sight and normal, 1 where nothing was measured.
 
@@ -287,14 +287,14 @@ def _cosine_kernel(inverse, valid, intrinsics, cosine):
             cosine[i, j] = min(max(own / length, 0.0), 1.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _smaller(after, before):
     """The difference that is smaller by its amount; 0 where neither is known."""
     smaller = after if abs(after) < abs(before) else before
     return smaller if math.isfinite(smaller) else 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _measure_kernel(z, inverse, valid, partner, edge, cosine, chance, noise, limits, measured):
     """What is measured of every pixel.
 

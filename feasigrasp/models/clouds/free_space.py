@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import distance_transform_edt
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import MARGIN, SIDE, ViewImage
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.points import farthest_points
 
 #: The points of a view miss the true edge by about this many pixels of the camera: edge pixels are
@@ -41,7 +41,7 @@ def free_distance(views: Sequence[ViewImage], x: Array) -> Array:
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def _raise_to_free(points, X_OC, pixel, edge, whole, picture, best):
     """Raises ``best`` (n,) to how deep the points (n, 3) lie in the free space of one view."""
     mask, front, beside = picture

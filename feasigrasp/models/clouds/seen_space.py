@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.depth_view import DEPTH_ERROR, DepthView
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
+from feasigrasp.models.compiled import compiled
 
 #: Edge length of the voxels of a scene [m].
 SCENE_VOXEL = 0.025
@@ -132,7 +132,7 @@ def _normals(points: Array, directions: Array, radius: float) -> Array:
     return normals
 
 
-@njit(cache=True)
+@compiled
 def _forget_kernel(come, reach, free):
     """Makes the cubes of voxels around each of ``come`` (m, 3) unknown."""
     for m in range(len(come)):
@@ -144,7 +144,7 @@ def _forget_kernel(come, reach, free):
         ] = False
 
 
-@njit(cache=True)
+@compiled
 def _look_kernel(low, size, X_WC, pinhole, depth, margin, free):
     """Sets the voxels free that lie in front of what a camera measured."""
     fx, fy, cx, cy = pinhole
@@ -167,7 +167,7 @@ def _look_kernel(low, size, X_WC, pinhole, depth, margin, free):
                 w += size * R[2, 2]
 
 
-@njit(cache=True)
+@compiled
 def _balls_kernel(center, radius, low, size, free):
     """Sets the voxels free whose middles lie inside balls."""
     for m in range(len(center)):
@@ -186,7 +186,7 @@ def _balls_kernel(center, radius, low, size, free):
                         free[i, j, k] = True
 
 
-@njit(cache=True)
+@compiled
 def _spread_kernel(voxels, points, normals, low, size, free):
     """Voxels (k, 3) that are neither free nor seen, spread to from surfaces, nearest ones first."""
     taken = free.copy()

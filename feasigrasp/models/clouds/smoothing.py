@@ -9,10 +9,10 @@ view, the more neighbours.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.small_cholesky import cholesky_kernel, cholesky_solve_kernel
 
 #: Neighbours that a patch is fitted to, if depths err by at most so much [m].
@@ -67,7 +67,7 @@ def smooth_view(cloud: Array, at: Array, p_OC: Array) -> tuple[Array, Array, Arr
     return points, normals, spread * np.sqrt(_CORRELATED / count)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _fit_patches(
     cloud: Array,
     at: Array,
@@ -129,7 +129,7 @@ def _fit_patches(
     return points, normals, scatter
 
 
-@njit(cache=True, fastmath=True)
+@compiled(forceinline=True, fastmath=True)
 def _dot(a: Array, b: Array) -> float:
     s = 0.0
     for j in range(len(a)):

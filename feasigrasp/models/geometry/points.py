@@ -1,9 +1,9 @@
 """Points: evenly spread on a sphere, chosen to cover a cloud, and the distance to the nearest."""
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.simd import wide_vectors
 
 
@@ -16,7 +16,7 @@ def sphere_points(n: int, radius: float) -> Array:
     return radius * np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), z], axis=1)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _lower_to(
     nearest: Array, xs: Array, ys: Array, zs: Array, x: float, y: float, z: float
 ) -> float:
@@ -35,7 +35,7 @@ def _lower_to(
     return np.int64(largest).view(np.float64)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def farthest_points(points: Array, count: int, outward: int = 0) -> Indices:
     """Indices of ``count`` points (n, 3), each the farthest from those before it.
 
@@ -46,6 +46,7 @@ def farthest_points(points: Array, count: int, outward: int = 0) -> Indices:
     first. So the first ``outward`` points can be made to prefer what sticks out: for them the
     squared distance is weighted by the fourth power of the distance from the centroid.
     """
+    wide_vectors()
     n = len(points)
     xs, ys, zs = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
     nearest = np.full(n, np.inf)
@@ -69,7 +70,7 @@ def farthest_points(points: Array, count: int, outward: int = 0) -> Indices:
     return chosen
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _least_square(xs: Array, ys: Array, zs: Array, x: float, y: float, z: float) -> float:
     wide_vectors()
     least = 1e30
@@ -79,9 +80,10 @@ def _least_square(xs: Array, ys: Array, zs: Array, x: float, y: float, z: float)
     return least
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def nearest_distance(points: Array, others: Array) -> Array:
     """Distance from each point (m, 3) to the nearest of the others (k, 3), shape (m,)."""
+    wide_vectors()
     xs, ys, zs = others[:, 0].copy(), others[:, 1].copy(), others[:, 2].copy()
     out = np.empty(len(points))
     for i in range(len(points)):

@@ -12,10 +12,10 @@ element, to be called from other numba code, is in `feasigrasp.models.geometry.s
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import (
     exp_kernel,
     inverse_kernel,
@@ -172,49 +172,49 @@ def _map(
 # One loop per kernel: numba's on-disk cache does not recognise kernels passed as arguments.
 
 
-@njit(cache=True)
+@compiled
 def _exp(v: Array, out: Array) -> None:
     for i in range(len(v)):
         out[i] = exp_kernel(v[i])
 
 
-@njit(cache=True)
+@compiled
 def _log(X: Array, out: Array) -> None:
     for i in range(len(X)):
         out[i] = log_kernel(X[i])
 
 
-@njit(cache=True)
+@compiled
 def _inverse(X: Array, out: Array) -> None:
     for i in range(len(X)):
         out[i] = inverse_kernel(X[i])
 
 
-@njit(cache=True)
+@compiled
 def _right_jacobian_inverse(v: Array, out: Array) -> None:
     for i in range(len(v)):
         out[i] = right_jacobian_inverse_kernel(v[i])
 
 
-@njit(cache=True)
+@compiled
 def _so3_exp(w: Array, out: Array) -> None:
     for i in range(len(w)):
         out[i] = so3_exp_kernel(w[i])
 
 
-@njit(cache=True)
+@compiled
 def _so3_log(R: Array, out: Array) -> None:
     for i in range(len(R)):
         out[i] = so3_log_kernel(R[i])
 
 
-@njit(cache=True)
+@compiled
 def _quaternions(X: Array, out: Array) -> None:
     for i in range(len(X)):
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = quaternion_kernel(X[i])
 
 
-@njit(cache=True)
+@compiled
 def _rotations(q: Array, out: Array) -> None:
     for i in range(len(q)):
         rotation_kernel(q[i], out[i])

@@ -11,9 +11,9 @@ Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2, chapter 10.
 import math
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 
 #: (1 - atan(x)/x) / x^2 as a polynomial in x^2, |x| <= tan(pi/8): Chebyshev interpolation, 6e-17.
 _ATAN = (
@@ -24,7 +24,7 @@ _ATAN = (
 _TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def stumpff_kernel(t: float) -> tuple[float, float, float, float, float, float]:
     """The Stumpff functions (c_1, ..., c_6) of a squared angle ``t >= 0``."""
     if t < 1.0:
@@ -46,7 +46,7 @@ def stumpff_kernel(t: float) -> tuple[float, float, float, float, float, float]:
     return c1, c2, c3, c4, (1.0 / 6.0 - c3) / t, (1.0 / 24.0 - c4) / t
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def quaternion_kernel(R: Array) -> tuple[float, float, float, float]:
     """The unit quaternion (w, x, y, z), ``w >= 0``, of the rotation in ``R[:3, :3]``.
 
@@ -69,7 +69,7 @@ def quaternion_kernel(R: Array) -> tuple[float, float, float, float]:
     return w * scale, x * scale, y * scale, z * scale
 
 
-@njit(cache=True)
+@compiled
 def rotation_kernel(wxyz: Array, R: Array) -> None:
     """Writes the rotation of a quaternion, of any length, into the upper left of a matrix."""
     w, x, y, z = wxyz[0], wxyz[1], wxyz[2], wxyz[3]
@@ -79,7 +79,7 @@ def rotation_kernel(wxyz: Array, R: Array) -> None:
     R[2, 0], R[2, 1], R[2, 2] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def half_angle_kernel(w: float, s: float) -> tuple[float, float]:
     """(h / s, (1 - h w / s) / s^2) for the half angle ``h = atan2(s, w)``, ``w, s >= 0``.
 
@@ -107,7 +107,7 @@ def half_angle_kernel(w: float, s: float) -> tuple[float, float]:
     return ratio, (p if near else 1.0 - ratio * w) * inverse * inverse
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def quaternion_log_kernel(
     w: float, x: float, y: float, z: float, px: float, py: float, pz: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -128,7 +128,7 @@ def quaternion_log_kernel(
 # Plain loops instead of array expressions below: they compile several times faster.
 
 
-@njit(cache=True)
+@compiled
 def _add_angular(out: Array, row: int, column: int, w: Array, a: float, b: float) -> None:
     """Adds a hat(w) + b hat(w)^2 to the 3x3 block of ``out`` that starts at row, column."""
     t = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
@@ -139,7 +139,7 @@ def _add_angular(out: Array, row: int, column: int, w: Array, a: float, b: float
         out[row + i, column + k] += b * w[i] * w[k] + a * w[j]
 
 
-@njit(cache=True)
+@compiled
 def so3_exp_kernel(w: Array) -> Array:
     """Rotation matrix (3, 3) of a rotation vector (3,)."""
     c = stumpff_kernel(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
@@ -150,7 +150,7 @@ def so3_exp_kernel(w: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def so3_log_kernel(R: Array) -> Array:
     """Rotation vector (3,), of length at most pi, of the rotation in ``R[:3, :3]``."""
     w, x, y, z = quaternion_kernel(R)
@@ -160,7 +160,7 @@ def so3_log_kernel(R: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled
 def exp_kernel(v: Array) -> Array:
     """Pose (4, 4) of a tangent vector (6,)."""
     c = stumpff_kernel(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
@@ -177,7 +177,7 @@ def exp_kernel(v: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def log_kernel(X: Array) -> Array:
     """Tangent vector (6,) of a pose (4, 4); its angular part is at most pi long."""
     w, x, y, z = quaternion_kernel(X)
@@ -187,7 +187,7 @@ def log_kernel(X: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled
 def inverse_kernel(X: Array) -> Array:
     """Inverse of a pose (4, 4)."""
     out = np.zeros((4, 4))
@@ -199,7 +199,7 @@ def inverse_kernel(X: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled
 def compose_kernel(X: Array, Y: Array) -> Array:
     """Product (4, 4) of two poses, without the detour of a general matrix product."""
     out = np.zeros((4, 4))
@@ -211,7 +211,7 @@ def compose_kernel(X: Array, Y: Array) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def right_jacobian_inverse_kernel(v: Array) -> Array:
     """J_r^-1 (6, 6): ``log(exp(v) exp(e)) = v + J_r^-1(v) e`` to first order.
 

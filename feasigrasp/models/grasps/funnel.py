@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 
 
 class Funnel(NamedTuple):
@@ -45,7 +45,7 @@ class Funnel(NamedTuple):
         return Funnel(*map(float, self))
 
 
-@njit(cache=True)
+@compiled
 def _angle_between(X_OA, X_OB):
     """Angle of the rotation from one pose to another [rad]."""
     trace = 0.0
@@ -55,7 +55,7 @@ def _angle_between(X_OA, X_OB):
     return np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
 
 
-@njit(cache=True)
+@compiled
 def _closing_axis_factor(X_OA, X_OB, share):
     """By what the angle between poses shrinks if its part about the x-axis of A counts less."""
     x = y = z = 0.0
@@ -68,7 +68,7 @@ def _closing_axis_factor(X_OA, X_OB, share):
     return np.sqrt((share * share * x * x + across) / total) if total > 1e-12 else 1.0
 
 
-@njit(cache=True)
+@compiled
 def standoff_kernel(X_OG, X_OH, funnel):
     """How far hand H must stay behind grasp G along its approach direction [m]."""
     px = py = 0.0
@@ -86,7 +86,7 @@ def standoff_kernel(X_OG, X_OH, funnel):
     return max(funnel.min_standoff, min(funnel.max_standoff, standoff))
 
 
-@njit(cache=True)
+@compiled
 def grasp_errors_kernel(X_OG, X_OH, errors):
     """Writes position [m] and angle [rad] error of the hand to every grasp, shape (n, 2)."""
     for k in range(len(X_OG)):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 
 #: Grasps closer than this to a better one are copies of it.
@@ -56,7 +56,7 @@ def grasp_distance(first: GraspSet, second: GraspSet) -> Array:
     return _distances_kernel(first.X_OG, second.X_OG)
 
 
-@njit(cache=True)
+@compiled
 def _distances_kernel(X_OA, X_OB):
     distances = np.empty((len(X_OA), len(X_OB)))
     for i in range(len(X_OA)):
@@ -65,7 +65,7 @@ def _distances_kernel(X_OA, X_OB):
     return distances
 
 
-@njit(cache=True)
+@compiled
 def _square_distance(X_OA, X_OB):
     """The square of `grasp_distance`; a grasp and its flip about z are the same."""
     square, xx, yy, zz = 0.0, 0.0, 0.0, 0.0
@@ -78,7 +78,7 @@ def _square_distance(X_OA, X_OB):
     return square / SAME_POSITION**2 + (angle / SAME_ANGLE) ** 2
 
 
-@njit(cache=True)
+@compiled
 def _distinct_kernel(X_OG, chosen):
     """Writes the indices and returns their number."""
     n = 0

@@ -15,9 +15,9 @@ mirrored elbow is half a turn away, with half a turn added to joints 3 and 5.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -51,7 +51,7 @@ class Segments(NamedTuple):
     branches: Indices
 
 
-@njit(cache=True)
+@compiled
 def make_segments(margin):
     """Room for the segments of one pose, ``margin`` [rad] inside the joint limits."""
     limit = np.minimum(IIWA_7.position_limits - margin, np.pi)
@@ -59,7 +59,7 @@ def make_segments(margin):
     return Segments(limit, np.sin(limit), np.cos(limit), np.empty((10, 3)), start, branches)
 
 
-@njit(cache=True)
+@compiled
 def _write_coefficients(circle, F):
     c_a, s_a, c_g, s_g = circle.c_a, circle.s_a, circle.c_g, circle.s_g
     c_b, s_b, c_d, s_d = circle.c_b, circle.s_b, circle.c_d, circle.s_d
@@ -76,7 +76,7 @@ def _write_coefficients(circle, F):
     F[9, 0], F[9, 1], F[9, 2] = -s_d * w12, -s_d * w02, c_d * w22
 
 
-@njit(cache=True)
+@compiled
 def _add_zeros(a, b, c, zeros, count):
     """Appends the zeros of ``a sin + b cos + c`` in [0, 2 pi); returns how many there are now."""
     amplitude = np.sqrt(a * a + b * b)
@@ -90,7 +90,7 @@ def _add_zeros(a, b, c, zeros, count):
     return count
 
 
-@njit(cache=True)
+@compiled
 def _cut(segments):
     """Writes all zeros, ascending, those that coincide once; returns how many."""
     F, zeros, count = segments.coefficients, segments.start, 0
@@ -117,7 +117,7 @@ def _cut(segments):
     return distinct
 
 
-@njit(cache=True)
+@compiled
 def _inside(segments, phi):
     """The branches that are inside the limits at an elbow angle, joint 4 apart, as bits."""
     F, c_limit = segments.coefficients, segments.c_limit
@@ -150,7 +150,7 @@ def _inside(segments, phi):
     return branches
 
 
-@njit(cache=True)
+@compiled
 def segments_kernel(circle, segments):
     """Writes the segments of a pose, at least one; returns how many, or 0 where no branch is in."""
     if not circle.reached or circle.q4 > segments.limit[3]:

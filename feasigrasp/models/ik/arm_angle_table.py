@@ -8,14 +8,13 @@ joints 5 to 7: the travel times of the eight branches are maxima of few numbers.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_atan2
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 _PI = float(np.pi)
-_FAST = {"contract", "nsz"}
 #: Where the shoulder takes longest, both signs of the wrist are equally soon, and the other way
 #: round: so little of the shorter time is added that the smaller motion wins.
 _TIE = 1e-9
@@ -45,7 +44,7 @@ class Lanes(NamedTuple):
     time: Array
 
 
-@njit(cache=True)
+@compiled
 def lanes_kernel(psis, extra):
     """The `Lanes` of the arm angles ``psis`` and, unless it is NaN, one more."""
     n = len(psis) + (0 if np.isnan(extra) else 1)
@@ -60,7 +59,7 @@ def lanes_kernel(psis, extra):
     return Lanes(sine, cosine, elbow, y, x, angle, np.empty((4, m)))
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled
 def _arguments(circle, sine, cosine, elbow, y, x):
     """Writes sines and cosines, up to a factor, of the angles of the positive branches."""
     m = len(sine)
@@ -82,19 +81,19 @@ def _arguments(circle, sine, cosine, elbow, y, x):
         y[5 * m + k], x[5 * m + k] = c_d * w21 - s_d * t1, s_d * t0 - c_d * w20
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled
 def _arctangents(y, x, angle):
     for k in range(len(y)):
         angle[k] = fast_atan2(y[k], x[k])
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _joint_time(angle, near, limit, speed):
     time = abs(angle - near) / speed
     return time if abs(angle) <= limit else np.inf
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled
 def _triple_times(angle, q, first, margin, plus, minus):
     """Writes the times of three joints from ``first`` on, for both signs of the middle one."""
     m = len(plus)
@@ -116,7 +115,7 @@ def _triple_times(angle, q, first, margin, plus, minus):
         minus[k] = max(time, _joint_time(c, n3, l3, v3))
 
 
-@njit(cache=True)
+@compiled
 def travel_times_kernel(circle, q, margin, lanes):
     """Writes the travel time from ``q`` of every lane and branch into ``lanes.time``.
 
@@ -138,7 +137,7 @@ def travel_times_kernel(circle, q, margin, lanes):
     _branch_times(shoulder[0], shoulder[1], wrist[0], wrist[1], elbow_plus, elbow_minus, time)
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled
 def _branch_times(s0, s1, w0, w1, elbow_plus, elbow_minus, time):
     n = len(s0) // 2
     for half in range(2):

@@ -20,8 +20,8 @@ as it would be with q3 = 0, in the vertical plane through S and C.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
@@ -68,7 +68,7 @@ class ArmCircle(NamedTuple):
 _NO_CIRCLE = ArmCircle(False, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, (0.0,) * 9)
 
 
-@njit(cache=True)
+@compiled
 def arm_circle_kernel(X_WF):
     """The `ArmCircle` of a flange pose (4, 4); not ``reached`` if it is too far, or no pose."""
     r00, r01, r02 = X_WF[0, 0], X_WF[0, 1], X_WF[0, 2]
@@ -109,13 +109,13 @@ def arm_circle_kernel(X_WF):
     return ArmCircle(True, q4, c_a, s_a, c_g, s_g, c_b, s_b, c_d, s_d, W)
 
 
-@njit(cache=True)
+@compiled
 def _turned(angle):
     """Half a turn further, in [-pi, pi]."""
     return angle - np.pi if angle > 0.0 else angle + np.pi
 
 
-@njit(cache=True)
+@compiled
 def configuration_kernel(circle, s_psi, c_psi, branch, q):
     """Writes the configuration (7,) of an arm angle, given by sine and cosine, and a branch.
 
@@ -167,7 +167,7 @@ def configuration_kernel(circle, s_psi, c_psi, branch, q):
         q[4], q[5], q[6] = _turned(q[4]), -q[5], _turned(q[6])
 
 
-@njit(cache=True)
+@compiled
 def closed_form_kernel(X_WF, psi, out):
     """Writes eight configurations (8, 7) for a flange pose and an arm angle; 8, or 0 if none."""
     circle = arm_circle_kernel(X_WF)
@@ -179,7 +179,7 @@ def closed_form_kernel(X_WF, psi, out):
     return 8
 
 
-@njit(cache=True)
+@compiled
 def arm_angle_kernel(q):
     """Arm angle of a configuration [rad]."""
     s1, c1, s2, c2 = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])

@@ -8,10 +8,10 @@ conventions at singularities). Joint limits are looked at here, collisions in
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
     closed_form_kernel,
@@ -20,7 +20,7 @@ from feasigrasp.models.ik.arm_circle import (
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
-@njit(cache=True)
+@compiled
 def inside_limits_kernel(q, margin):
     """Whether every joint stays ``margin`` [rad] away from its limits."""
     for i in range(IIWA_7.joints):  # noqa: SIM110 - numba compiles the loop, not all()
@@ -29,7 +29,7 @@ def inside_limits_kernel(q, margin):
     return True
 
 
-@njit(cache=True)
+@compiled
 def travel_time_kernel(q_a, q_b):
     """max_j |dq_j| / v_j: the least time from one configuration to the other [s]."""
     worst = 0.0
@@ -38,7 +38,7 @@ def travel_time_kernel(q_a, q_b):
     return worst
 
 
-@njit(cache=True)
+@compiled
 def next_nearest_kernel(circle, lanes, q):
     """Takes the least travel time out of the lanes and writes its configuration (7,).
 
@@ -59,7 +59,7 @@ def next_nearest_kernel(circle, lanes, q):
     return shortest
 
 
-@njit(cache=True)
+@compiled
 def _closed_form_batch(X_WF, psi, out):
     for k in range(len(X_WF)):
         if closed_form_kernel(X_WF[k], psi[k], out[k]) == 0:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Numbers that describe a target to the network of one joint.
@@ -97,18 +97,18 @@ class FlowShape:
         return shapes
 
 
-@njit(cache=True)
+@compiled
 def wrapped(angle):
     """The same angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-@njit(cache=True)
+@compiled
 def _sigmoid(x):
     return 1.0 / (1.0 + math.exp(-x)) if x >= 0.0 else 1.0 - 1.0 / (1.0 + math.exp(x))
 
 
-@njit(cache=True)
+@compiled
 def features_kernel(target, joint, features, azimuth):
     """Moves targets (n, 3, 4) to a joint; writes features (n, 8) and azimuths (n,) about it."""
     a, b, c = PLANES[joint]
@@ -127,7 +127,7 @@ def features_kernel(target, joint, features, azimuth):
             features[n, 6 + i] = T[c, column_i]
 
 
-@njit(cache=True)
+@compiled
 def turn_kernel(target, joint, q):
     """Moves targets (n, 3, 4) to the frames behind a joint at angles q (n,)."""
     a, b, _ = PLANES[joint]
@@ -143,7 +143,7 @@ def turn_kernel(target, joint, q):
 _WEIGHT, _CENTRE, _SCALE, _FIRST, _START, _WHOLE, _INSIDE = range(7)
 
 
-@njit(cache=True)
+@compiled
 def _mixture(head, narrowest, azimuth, limit, mixture):
     """Writes the mixture (7, k) of a joint; returns the weight of its uniform background."""
     k = mixture.shape[1]
@@ -171,7 +171,7 @@ def _mixture(head, narrowest, azimuth, limit, mixture):
     return BACKGROUND / norm
 
 
-@njit(cache=True)
+@compiled
 def _cdf(q, limit, background, mixture):
     """Cumulative distribution and density [1/rad] of a joint's mixture at an angle."""
     u = background * (q + limit) / (2.0 * limit)
@@ -187,7 +187,7 @@ def _cdf(q, limit, background, mixture):
     return u, density
 
 
-@njit(cache=True)
+@compiled
 def _first_guess(u, limit, mixture, order):
     """About the angle where the distribution is u: exact if the components lie apart."""
     k = mixture.shape[1]
@@ -212,7 +212,7 @@ def _first_guess(u, limit, mixture, order):
     return limit
 
 
-@njit(cache=True)
+@compiled
 def quantile_kernel(head, narrowest, azimuth, joint, u, q):
     """From latents to angles of a joint: Newton's method, kept between bounds by bisection.
 
@@ -249,7 +249,7 @@ def quantile_kernel(head, narrowest, azimuth, joint, u, q):
         q[n] = x
 
 
-@njit(cache=True)
+@compiled
 def latent_kernel(head, narrowest, azimuth, joint, q, u, log_density):
     """The way back: from angles q (n,) to latents u (n,), and log densities (n,)."""
     limit = IIWA_7.position_limits[joint]

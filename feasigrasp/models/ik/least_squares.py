@@ -10,17 +10,17 @@ moves, or to refine a rough one. The closed form is in `feasigrasp.models.ik.clo
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
 _IDENTITY = np.eye(4)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def damped_velocity_kernel(J, V, damping, A, y, qd):
     """Writes ``qd = J^T (J J^T + damping^2 I)^-1 V``, shape (7,).
 
@@ -52,7 +52,7 @@ def damped_velocity_kernel(J, V, damping, A, y, qd):
         qd[k] = dot
 
 
-@njit(cache=True)
+@compiled
 def pose_error_kernel(X, X_target, error):
     """Writes the twist (6,) from one pose to the other; returns position [m] and angle [rad]."""
     ex = ey = ez = trace = 0.0
@@ -69,7 +69,7 @@ def pose_error_kernel(X, X_target, error):
     return math.sqrt(error[3] ** 2 + error[4] ** 2 + error[5] ** 2), angle
 
 
-@njit(cache=True)
+@compiled
 def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf):
     """Moves ``q`` in place by damped least-squares steps towards the flange pose.
 
@@ -90,7 +90,7 @@ def damped_least_squares_kernel(X_WF, q, steps, damping, limit_margin=-np.inf):
     return pose_error_kernel(X, X_WF, error)
 
 
-@njit(cache=True)
+@compiled
 def _refine_batch(X_WF, q, steps, damping, limit_margin, position, angle):
     for n in range(len(q)):
         position[n], angle[n] = damped_least_squares_kernel(

@@ -11,10 +11,10 @@ those leads uphill whatever the covariances are like.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import (
     compose_kernel,
     exp_kernel,
@@ -31,20 +31,20 @@ CANCEL = 0.2
 RADIUS = 0.1
 
 
-@njit(cache=True)
+@compiled
 def _length(v: Array) -> float:
     angular = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     linear = v[3] * v[3] + v[4] * v[4] + v[5] * v[5]
     return np.sqrt(angular + linear / LENGTH_PER_RADIAN**2)
 
 
-@njit(cache=True)
+@compiled
 def ascent_kernel(X: Array, parameters: Parameters, out: Array) -> None:
     """Writes the direction of :func:`ascent_direction` at one pose."""
     _ascent(X, parameters, False, out)
 
 
-@njit(cache=True)
+@compiled
 def gradient_kernel(X: Array, parameters: Parameters, out: Array) -> None:
     """Writes the gradient of the log density at one pose, as `RiemannianMixture` has it.
 
@@ -54,7 +54,7 @@ def gradient_kernel(X: Array, parameters: Parameters, out: Array) -> None:
     _ascent(X, parameters, True, out)
 
 
-@njit(cache=True)
+@compiled
 def _ascent(X: Array, parameters: Parameters, gradient: bool, out: Array) -> None:
     n = len(parameters.means)
     tangents, log_densities, r = np.empty((n, 6)), np.empty(n), np.empty(n)
@@ -87,7 +87,7 @@ def _ascent(X: Array, parameters: Parameters, gradient: bool, out: Array) -> Non
                 out[i] -= r[k] * J[j, i] * pulls[0, j]
 
 
-@njit(cache=True)
+@compiled
 def _weighed(W: Array, v: Array, out: Array) -> None:
     """Writes Sigma^-1 v (6,), with Sigma^-1 = W^T W and W lower triangular."""
     out[:] = 0.0
@@ -99,7 +99,7 @@ def _weighed(W: Array, v: Array, out: Array) -> None:
             out[j] += W[i, j] * z
 
 
-@njit(cache=True)
+@compiled
 def _disturb(
     X: Array,
     parameters: Parameters,
@@ -134,7 +134,7 @@ def _disturb(
         out[i] += strength * likeliest[i] / RADIUS
 
 
-@njit(cache=True)
+@compiled
 def _ascents(X: Array, parameters: Parameters, out: Array) -> None:
     for i in range(len(X)):
         ascent_kernel(X[i], parameters, out[i])

@@ -10,9 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import (
     exp_kernel,
     quaternion_kernel,
@@ -64,7 +64,7 @@ class _Estimate(NamedTuple):
     constants: Array
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@compiled(forceinline=True, fastmath={"contract"})
 def block_tangents(block: Array, mean: Array, out: Array) -> None:
     """Log(mean^-1 x) of a block of poses: block (7 BLOCK,) of q and p, out (6 BLOCK,)."""
     mw, mx, my, mz = quaternion_kernel(mean)
@@ -92,7 +92,7 @@ def block_tangents(block: Array, mean: Array, out: Array) -> None:
         out[3 * BLOCK + i], out[4 * BLOCK + i], out[5 * BLOCK + i] = v3, v4, v5
 
 
-@njit(cache=True, fastmath={"contract"})
+@compiled(forceinline=True, fastmath={"contract"})
 def block_log_density(v: Array, W: Array, constant: float, out: Array) -> None:
     """Fills in constant - |W v|^2 / 2 of a block of tangents (6 BLOCK,); W is lower triangular."""
     out[:] = constant
@@ -104,7 +104,7 @@ def block_log_density(v: Array, W: Array, constant: float, out: Array) -> None:
             out[i] -= 0.5 * z * z
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@compiled(forceinline=True, fastmath={"contract", "reassoc"})
 def _block_posterior(log_density: Array, weights: Array) -> float:
     """Turns log densities (K, b) into weighted responsibilities; returns the log likelihood."""
     largest, total = log_density[0].copy(), np.zeros(BLOCK)
@@ -128,7 +128,7 @@ def _block_posterior(log_density: Array, weights: Array) -> float:
     return likelihood
 
 
-@njit(cache=True, fastmath={"contract", "reassoc"})
+@compiled(forceinline=True, fastmath={"contract", "reassoc"})
 def _add_moments(r: Array, v: Array, first: Array, second: Array) -> float:
     """Adds sum r v and the lower triangle of sum r v v^T of a block; returns sum r."""
     total, scaled = 0.0, np.empty(BLOCK)
@@ -148,7 +148,7 @@ def _add_moments(r: Array, v: Array, first: Array, second: Array) -> float:
     return total
 
 
-@njit(cache=True)
+@compiled(forceinline=True)
 def _pass(
     samples: Samples,
     estimate: _Estimate,
@@ -191,7 +191,7 @@ def _pass(
     return likelihood
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _whiten(covariance: Array, W: Array) -> float:
     """Writes the inverse Cholesky factor of a covariance; returns log((2 pi)^-3 |S|^-1/2)."""
     L = np.empty((6, 6))
@@ -208,7 +208,7 @@ def _whiten(covariance: Array, W: Array) -> float:
     return constant
 
 
-@njit(cache=True)
+@compiled
 def _move(X: Array, v: Array) -> None:
     """X <- X exp(v)."""
     Y = exp_kernel(v)
@@ -221,7 +221,7 @@ def _move(X: Array, v: Array) -> None:
             X[i, j] = row[j]
 
 
-@njit(cache=True)
+@compiled
 def _move_means(means: Array, mass: Array, first: Array, scale: Array) -> float:
     """Moves every mean by its mean tangent; returns the largest step in units of ``scale``."""
     largest, u = 0.0, np.empty(6)
@@ -233,7 +233,7 @@ def _move_means(means: Array, mass: Array, first: Array, scale: Array) -> float:
     return largest
 
 
-@njit(cache=True)
+@compiled
 def _covariance(mass: float, first: Array, second: Array, floor: Array, out: Array) -> None:
     """Covariance of one component from its moments about a mean one small step away."""
     for a in range(6):
@@ -243,7 +243,7 @@ def _covariance(mass: float, first: Array, second: Array, floor: Array, out: Arr
         out[a, a] += floor[a]
 
 
-@njit(cache=True)
+@compiled
 def expectation_maximization(
     samples: Samples,
     weights: Array,

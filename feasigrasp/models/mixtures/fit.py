@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.em import Samples, Stop, expectation_maximization
 from feasigrasp.models.mixtures.mixture import RiemannianMixture, bic, checked_poses
@@ -211,7 +211,7 @@ def _checked_weights(sample_weights: ArrayLike | None, n: int) -> Array:
     return weights * (n / weights.sum())
 
 
-@njit(cache=True)
+@compiled
 def _smallest_cosine(quaternions: Array, means: Array) -> float:
     """Cosine of half the largest angle of a pose (4, n) to the nearest of the means (K, 4)."""
     smallest = 1.0

@@ -20,12 +20,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import quaternion_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.numerics.simd import wide_vectors
@@ -84,7 +84,7 @@ def pack(mixture: RiemannianMixture) -> Float32Array:
     return result
 
 
-@njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
+@compiled(forceinline=True, fastmath=FASTMATH)
 def tangents_kernel(x, c, out):
     """Writes Log(mu^-1 x), shape (6, BLOCK), of a block (7, BLOCK) for one packed component."""
     wide_vectors()
@@ -120,7 +120,7 @@ def tangents_kernel(x, c, out):
         o5[j] = f * (w * uz - a * uy + b * ux) + h * d
 
 
-@njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
+@compiled(forceinline=True, fastmath=FASTMATH)
 def log2_density_kernel(v, c, largest, out):
     """Writes log2 densities (BLOCK,) of tangents (6, BLOCK); raises ``largest`` (BLOCK,)."""
     wide_vectors()
@@ -139,7 +139,7 @@ def log2_density_kernel(v, c, largest, out):
         largest[j] = max(largest[j], log2)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True, inline="always")
+@compiled(inline="always", fastmath=FASTMATH)
 def _exp2(x):
     """2^x for x <= 0; 2^-126 below that."""
     x = max(x, _LOWEST)
@@ -150,7 +150,7 @@ def _exp2(x):
     return p * np.int32((np.int32(k) + _BIAS) << np.int32(23)).view(np.float32)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
+@compiled(forceinline=True, fastmath=FASTMATH)
 def exponentials_kernel(log2, largest, total):
     """Turns one component's log2 densities (BLOCK,) into their ratios to the largest of a pose.
 
@@ -172,9 +172,10 @@ def exponentials_kernel(log2, largest, total):
     return True
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(nogil=True)
 def _log_densities(X, packed, out):
     """Log densities (n,) of poses (n, 4, 4), block by block."""
+    wide_vectors()
     K = len(packed)
     block, v = np.empty((7, BLOCK), np.float32), np.empty((6, BLOCK), np.float32)
     log2, total = np.empty((K, BLOCK), np.float32), np.empty(BLOCK, np.float32)

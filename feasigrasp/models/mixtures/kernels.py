@@ -3,9 +3,8 @@
 import math
 from typing import NamedTuple
 
-from numba import njit
-
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import quaternion_kernel, quaternion_log_kernel
 
 
@@ -27,7 +26,7 @@ class Parameters(NamedTuple):
     log_normalisers: Array
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def relative_log_kernel(
     mean: Array,
     m: Array,
@@ -52,7 +51,7 @@ def relative_log_kernel(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def evaluate_kernel(
     X: Array, parameters: Parameters, tangents: Array, log_densities: Array
 ) -> None:
@@ -73,7 +72,7 @@ def evaluate_kernel(
         log_densities[k] = log_normalisers[k] - 0.5 * square
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def posterior_kernel(log_weights: Array, log_densities: Array, responsibilities: Array) -> float:
     """Writes the responsibilities (K,) and returns the log density of the mixture."""
     largest = -math.inf
@@ -88,7 +87,7 @@ def posterior_kernel(log_weights: Array, log_densities: Array, responsibilities:
     return largest + math.log(total)
 
 
-@njit(cache=True)
+@compiled
 def evaluate_poses(
     X: Array, parameters: Parameters, tangents: Array, log: Array, r: Array, total: Array
 ) -> None:

@@ -3,15 +3,15 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 
 #: Squared distance [rad^2] under which a pose counts as a duplicate of a seed.
 _DUPLICATE = 1e-12
 
 
-@njit(cache=True)
+@compiled
 def seed_means(
     quaternions: Array, positions: Array, weights: Array, length_scale: float, draws: Array
 ) -> tuple[Indices, float]:
@@ -52,7 +52,7 @@ def seed_means(
     return seeds[:count], math.sqrt(potential / 6.0 / len(weights))
 
 
-@njit(cache=True)
+@compiled
 def _draw(weights: Array, nearest: Array, uniform: float, first: bool) -> int:
     """Index drawn with probability weight (times squared distance after the first seed)."""
     total = 0.0
@@ -69,7 +69,7 @@ def _draw(weights: Array, nearest: Array, uniform: float, first: bool) -> int:
     return chosen
 
 
-@njit(cache=True)
+@compiled
 def _squared_distances(q: Array, p: Array, index: int, length_scale: float, out: Array) -> None:
     scale = 1.0 / length_scale**2
     for i in range(len(out)):

@@ -8,8 +8,10 @@ without branches.
 from math import factorial
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import Chebyshev, Polynomial
+
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.numerics.fused import fused
 
 # Adding 1.5 * 2^52 rounds to an integer, whose two's complement is then in the low mantissa bits.
 _TO_BITS = 6755399441055744.0
@@ -55,7 +57,7 @@ _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10, _A11, _A12 = (
 )
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", inline="always")
+@compiled(inline="always", fastmath=True)
 def fast_exp(x: float) -> float:
     """``e^x`` for finite ``x <= 700``; below -708 it stays at ``e^-708 = 3e-308``.
 
@@ -83,29 +85,29 @@ def fast_exp(x: float) -> float:
 
 # Inlined by LLVM, so that it keeps its own flags wherever it is called: with "reassoc" the compiler
 # would join the parts of pi/2 again and cancel the rounding.
-@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy", forceinline=True)
+@compiled(forceinline=True)
 def fast_sincos(x: float) -> tuple[float, float]:
     """``sin x`` and ``cos x`` for ``|x| <= 1e6``, absolute error below 4e-16; NaN gives NaN."""
-    rounded = x * _TWO_OVER_PI + _TO_BITS
+    rounded = fused(x, _TWO_OVER_PI, _TO_BITS)
     k = rounded - _TO_BITS
-    f = ((x - k * _PI_2_HIGH) - k * _PI_2_MIDDLE) - k * _PI_2_LOW
+    f = fused(-k, _PI_2_LOW, fused(-k, _PI_2_MIDDLE, fused(-k, _PI_2_HIGH, x)))
     z = f * f
-    p = _S15 + z * _S17
-    p = _S13 + z * p
-    p = _S11 + z * p
-    p = _S9 + z * p
-    p = _S7 + z * p
-    p = _S5 + z * p
-    p = _S3 + z * p
-    sine = f + f * z * p
-    p = _C16 + z * _C18
-    p = _C14 + z * p
-    p = _C12 + z * p
-    p = _C10 + z * p
-    p = _C8 + z * p
-    p = _C6 + z * p
-    p = _C4 + z * p
-    cosine = 1.0 + z * (z * p - 0.5)
+    p = fused(z, _S17, _S15)
+    p = fused(z, p, _S13)
+    p = fused(z, p, _S11)
+    p = fused(z, p, _S9)
+    p = fused(z, p, _S7)
+    p = fused(z, p, _S5)
+    p = fused(z, p, _S3)
+    sine = fused(f * z, p, f)
+    p = fused(z, _C18, _C16)
+    p = fused(z, p, _C14)
+    p = fused(z, p, _C12)
+    p = fused(z, p, _C10)
+    p = fused(z, p, _C8)
+    p = fused(z, p, _C6)
+    p = fused(z, p, _C4)
+    cosine = fused(z, fused(z, p, -0.5), 1.0)
     bits = np.float64(rounded).view(np.int64)
     if bits & 1:
         sine, cosine = cosine, sine
@@ -116,14 +118,14 @@ def fast_sincos(x: float) -> tuple[float, float]:
     return sine, cosine
 
 
-@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy")
+@compiled
 def sincos_kernel(x, sine, cosine):
     """Writes the sines and cosines of an array (n,)."""
     for i in range(len(x)):
         sine[i], cosine[i] = fast_sincos(x[i])
 
 
-@njit(cache=True, fastmath={"contract", "nsz"}, error_model="numpy", inline="always")
+@compiled(forceinline=True)
 def fast_atan2(y: float, x: float) -> float:
     """``atan2(y, x)`` for finite arguments, within 1e-15; in (-pi, pi], 0 at the origin.
 
@@ -136,19 +138,19 @@ def fast_atan2(y: float, x: float) -> float:
     denominator = low + high if turned else high
     t = numerator / max(denominator, _TINY)
     z = t * t
-    p = _A11 + z * _A12
-    p = _A10 + z * p
-    p = _A9 + z * p
-    p = _A8 + z * p
-    p = _A7 + z * p
-    p = _A6 + z * p
-    p = _A5 + z * p
-    p = _A4 + z * p
-    p = _A3 + z * p
-    p = _A2 + z * p
-    p = _A1 + z * p
-    p = _A0 + z * p
-    angle = t * p + (_PI_4 if turned else 0.0)
+    p = fused(z, _A12, _A11)
+    p = fused(z, p, _A10)
+    p = fused(z, p, _A9)
+    p = fused(z, p, _A8)
+    p = fused(z, p, _A7)
+    p = fused(z, p, _A6)
+    p = fused(z, p, _A5)
+    p = fused(z, p, _A4)
+    p = fused(z, p, _A3)
+    p = fused(z, p, _A2)
+    p = fused(z, p, _A1)
+    p = fused(z, p, _A0)
+    angle = fused(t, p, _PI_4 if turned else 0.0)
     angle = _PI_2 - angle if ay > ax else angle
     angle = _PI - angle if x < 0.0 else angle
     return -angle if y < 0.0 else angle

@@ -4,8 +4,8 @@ Three things slow a numba loop over floating-point pairs down: the compiler's pr
 256-bit registers on processors that have 512-bit ones, ``math.exp`` (a scalar call without Intel's
 SVML), and the divider, which needs five times as long for a root and a reciprocal as for the
 multiplications that replace them. The functions here are plain arithmetic without branches. They
-are compiled without permission to reorder sums, which would fold the rounding trick of
-`exp2_of_minus` away; callers inline them and stay free to use ``fastmath``.
+are inlined with flags of their own: permission to reorder sums would fold the rounding trick of
+`exp2_of_minus` away; callers stay free to use ``fastmath``.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
-#: Everything of ``fastmath`` but the reordering of sums.
-_IN_ORDER = {"nnan", "ninf", "nsz", "arcp", "contract", "afn"}
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.numerics.fused import fused
+
 #: Adding 1.5 * 2^52 rounds to a whole number and leaves it in the low mantissa bits.
 _TO_BITS = 6755399441055744.0
 #: Largest argument of `exp2_of_minus`.
@@ -58,11 +59,12 @@ def _wide_vectors(typing_context: Any) -> Any:
 
 #: ``wide_vectors()`` asks the compiler for 512-bit registers in the function that calls it, where
 #: there are any. LLVM avoids them on Intel's servers of 2017 to 2022, whose clock used to drop with
-#: them; these loops still gain 1.6 times there. It has to stand in the function with the loop.
+#: them; these loops still gain 1.6 times there. It has to stand in the function with the loop, and
+#: in whatever that is inlined into.
 wide_vectors: Any = intrinsic(_wide_vectors)
 
 
-@njit(cache=True, fastmath=_IN_ORDER, error_model="numpy")
+@compiled(forceinline=True)
 def exp2_of_minus(r: float) -> float:
     """``2^-r`` for ``|r| <= MAX_EXPONENT``, relative error 1.4e-14; nonsense beyond it.
 
@@ -72,26 +74,26 @@ def exp2_of_minus(r: float) -> float:
     bits = _TO_BITS - r
     f = (_TO_BITS - bits) - r
     g = f * f
-    even = _E6 + g * _E8
-    odd = _E7 + g * _E9
-    even = _E4 + g * even
-    odd = _E5 + g * odd
-    even = _E2 + g * even
-    odd = _E3 + g * odd
-    even = _E0 + g * even
-    odd = _E1 + g * odd
-    p = even + f * odd
+    even = fused(g, _E8, _E6)
+    odd = fused(g, _E9, _E7)
+    even = fused(g, even, _E4)
+    odd = fused(g, odd, _E5)
+    even = fused(g, even, _E2)
+    odd = fused(g, odd, _E3)
+    even = fused(g, even, _E0)
+    odd = fused(g, odd, _E1)
+    p = fused(f, odd, even)
     shifted = np.float64(p).view(np.int64) + (np.float64(bits).view(np.int64) << 52)
     return np.int64(shifted).view(np.float64)
 
 
-@njit(cache=True, fastmath=_IN_ORDER, error_model="numpy")
+@compiled(forceinline=True)
 def rough_inverse_sqrt(x: float) -> float:
     """``1/sqrt(x)`` for normal ``x > 0`` to 2.6e-8; one Newton step makes it 1e-15."""
     y = np.int64(_HALVED - (np.float64(x).view(np.int64) >> 1)).view(np.float64)
-    e = 1.0 - (x * y) * y
-    p = _S3 + e * _S4
-    p = _S2 + e * p
-    p = _S1 + e * p
-    p = _S0 + e * p
+    e = fused(-(x * y), y, 1.0)
+    p = fused(e, _S4, _S3)
+    p = fused(e, p, _S2)
+    p = fused(e, p, _S1)
+    p = fused(e, p, _S0)
     return y * p

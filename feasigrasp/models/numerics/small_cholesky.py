@@ -2,12 +2,11 @@
 
 import math
 
-from numba import njit
-
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def cholesky_kernel(A: Array, L: Array, least_pivot: float) -> None:
     """Writes the lower factor of A (n, n), of which only the lower triangle is read.
 
@@ -22,7 +21,7 @@ def cholesky_kernel(A: Array, L: Array, least_pivot: float) -> None:
             L[i, j] = math.sqrt(max(s, least_pivot)) if i == j else s / L[j, j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def cholesky_solve_kernel(L: Array, b: Array) -> None:
     """Replaces b (n,) by ``(L L^T)^-1 b``."""
     n = len(b)

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import rotation_kernel, so3_log_kernel
 from feasigrasp.models.objects.motion import motion_kernel
 
@@ -30,7 +30,7 @@ class Load(NamedTuple):
     max_torque: float = np.inf
 
 
-@njit(cache=True)
+@compiled
 def carrying_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench):
     """Writes torque and force [Nm; N] in the world, to be applied at the centre of mass.
 
@@ -62,14 +62,14 @@ def carrying_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench):
         wrench[3 + i] = mass * (w * w * p_error + 2.0 * w * v_error + acceleration[i] - gravity[i])
 
 
-@njit(cache=True)
+@compiled
 def motion_wrench_kernel(state, parameters, t, load, wrench):
     """The wrench of `spring_wrench_kernel` towards a `HarmonicMotion` at time t [s]."""
     X_WR, V_WR, acceleration = motion_kernel(parameters, t)
     spring_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench)
 
 
-@njit(cache=True)
+@compiled
 def spring_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench):
     """The wrench of `carrying_wrench_kernel` by a spring that gives way.
 
@@ -84,7 +84,7 @@ def spring_wrench_kernel(state, X_WR, V_WR, acceleration, load, wrench):
     wrench[3:] = carried + spring * min(1.0, load.max_force / max(force, 1e-12))
 
 
-@njit(cache=True)
+@compiled
 def body_pose_kernel(state):
     """Pose (4, 4) out of a floating body's state (quaternion wxyz, position, velocities)."""
     X_WB = np.eye(4)

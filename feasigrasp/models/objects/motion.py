@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel
 
 
@@ -84,7 +84,7 @@ class HarmonicMotion(ObjectMotion):
         )
 
 
-@njit(cache=True)
+@compiled
 def motion_kernel(parameters, t):
     """Pose, twist and acceleration of `HarmonicMotion.state` from its parameters."""
     center, amplitude, harmonic = parameters[0:3], parameters[3:6], parameters[6:9]

@@ -16,9 +16,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel, so3_log_kernel
 
 #: Time between the stored points of the path [s], and their number.
@@ -76,7 +76,7 @@ class State(NamedTuple):
     path: Array
 
 
-@njit(cache=True)
+@compiled
 def parts(x):
     """The parts of a state vector (STATE_SIZE,)."""
     return State(
@@ -122,13 +122,13 @@ def empty_state() -> Array:
     return state
 
 
-@njit(cache=True)
+@compiled
 def _start(C, sigma):
     C[:] = 0.0
     C[0, 0], C[1, 1], C[2, 2] = sigma**2, _PRIOR_V**2, _PRIOR_A**2
 
 
-@njit(cache=True)
+@compiled
 def _propagate(covariance, dt, jerk):
     """Covariance (3, 3) of position, velocity and acceleration after ``dt``."""
     F = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
@@ -145,7 +145,7 @@ def _propagate(covariance, dt, jerk):
     covariance[:] = C
 
 
-@njit(cache=True)
+@compiled
 def _gain(C, sigma):
     """Gain of a measured position; updates the covariance C (3, 3) in Joseph's form."""
     K = C[:, 0] / (C[0, 0] + sigma * sigma)
@@ -155,7 +155,7 @@ def _gain(C, sigma):
     return K
 
 
-@njit(cache=True)
+@compiled
 def pose_kernel(state, t, X):
     """Writes the pose (4, 4) that the filter expects at time t, by constant acceleration."""
     s = parts(state)
@@ -169,7 +169,7 @@ def pose_kernel(state, t, X):
     X[3, 3] = 1.0
 
 
-@njit(cache=True)
+@compiled
 def twist_kernel(state, t, V):
     """Writes the twist (6,) [angular; linear] that the filter expects at time t."""
     s = parts(state)
@@ -179,7 +179,7 @@ def twist_kernel(state, t, V):
         V[3 + i] = s.v[i] + dt * s.a[i]
 
 
-@njit(cache=True)
+@compiled
 def _restart(state, t, X, noise):
     state[:] = 0.0
     s = parts(state)
@@ -190,7 +190,7 @@ def _restart(state, t, X, noise):
     _start(s.covariance_r, max(noise.rotation, _FLOOR))
 
 
-@njit(cache=True)
+@compiled
 def _remember(state, t):
     """Stores points of the path up to time t, newest first."""
     s = parts(state)
@@ -204,7 +204,7 @@ def _remember(state, t):
         s.due[0] += PATH_STEP
 
 
-@njit(cache=True)
+@compiled
 def _is_a_jump(s, t, X):
     """Notes that ``X`` is far from what was expected; whether that has gone on for long enough."""
     turn = so3_log_kernel(X[:3, :3].copy() @ s.far_R.T.copy())
@@ -215,7 +215,7 @@ def _is_a_jump(s, t, X):
     return t - s.far_since[0] >= _JUMP_FOR - 1e-9
 
 
-@njit(cache=True)
+@compiled
 def measure_kernel(state, t, X, noise):
     """Takes in the pose ``X`` (4, 4), measured at time ``t``; changes ``state``.
 

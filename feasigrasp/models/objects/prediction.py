@@ -17,10 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel, so3_log_kernel
 from feasigrasp.models.objects.pose_filter import PATH_STEP, parts, pose_kernel, twist_kernel
@@ -35,7 +35,7 @@ _PATH_NOISE = 2e-4
 _DYING = 1.5
 
 
-@njit(cache=True)
+@compiled
 def _oscillator(path, count):
     """omega^2 [1/s^2] and mean acceleration term b of ``a = b - omega^2 p``, one axis.
 
@@ -66,7 +66,7 @@ def _oscillator(path, count):
     return omega**2, b * factor, True
 
 
-@njit(cache=True)
+@compiled
 def predict_kernel(state, now, ahead, X):
     """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s]."""
     s = parts(state)

@@ -7,9 +7,9 @@ Then the exact arm angles inside the joint limits; only there configurations are
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.ik.arm_angle_intervals import Segments, make_segments, segments_kernel
 from feasigrasp.models.ik.arm_angle_table import Lanes, lanes_kernel, travel_times_kernel
 from feasigrasp.models.ik.arm_circle import (
@@ -80,7 +80,7 @@ class Room(NamedTuple):
     ends: Array
 
 
-@njit(cache=True)
+@compiled
 def make_room(search, q_near):
     """Room for a search; the arm angle of ``q_near`` is tried beside those of ``search``.
 
@@ -94,7 +94,7 @@ def make_room(search, q_near):
     )
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def hand_verdict_kernel(X_WF, search, ends):
     """What the flange pose alone decides: TABLE, SELF_COLLISION with what is fixed, or REACHABLE.
 
@@ -123,14 +123,14 @@ def hand_verdict_kernel(X_WF, search, ends):
     return REACHABLE
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _is_admissible(q, model, search, table_height):
     return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
         q, model, search.clearance, table_height
     )
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _parts(segments, k, spacing):
     """Into how many equal parts, each tried in its middle, segment k is divided; and their size."""
     if segments.branches[k] == 0:
@@ -140,14 +140,14 @@ def _parts(segments, k, spacing):
     return parts, length / parts
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _write_candidate(circle, phi, branch, q):
     s, c = fast_sincos(phi)
     sign = 1.0 if branch < 4 else -1.0  # from the elbow angle to the arm angle
     configuration_kernel(circle, sign * s, sign * c, branch, q)
 
 
-@njit(cache=True)
+@compiled
 def _first_in_segments(circle, search, room):
     """REACHABLE, with the configuration in ``room.q``, as soon as one is admissible; or why not."""
     verdict, segments = LIMITS, room.segments
@@ -167,7 +167,7 @@ def _first_in_segments(circle, search, room):
     return verdict
 
 
-@njit(cache=True)
+@compiled
 def _all_candidates(circle, search, room):
     """All admissible configurations (n, 7) that are tried inside the exact intervals."""
     segments = room.segments
@@ -188,7 +188,7 @@ def _all_candidates(circle, search, room):
     return candidates[:n]
 
 
-@njit(cache=True)
+@compiled
 def verdict_kernel(X_WF, search, room):
     """Whether a flange pose can be reached: REACHABLE, or why not.
 
@@ -204,7 +204,7 @@ def verdict_kernel(X_WF, search, room):
     return _first_in_segments(circle, search, room)
 
 
-@njit(cache=True)
+@compiled
 def nearest_kernel(X_WF, q_near, search, room, q_best):
     """Writes the admissible configuration that is soonest reached from ``q_near``.
 
@@ -229,7 +229,7 @@ def nearest_kernel(X_WF, q_near, search, room, q_best):
     return shortest
 
 
-@njit(cache=True)
+@compiled
 def nearest_batch_kernel(X_WF, q_near, search, q, times):
     """`nearest_kernel` of poses (n, 4, 4)."""
     room = make_room(search, q_near)
@@ -237,7 +237,7 @@ def nearest_batch_kernel(X_WF, q_near, search, q, times):
         times[k] = nearest_kernel(X_WF[k], q_near, search, room, q[k])
 
 
-@njit(cache=True)
+@compiled
 def verdict_batch_kernel(X_WF, search, verdicts):
     """`verdict_kernel` of poses (n, 4, 4)."""
     room = make_room(search, np.zeros(IIWA_7.joints))
@@ -245,7 +245,7 @@ def verdict_batch_kernel(X_WF, search, verdicts):
         verdicts[k] = verdict_kernel(X_WF[k], search, room)
 
 
-@njit(cache=True)
+@compiled
 def admissible_batch_kernel(Q, search, admissible):
     """Whether configurations (n, 7) are inside the limits and clear of arm, hand and table."""
     for k in range(len(Q)):

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step, turn
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -24,7 +24,7 @@ _L2, _L3, _L4, _L5, _L6 = IIWA_7.link_steps[2:7]
 _Y_SIGN = np.ascontiguousarray(IIWA_7.joint_axes[:, 1])
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def walk_links(sincos, source, write, target):
     """Goes along the arm: ``write(target, k, x, y, z, origin)`` takes the frame of each link k.
 
@@ -61,12 +61,12 @@ def walk_links(sincos, source, write, target):
     write(target, 7, x, y, z, origin)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _sincos_of(q, joint):
     return fast_sincos(q[joint])
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _write_frame(target, k, x, y, z, origin):
     R, p = target
     for i in range(3):
@@ -74,19 +74,19 @@ def _write_frame(target, k, x, y, z, origin):
         p[k, i] = origin[i]
 
 
-@njit(cache=True)
+@compiled
 def link_poses_kernel(q, R, p):
     """Writes rotations (8, 3, 3) and origins (8, 3) of the link frames 0 to 7 in the world."""
     walk_links(_sincos_of, q, _write_frame, (R, p))
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def end_point(ends, c, e):
     """One end of a capsule."""
     return ends[c, e, 0], ends[c, e, 1], ends[c, e, 2]
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def place(R, p, k, a):
     """The point ``a`` of link k in the world."""
     return (
@@ -96,7 +96,7 @@ def place(R, p, k, a):
     )
 
 
-@njit(cache=True)
+@compiled
 def capsule_ends_kernel(q, model, ends):
     """Writes the capsules' end points (c, 2, 3) in the world."""
     R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
@@ -107,7 +107,7 @@ def capsule_ends_kernel(q, model, ends):
             ends[c, e, 0], ends[c, e, 1], ends[c, e, 2] = x, y, z
 
 
-@njit(cache=True)
+@compiled
 def closest_parameters(a0, a1, b0, b1):
     """Where two segments are closest: fractions of their lengths, and the vector from b to a.
 
@@ -129,7 +129,7 @@ def closest_parameters(a0, a1, b0, b1):
     return s, t, step(step(w, s, u), -t, v)
 
 
-@njit(cache=True)
+@compiled
 def add_lever(point, normal, low, high, R, p, gradient):
     """Writes how joints low+1 to high move a point along a direction into ``gradient`` (7,)."""
     for j in range(low, high):
@@ -143,7 +143,7 @@ def add_lever(point, normal, low, high, R, p, gradient):
         gradient[j] = dot(normal, cross(axis, lever))
 
 
-@njit(cache=True)
+@compiled
 def distances_kernel(q, model, distance):
     """Writes the signed distance of every pair (p,)."""
     ends = np.empty(model.ends.shape)

@@ -12,8 +12,8 @@ A comparison with a NaN counts as contact: a configuration that is not known is 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos
 from feasigrasp.models.numerics.vectors import dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import (
@@ -33,13 +33,13 @@ _COSINES, _CENTRES = IIWA_7.joints, 2 * IIWA_7.joints
 _ROWS = _CENTRES + 3 * LINKS
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _closer(squared, distance):
     """Whether ``sqrt(squared) < distance``, without the root; True for NaN."""
     return not squared >= (distance * distance if distance > 0.0 else 0.0)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _segments_closer(a0, a1, b0, b1, reach, distance):
     """Whether segments are closer than ``distance``; not if their middles are not within reach."""
     apart = minus(step(a0, 1.0, a1), step(b0, 1.0, b1))  # twice the way between the middles
@@ -49,7 +49,7 @@ def _segments_closer(a0, a1, b0, b1, reach, distance):
     return _closer(dot(d, d), distance)
 
 
-@njit(cache=True)
+@compiled
 def _group_collides(R, p, model, g, margin):
     """Whether any pair of a group is closer than ``margin``, from the link frames."""
     pairs, ends, reach, radius = model.pairs, model.ends, model.reach, model.radius
@@ -65,13 +65,13 @@ def _group_collides(R, p, model, g, margin):
     return False
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _sincos_of(lane, joint):
     rows, stride, b = lane
     return rows[joint * stride + b], rows[(_COSINES + joint) * stride + b]
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _write_centre(target, link, x, y, z, origin):
     (rows, stride, b), balls = target
     ball = balls[link]
@@ -80,19 +80,19 @@ def _write_centre(target, link, x, y, z, origin):
         rows[(_CENTRES + 3 * link + i) * stride + b] = centre[i]
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _write_centres(rows, stride, b, balls):
     """Writes the centres of the links' balls in lane b, from its sines and cosines."""
     lane = rows, stride, b
     walk_links(_sincos_of, lane, _write_centre, (lane, balls))
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _ball(balls, k):
     return balls[k, 0], balls[k, 1], balls[k, 2]
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _centres_of(balls):
     # As a tuple, which the compiler knows that no loop changes.
     return (
@@ -101,7 +101,7 @@ def _centres_of(balls):
     )  # fmt: skip
 
 
-@njit(cache=True)
+@compiled
 def _write_one(q, rows, balls):
     """Writes the rows of a single configuration."""
     for j in range(IIWA_7.joints):
@@ -109,7 +109,7 @@ def _write_one(q, rows, balls):
     _write_centres(rows, 1, 0, _centres_of(balls))
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _balls_closer(rows, balls, groups, g, margin):
     """Whether the balls of a group's two links are closer than ``margin``, single configuration."""
     low, high = groups[g, 0], groups[g, 1]
@@ -118,7 +118,7 @@ def _balls_closer(rows, balls, groups, g, margin):
     return _closer(x * x + y * y + z * z, balls[low, 3] + balls[high, 3] + margin)
 
 
-@njit(cache=True)
+@compiled
 def doubts_kernel(q, balls, groups, margin, height, first, end):
     """What the balls about whole links leave open: 0 if nothing.
 
@@ -138,7 +138,7 @@ def doubts_kernel(q, balls, groups, margin, height, first, end):
     return found
 
 
-@njit(cache=True)
+@compiled
 def _collides(q, model, margin):
     """Whether any pair is closer than ``margin``."""
     rows, R, p = np.empty(_ROWS), np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
@@ -152,7 +152,7 @@ def _collides(q, model, margin):
     return False
 
 
-@njit(cache=True)
+@compiled
 def _reaches_below(q, model, height):
     """Whether a mover reaches below ``z = height``."""
     R, p = np.empty((LINKS, 3, 3)), np.empty((LINKS, 3))
@@ -167,14 +167,14 @@ def _reaches_below(q, model, height):
     return False
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def in_collision_kernel(q, model, margin):
     """Whether any pair is closer than ``margin`` [m]."""
     doubts = doubts_kernel(q, model.balls, model.groups, margin, 0.0, 0, 0)
     return doubts >= 2 and _collides(q, model, margin)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def is_clear_kernel(q, model, clearance, table_height):
     """Whether all pairs are ``clearance`` [m] apart, and all movers from ``z = table_height``."""
     first, end, height = 0, 0, table_height + clearance
@@ -186,7 +186,7 @@ def is_clear_kernel(q, model, clearance, table_height):
     return not (doubts >= 2 and _collides(q, model, clearance))
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
+@compiled
 def _load(Q, first, rows, doubt):
     """Writes sines and cosines of a block, and 0 (NaN for a bad configuration) to ``doubt``."""
     for b in range(LANES):
@@ -198,14 +198,14 @@ def _load(Q, first, rows, doubt):
         rows[i], rows[i + _COSINES * LANES] = fast_sincos(rows[i])
 
 
-@njit(cache=True)
+@compiled
 def _write_lanes(rows, balls):
     centres = _centres_of(balls)
     for b in range(LANES):
         _write_centres(rows, LANES, b, centres)
 
 
-@njit(cache=True, fastmath={"contract"})
+@compiled
 def _test_lanes(rows, model, margin, doubt):
     """Adds to ``doubt`` how many pairs of links have balls that are closer than ``margin``."""
     for g in range(len(model.groups)):
@@ -219,7 +219,7 @@ def _test_lanes(rows, model, margin, doubt):
             doubt[k] += 0.0 if x * x + y * y + z * z >= reach * reach else 1.0
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def in_collision_batch_kernel(Q, model, margin, hit):
     """Writes whether configurations (n, 7) have a pair closer than ``margin`` [m]; True for NaN."""
     rows, doubt = np.empty(_ROWS * LANES), np.empty(LANES)

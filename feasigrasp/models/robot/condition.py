@@ -1,13 +1,13 @@
 """How well an arm stands: distance to its limits, speed, manipulability."""
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import manipulability_kernel
 
 
-@njit(cache=True)
+@compiled
 def arm_condition_kernel(q, v):
     """Three figures of one state of the arm.
 

@@ -9,10 +9,10 @@ the elbow E, joints 5 to 7 about axes through the wrist W. A column of the Jacob
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos, sincos_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, step, turn
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -23,7 +23,7 @@ _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
 _IDENTITY = np.eye(4)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _axes(s, c):
     """Axes of joints 2 to 7, and the x- and y-axis of link 7, from the sines and cosines."""
     x, y = (c[0] * c[1], s[0] * c[1], -s[1]), (-s[0], c[0], 0.0)
@@ -40,14 +40,14 @@ def _axes(s, c):
     return a2, a3, a4, a5, a6, z, x, y
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _write_column(J, i, axis, lever):
     """Writes column i: the axis, and what it does to the end of a lever that starts on it."""
     J[0, i], J[1, i], J[2, i] = axis
     J[3, i], J[4, i], J[5, i] = cross(axis, lever)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _pose_jacobian(s, c, X_FT, X_WT, J_WT):
     """As `pose_jacobian_kernel`, from sines and cosines; no Jacobian where ``J_WT`` is None."""
     a2, a3, a4, a5, a6, a7, x7, y7 = _axes(s, c)
@@ -75,7 +75,7 @@ def _pose_jacobian(s, c, X_FT, X_WT, J_WT):
         _write_column(J_WT, 6, a7, from_wrist)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _manipulability(s, c):
     r"""sqrt(det J J^T) by Cauchy and Binet: the sum of the squares of the seven 6 x 6 minors.
 
@@ -99,7 +99,7 @@ def _manipulability(s, c):
     return np.sqrt(det_b * det_b * n_squared + m56 * m56 + m67 * m67 + m75 * m75)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _sincos(q):
     s1, c1 = fast_sincos(q[0])
     s2, c2 = fast_sincos(q[1])
@@ -111,26 +111,26 @@ def _sincos(q):
     return (s1, s2, s3, s4, s5, s6, s7), (c1, c2, c3, c4, c5, c6, c7)
 
 
-@njit(cache=True)
+@compiled
 def pose_jacobian_kernel(q, X_FT, X_WT, J_WT):
     """Writes the tool pose and the Jacobian ``V_WT = J_WT v`` at the tool origin, in the world."""
     s, c = _sincos(q)
     _pose_jacobian(s, c, X_FT, X_WT, J_WT)
 
 
-@njit(cache=True)
+@compiled
 def manipulability_kernel(q):
     """Yoshikawa's measure at any tool point, see `manipulability`."""
     s, c = _sincos(q)
     return _manipulability(s, c)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _row(a, k):
     return a[k, 0], a[k, 1], a[k, 2], a[k, 3], a[k, 4], a[k, 5], a[k, 6]
 
 
-@njit(cache=True)
+@compiled
 def _all_sincos(q):
     # In one loop over all of them, which vectorises; the matrices after it do not need to.
     sine, cosine = np.empty(q.shape), np.empty(q.shape)
@@ -138,21 +138,21 @@ def _all_sincos(q):
     return sine, cosine
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _batch_kernel(q, X_FT, X_WT, J_WT):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], J_WT[k])
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _pose_batch_kernel(q, X_FT, X_WT):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):
         _pose_jacobian(_row(sine, k), _row(cosine, k), X_FT, X_WT[k], None)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _manipulability_batch_kernel(q, out):
     sine, cosine = _all_sincos(q)
     for k in range(len(q)):

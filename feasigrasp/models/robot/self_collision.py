@@ -8,10 +8,10 @@ in `feasigrasp.models.robot.capsule_kernels` and `feasigrasp.models.robot.collis
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.capsule_kernels import distances_kernel
 from feasigrasp.models.robot.capsules import CapsuleModel, capsule_model
 from feasigrasp.models.robot.collision_kernels import in_collision_batch_kernel
@@ -21,7 +21,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 IIWA_CAPSULES = capsule_model()
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _distances_batch(q, model, distance):
     for n in range(len(q)):
         distances_kernel(q[n], model, distance[n])

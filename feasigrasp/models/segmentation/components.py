@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
@@ -19,6 +18,7 @@ from scipy.spatial import cKDTree
 from feasigrasp.models.arrays import Array, Floats, Indices, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.edges import EDGE_JUMP
+from feasigrasp.models.compiled import compiled
 
 #: Fewer pixels are no surface.
 MIN_PIXELS = 30
@@ -95,7 +95,7 @@ def find_components(points: Floats, chosen: Mask, p_WC: Array, camera: Camera) -
     return Components(number, pixels[large], samples)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _link(points, chosen, width, p_WC, spread, number):
     """Numbers the components of the chosen pixels, the others -1; returns how many there are."""
     n = len(points)
@@ -133,7 +133,7 @@ def _link(points, chosen, width, p_WC, spread, number):
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _root(parent, i):
     while parent[i] != i:
         parent[i] = parent[parent[i]]

@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, Floats
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -132,7 +132,7 @@ class KnownBodies:
         return kinds
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _kinds(points, X_WC, spread, arm, hand, cell, kinds):
     """Writes the kind of each point (n, 3)."""
     lines = _lines(arm)
@@ -155,7 +155,7 @@ def _kinds(points, X_WC, spread, arm, hand, cell, kinds):
             kinds[i] = FREE
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _lines(capsules):
     """For each capsule the vector along its segment, and one over its square, (k, 4)."""
     ends, _ = capsules
@@ -169,7 +169,7 @@ def _lines(capsules):
     return lines
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _in_capsules(x, y, z, lines, capsules, margin):
     ends, radius = capsules
     for k in range(len(ends)):
@@ -182,7 +182,7 @@ def _in_capsules(x, y, z, lines, capsules, margin):
     return False
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _in_boxes(x, y, z, boxes, margin):
     X_WB, half = boxes
     for k in range(len(half)):

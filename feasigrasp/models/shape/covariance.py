@@ -1,14 +1,14 @@
 """Covariance matrices of the Gaussian process distance field."""
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.simd import exp2_of_minus, rough_inverse_sqrt, wide_vectors
 from feasigrasp.models.shape.node_sums import LOG2_E, TINY, pulled_in
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _fill_row(
     row: Array, xs: Array, ys: Array, zs: Array, x: float, y: float, z: float, scale: float
 ) -> None:
@@ -24,13 +24,14 @@ def _fill_row(
         row[i] = exp2_of_minus(row[i])
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def gram_lower(nodes: Array, length_scale: float, noise_variance: Array) -> Array:
     """Lower triangle of ``K + diag(s2)`` at centred nodes (3, n), transposed, shape ``(n, n)``.
 
     Filled row by row; its ``.T`` is the lower triangle in the Fortran order that LAPACK wants. What
     is in the other triangle is undefined.
     """
+    wide_vectors()
     n = nodes.shape[1]
     transposed = np.empty((n, n))
     scale = LOG2_E / length_scale
@@ -41,9 +42,10 @@ def gram_lower(nodes: Array, length_scale: float, noise_variance: Array) -> Arra
     return transposed
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def cross_covariance(nodes: Array, length_scale: float, center: Array, points: Array) -> Array:
     """``k(x_i, X_j)`` between points (m, 3) and centred nodes (3, n), shape ``(m, n)``."""
+    wide_vectors()
     out = np.empty((len(points), nodes.shape[1]))
     scale = LOG2_E / length_scale
     for i in range(len(points)):

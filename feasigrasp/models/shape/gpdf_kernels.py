@@ -6,9 +6,10 @@ lock, so that a thread can run them beside a simulation.
 """
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.numerics.simd import wide_vectors
 from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at, value_at
 
 #: Floor on |grad d| in the damped Newton step.
@@ -17,9 +18,10 @@ SLOPE_FLOOR = 0.2
 CONVERGED = 1e-9
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def values(tiles: Array, length_scale: float, center: Array, points: Array) -> Array:
     """Raw distance at every point, shape ``(m,)``."""
+    wide_vectors()
     out = np.empty(len(points))
     work = make_workspace()
     u, v, w = center
@@ -29,11 +31,12 @@ def values(tiles: Array, length_scale: float, center: Array, points: Array) -> A
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def values_and_gradients(
     tiles: Array, length_scale: float, center: Array, points: Array
 ) -> tuple[Array, Array]:
     """Raw distance ``(m,)`` and gradient ``(m, 3)`` at every point."""
+    wide_vectors()
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
     work = make_workspace()
@@ -46,13 +49,13 @@ def values_and_gradients(
     return value, gradient
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def newton_step(d: float, slope: float) -> float:
     """Damped Newton step onto d = 0; |grad d| is 0.04 to 0.9, so a step of d is too short."""
     return min(max(d / max(slope, SLOPE_FLOOR), -2.5 * abs(d)), 2.5 * abs(d))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def refine(
     tiles: Array, length_scale: float, center: Array, points: Array, steps: int, damped: bool
 ) -> tuple[Array, Array, Array, Array]:
@@ -63,6 +66,7 @@ def refine(
     Returns:
         Signed path length (m,), end points (m, 3), unit normals there (m, 3), residual d (m,).
     """
+    wide_vectors()
     m = len(points)
     travelled = np.zeros(m)
     ends = np.empty((m, 3))
@@ -88,7 +92,7 @@ def refine(
     return travelled, ends, normals, residual
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def closest_points(
     tiles: Array,
     length_scale: float,
@@ -108,6 +112,7 @@ def closest_points(
     Returns:
         Distances (m,), and indices of body points (m,), -1 where all are far.
     """
+    wide_vectors()
     work = make_workspace()
     k = len(body_points)
     apart = np.empty((k, k))
@@ -158,7 +163,7 @@ def closest_points(
     return distance, index
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def march_to_exit(
     tiles: Array,
     length_scale: float,
@@ -174,6 +179,7 @@ def march_to_exit(
     sign change is then found by false position, since d is nearly linear over one step. NaN where
     the start is outside or ``max_length`` is reached.
     """
+    wide_vectors()
     out = np.full(len(starts), np.nan)
     work = make_workspace()
     for i in range(len(starts)):

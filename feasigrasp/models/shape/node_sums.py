@@ -13,9 +13,9 @@ Measured on a 2.5 GHz Cascade Lake core, ns per point pair: one loop with ``sqrt
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.simd import exp2_of_minus, rough_inverse_sqrt, wide_vectors
 
 #: Nodes in a tile: long enough to pay for the stages, short enough to waste little on padding.
@@ -50,7 +50,7 @@ def make_tiles(nodes: Array, alpha: Array, length_scale: float) -> Array:
     return tiles.reshape(count, 4 * TILE)
 
 
-@njit(cache=True)
+@compiled
 def make_workspace() -> Array:
     """What the sums write their intermediate results to; one per thread."""
     storage = np.empty(2 * TILE + 8)
@@ -58,7 +58,7 @@ def make_workspace() -> Array:
     return storage[first : first + 2 * TILE]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _sum_of_values(tile: Array, work: Array) -> float:
     wide_vectors()
     o = 0.0
@@ -67,7 +67,7 @@ def _sum_of_values(tile: Array, work: Array) -> float:
     return o
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _rough_inverse_distances(tile: Array, x: float, y: float, z: float, work: Array) -> None:
     wide_vectors()
     for j in range(TILE):
@@ -77,7 +77,7 @@ def _rough_inverse_distances(tile: Array, x: float, y: float, z: float, work: Ar
         work[TILE + j] = rough_inverse_sqrt(square)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _distances_and_inverses(work: Array) -> None:
     wide_vectors()
     for j in range(TILE):
@@ -88,7 +88,7 @@ def _distances_and_inverses(work: Array) -> None:
         work[TILE + j] = rough * correction
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _sum_of_gradients(
     tile: Array, x: float, y: float, z: float, work: Array
 ) -> tuple[float, float, float, float]:
@@ -104,7 +104,7 @@ def _sum_of_gradients(
     return o, gx, gy, gz
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def pulled_in(x: float, y: float, z: float) -> tuple[float, float, float]:
     """A scaled query point, or, if it is far out, one so far out that occupancy underflows too."""
     largest = max(abs(x), abs(y), abs(z))
@@ -114,7 +114,7 @@ def pulled_in(x: float, y: float, z: float) -> tuple[float, float, float]:
     return x, y, z
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(forceinline=True)
 def value_at(tiles: Array, work: Array, length_scale: float, x: float, y: float, z: float) -> float:
     """Raw distance ``d = -l ln o`` at one point, given relative to the centre [m]."""
     scale = LOG2_E / length_scale
@@ -128,7 +128,7 @@ def value_at(tiles: Array, work: Array, length_scale: float, x: float, y: float,
     return -length_scale * np.log(max(o, MIN_OCCUPANCY))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(forceinline=True)
 def value_and_gradient_at(
     tiles: Array, work: Array, length_scale: float, x: float, y: float, z: float
 ) -> tuple[float, float, float, float]:

@@ -1,16 +1,16 @@
 """Compiled loops of `grasp_truth` and `grasp_labels`: surface points inside the boxes of a hand."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.compiled import compiled
 
 #: Cells of a turn table [m]: a turn's collision is decided at the middle of a cell.
 CELL = 1e-3
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def collides(points: Array, poses: Array, boxes: Array) -> Mask:
     """Whether a surface point lies in a box of a posed hand.
 
@@ -72,7 +72,7 @@ def turn_table(boxes: Array, n_turns: int) -> NDArray[np.uint64]:
     return table
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def blocked_turns(
     points: Array,
     centers: Array,

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.mixtures.float32_kernels import (
     BLOCK,
     FASTMATH,
@@ -67,7 +67,7 @@ class PoseBlocks:
         return PoseBlocks.of(q.T, p.T)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _keys(q, p, low, scale, out):
     """Cells of the poses: face of the quaternion cube, then 4 cells per dimension, interleaved."""
     cells = np.empty(6, np.int64)
@@ -88,7 +88,7 @@ def _keys(q, p, low, scale, out):
         out[j] = key
 
 
-@njit(cache=True)
+@compiled
 def _gather(q, p, order, blocks):
     for b in range(len(blocks)):
         for j in range(BLOCK):
@@ -99,7 +99,7 @@ def _gather(q, p, order, blocks):
                 blocks[b, 4 + i, j] = p[source, i]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FASTMATH, nogil=True)
+@compiled(forceinline=True, fastmath=FASTMATH)
 def _add_moments(r, v, first, second):
     """Adds sum r v and the lower triangle of sum r v v^T of a block; returns sum r.
 
@@ -162,7 +162,7 @@ def _add_moments(r, v, first, second):
     return mass
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"}, nogil=True)
+@compiled(forceinline=True, fastmath={"contract", "nsz", "arcp"})
 def _normalise(log2, active, largest, total, valid):
     """Turns the ratios of the active components into responsibilities; log likelihood.
 
@@ -181,7 +181,7 @@ def _normalise(log2, active, largest, total, valid):
     return likelihood * math.log(2.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def moments_of_blocks(blocks, start, stop, n, packed, mass, first, second):
     """Adds the moments of the poses in ``blocks[start:stop]``; returns their log likelihood.
 
@@ -195,6 +195,7 @@ def moments_of_blocks(blocks, start, stop, n, packed, mass, first, second):
         first: Sum of r v, shape (K, 6), added to.
         second: Lower triangle of the sum of r v v^T, shape (K, 6, 6), added to.
     """
+    wide_vectors()
     K, likelihood = len(packed), 0.0
     v, log2 = np.empty((K, 6, BLOCK), np.float32), np.empty((K, BLOCK), np.float32)
     largest, total = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)

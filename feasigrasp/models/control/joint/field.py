@@ -12,8 +12,8 @@ cost is taken as the right-hand side, so that the field passes through it as if 
 """
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_exp
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -25,7 +25,7 @@ NOISE_VARIANCE = 1e-6
 _FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled(forceinline=True, fastmath=_FAST)
 def distances_kernel(q, r):
     """Writes the distances |q_i - q_j|, i > j, into the lower triangle of ``r`` (n, n)."""
     n = len(q)
@@ -46,7 +46,7 @@ def distances_kernel(q, r):
             row[j] = np.sqrt(row[j])
 
 
-@njit(cache=True)
+@compiled
 def length_scale_kernel(r):
     """The length scale for distances (n, n), of which the lower triangle is read."""
     n = len(r)
@@ -60,7 +60,7 @@ def length_scale_kernel(r):
     return min(max(SPACING_RATIO * np.median(nearest), MIN_LENGTH_SCALE), MAX_LENGTH_SCALE)
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled(forceinline=True, fastmath=_FAST)
 def lowest_costs_kernel(r, cost, lowest):
     """Writes ``min_j (c_j + |q_i - q_j|)``; returns the least cost."""
     n = len(cost)
@@ -77,7 +77,7 @@ def lowest_costs_kernel(r, cost, lowest):
     return least
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled(forceinline=True, fastmath=_FAST)
 def _exponentials(r, length_scale):
     """Replaces the distances by the kernel's values."""
     scale = -1.0 / length_scale
@@ -87,7 +87,7 @@ def _exponentials(r, length_scale):
             row[j] = fast_exp(scale * row[j])
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@compiled(forceinline=True, fastmath=_FAST)
 def _solve(K, diagonal, x):
     """Replaces x by ``(K + diagonal I)^-1 x``; K (n, n), lower triangle, becomes its factor.
 
@@ -117,7 +117,7 @@ def _solve(K, diagonal, x):
             x[k] -= row[k] * y
 
 
-@njit(cache=True)
+@compiled(forceinline=True)
 def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):
     """Fits the field to solutions at distances ``r`` (n, n), which are used up.
 
@@ -134,7 +134,7 @@ def fit_kernel(r, cost, length_scale, noise_variance, lowest, beta):
         beta[i] *= np.exp((lowest[i] - least) / length_scale)
 
 
-@njit(cache=True)
+@compiled
 def evaluate_kernel(q, nodes, lowest, beta, length_scale, gradient, weights):
     """Writes grad d (7,) and the weights (n,) of the solutions; returns d and the way left.
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices, Mask
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.control.planning.strands import strand_cost_kernel
 from feasigrasp.models.control.planning.transfers import way_kernel
@@ -59,7 +59,7 @@ class JudgedSolutions(NamedTuple):
         )
 
 
-@njit(cache=True)
+@compiled
 def judge_kernel(
     q_now,
     X_FG,

@@ -12,11 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.joint.field import (
     NOISE_VARIANCE,
     distances_kernel,
@@ -92,7 +92,7 @@ class JointControlOptions:
         )
 
 
-@njit(cache=True)
+@compiled
 def _descent_kernel(left, gradient, gain, max_speed, qd):
     """Writes ``-k d grad d`` (7,), within the speed limits and so that it can be stopped in time.
 
@@ -116,7 +116,7 @@ def _descent_kernel(left, gradient, gain, max_speed, qd):
         qd[k] = -speed * min(1.0, slope) * gradient[k] / slope
 
 
-@njit(cache=True)
+@compiled
 def field_velocity_kernel(
     q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, gains
 ):

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Frozen, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.continuation import (
     flange_pose_kernel,
     solve_kernel,
@@ -86,7 +86,7 @@ class Solutions(Frozen):
         )
 
 
-@njit(cache=True)
+@compiled
 def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index):
     """Writes the flange poses and configurations of all solutions that the arm may take.
 
@@ -104,7 +104,7 @@ def place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q, index)
     return count
 
 
-@njit(cache=True)
+@compiled
 def feed_forward_kernel(X_WF, V_WO, p_WO, branch, angles, index, weights, q, most, qd):
     """Writes the mean velocity (7,) of the solutions that count.
 

@@ -11,9 +11,9 @@ from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.prices import Prices, rate_kernel
 from feasigrasp.models.ik.arm_circle import (
     arm_angle_kernel,
@@ -46,7 +46,7 @@ class Source(StrEnum):
     DLS = "dls"
 
 
-@njit(cache=True)
+@compiled
 def distance_kernel(a, b):
     """Euclidean distance of two configurations (7,) [rad]."""
     square = 0.0
@@ -55,7 +55,7 @@ def distance_kernel(a, b):
     return np.sqrt(square)
 
 
-@njit(cache=True)
+@compiled
 def _select(candidates, scores, known, search, found):
     """Writes candidates (n, 7), best score first, clear and apart; uses the scores (n,) up."""
     count = 0
@@ -77,7 +77,7 @@ def _select(candidates, scores, known, search, found):
     return count
 
 
-@njit(cache=True)
+@compiled
 def _closed_form(X_WF, q_now, known, search, prices, worth, found):
     """All branches at the arm angles of the search and at that of now; returns how many."""
     circle = arm_circle_kernel(X_WF)
@@ -98,7 +98,7 @@ def _closed_form(X_WF, q_now, known, search, prices, worth, found):
     return _select(candidates, scores[:count], known, search, found) if count > 0 else 0
 
 
-@njit(cache=True)
+@compiled
 def _drawn(q, q_now, known, search, prices, worth, found):
     """Of drawn configurations (n, 7), those that are any good; returns how many."""
     scores = np.full(len(q), np.inf)

@@ -8,8 +8,7 @@ object and arm angle do.
 
 from __future__ import annotations
 
-from numba import njit
-
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.ik.arm_circle import arm_circle_kernel, configuration_kernel
 from feasigrasp.models.ik.closed_form import inside_limits_kernel
 from feasigrasp.models.numerics.fast_math import fast_sincos
@@ -22,13 +21,13 @@ _INSTANT = 1e-5
 _BACKS = 4
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def branch_kernel(q):
     """Branch ``4 elbow + 2 shoulder + wrist`` of a configuration (7,)."""
     return 4 * (q[3] < 0.0) + 2 * (q[1] < 0.0) + 1 * (q[5] < 0.0)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):
     """Writes the flange pose (4, 4) of a hand that keeps ``standoff`` [m] behind a grasp."""
     for i in range(3):
@@ -53,7 +52,7 @@ def flange_pose_kernel(X_WO, X_OG, standoff, X_GF, X_WF):
             X_WF[i, 3] += w * p
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def solve_kernel(X_WF, branch, psi, q):
     """Writes the configuration (7,); False if the wrist is out of reach."""
     circle = arm_circle_kernel(X_WF)
@@ -64,7 +63,7 @@ def solve_kernel(X_WF, branch, psi, q):
     return True
 
 
-@njit(cache=True)
+@compiled
 def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q):
     """Writes flange pose (4, 4) and configuration (7,) of a hand behind a grasp.
 
@@ -81,7 +80,7 @@ def stand_behind_kernel(X_OG, standoff, X_WO, X_GF, branch, psi, margin, X_WF, q
     return back, reached
 
 
-@njit(cache=True)
+@compiled
 def strand_velocity_kernel(X_WF, V_WO, p_WO, branch, psi, psi_rate, q, moved, qd):
     """Writes the velocity (7,) of a strand at a flange pose; ``moved`` (4, 4) is scratch.
 

@@ -9,9 +9,9 @@ velocity is the one nearest to what is wanted with ``a' >= -g a``; outside the c
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 
@@ -62,7 +62,7 @@ def velocity_in_view(
     return kept
 
 
-@njit(cache=True)
+@compiled
 def _room_kernel(cosine, apparent):
     """Angle from an object's middle to the edge of the cone; negative outside."""
     angle = np.arccos(min(max(cosine, -1.0), 1.0))
@@ -70,7 +70,7 @@ def _room_kernel(cosine, apparent):
     return _HALF_OPENING + _OF_RADIUS * max(larger, 0.0) - angle
 
 
-@njit(cache=True)
+@compiled
 def _keep_kernel(q, X_FG, X_WC, p_W, v_W, radius, qd):
     """Writes the velocity (7,) in place of the one that is wanted."""
     X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, record
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import manipulability_kernel
@@ -137,7 +137,7 @@ def instant_at(left: float, times: Array) -> int:
     return 1 + int(np.argmin(np.abs(times[1:] - left)))
 
 
-@njit(cache=True)
+@compiled
 def rate_kernel(q, grasp_rate, prices):
     """What a second in a configuration costs, at a grasp that costs ``grasp_rate`` by itself."""
     lack = max(0.0, 1.0 - manipulability_kernel(q) / prices.manipulability)
@@ -149,7 +149,7 @@ def rate_kernel(q, grasp_rate, prices):
     return rate
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def end_kernel(time, prices):
     """Price of a strand that ends in so many seconds."""
     return prices.end * max(0.0, 1.0 - time / prices.outlook)

@@ -9,9 +9,9 @@ A strand that keeps to one arm angle has a cost of its own, which is a continuou
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.control.planning.prices import end_kernel, rate_kernel
 from feasigrasp.models.ik.arm_angle_table import lanes_kernel, travel_times_kernel
@@ -38,7 +38,7 @@ class Strands(NamedTuple):
     following: Indices
 
 
-@njit(cache=True)
+@compiled
 def _write_nodes(q, X_WF, grasp_rate, search, lanes, ends, prices, Q, rate):
     """Writes configurations (8, P, 7) of one grasp at one instant, and what they cost."""
     rate[:] = np.inf
@@ -63,7 +63,7 @@ def _write_nodes(q, X_WF, grasp_rate, search, lanes, ends, prices, Q, rate):
                 rate[branch, lane % P] = rate_kernel(node, grasp_rate, prices)
 
 
-@njit(cache=True)
+@compiled
 def _last_end(q_before, q, dt, horizon, prices):
     """Price of an end beyond the horizon, at the limits that the joints are going to."""
     time = np.inf
@@ -74,7 +74,7 @@ def _last_end(q_before, q, dt, horizon, prices):
     return end_kernel(horizon + time, prices)
 
 
-@njit(cache=True)
+@compiled
 def _go_backwards(strands, times, prices):
     """Writes ``to_go`` and ``following``."""
     K, n, P = len(times) - 1, strands.rate.shape[1], strands.rate.shape[3]
@@ -107,7 +107,7 @@ def _go_backwards(strands, times, prices):
                     to_go[k, i, b, j] = best if best < np.inf else lost
 
 
-@njit(cache=True)
+@compiled
 def strands_kernel(q, X_WO, times, X_OG, grasp_rates, X_GF, search, prices):
     """The `Strands` of grasps (n, 4, 4) for an object at poses (K + 1, 4, 4).
 
@@ -131,7 +131,7 @@ def strands_kernel(q, X_WO, times, X_OG, grasp_rates, X_GF, search, prices):
     return strands
 
 
-@njit(cache=True)
+@compiled
 def strand_cost_kernel(
     X_WO, times, X_OG, grasp_rate, standoff, X_GF, branch, psi, search, prices, X_WF, q
 ):

@@ -6,10 +6,10 @@ Strands, nodes and costs are those of `feasigrasp.models.control.planning.strand
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.continuation import stand_behind_kernel
 from feasigrasp.models.control.planning.strands import Strands
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
@@ -73,7 +73,7 @@ class Plan(NamedTuple):
     prices: NDArray[np.void]
 
 
-@njit(cache=True)
+@compiled
 def way_kernel(q, node, k0, k, travel, X_WO, times, start, standoff, search, X_FG, prices):
     """Cost of the straight way from ``q`` at instant k0 to ``node`` at instant k.
 
@@ -104,7 +104,7 @@ def way_kernel(q, node, k0, k, travel, X_WO, times, start, standoff, search, X_F
     return travel * total / ((_ON_THE_WAY + 1.0) * prices.lost) + prices.collision * hits
 
 
-@njit(cache=True)
+@compiled
 def transfer_kernel(q, k0, last, only, skipped, plan):
     """The best `Transfer` that leaves configuration ``q`` at instant ``k0``.
 
@@ -167,7 +167,7 @@ def transfer_kernel(q, k0, last, only, skipped, plan):
     return best
 
 
-@njit(cache=True)
+@compiled
 def stay_kernel(q, last, grasp, branch, plan):
     """What it costs to go on with a strand, and to leave it at the best moment.
 

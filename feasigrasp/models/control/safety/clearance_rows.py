@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.obstacle_grid import box_distance_kernel, grid_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import (
@@ -60,7 +60,7 @@ class Body(NamedTuple):
     guarded: Array
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _keep(rows, bounds, m, bound, lower, upper):
     """Takes row m if some velocity between the bounds breaks it; returns how many rows there are.
 
@@ -77,7 +77,7 @@ def _keep(rows, bounds, m, bound, lower, upper):
     return m
 
 
-@njit(cache=True)
+@compiled
 def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
     """Writes rows (m, 7) and their lower bounds (m,); returns m.
 
@@ -132,7 +132,7 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
     return m
 
 
-@njit(cache=True)
+@compiled
 def object_rows_kernel(
     R, p, lower, upper, options, guarded, grid, frame, X_WO, V_WO, reserve, most, rows, bounds
 ):

@@ -15,8 +15,8 @@ itself.
 """
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.speed_bounds import braking_speed
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -24,7 +24,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 WILD = 10.0
 
 
-@njit(cache=True)
+@compiled
 def is_fault_kernel(command):
     """Whether a command (7,) [rad/s] is not finite, or beyond `WILD` times the velocity limits."""
     for i in range(IIWA_7.joints):
@@ -33,7 +33,7 @@ def is_fault_kernel(command):
     return False
 
 
-@njit(cache=True)
+@compiled
 def drive_step_kernel(q, v, command, measured, period, lead, q_next, v_next):
     """Writes the next desired positions and velocities (7,), inside all limits.
 
@@ -63,7 +63,7 @@ def drive_step_kernel(q, v, command, measured, period, lead, q_next, v_next):
     return fault
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _bound(room, ahead, i, a, period, lead):
     """The fastest towards a limit ``room`` away, by a joint that is ``ahead`` of the arm."""
     if not room > 0.0:
@@ -74,7 +74,7 @@ def _bound(room, ahead, i, a, period, lead):
     return speed
 
 
-@njit(cache=True)
+@compiled
 def free_step_kernel(q, command, period, q_next, v_next):
     """As `drive_step_kernel`, with nothing bounded; a command that is not finite counts as zero."""
     finite = np.isfinite(command.sum())

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.models.arrays import Array, Frozen, kept_with_value
 from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.grasps.hand_clearance import INVENTED, MARGIN_GROWTH
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -86,7 +86,7 @@ class MovingObject(NamedTuple):
     astray: bool = False
 
 
-@njit(cache=True)
+@compiled
 def grid_kernel(x, values, frame):
     """Distance and gradient (a tuple of 3) at one point: trilinear between the nodes."""
     nx, ny, nz = values.shape
@@ -116,7 +116,7 @@ def grid_kernel(x, values, frame):
     return c0 + u * gx, (gx * per_metre, gy * per_metre, gz * per_metre)
 
 
-@njit(cache=True)
+@compiled
 def box_distance_kernel(x, shape, frame):
     """Distance to the box of the surface in an `object_grid`, and its gradient (a tuple of 3).
 
@@ -139,14 +139,14 @@ def box_distance_kernel(x, shape, frame):
     return distance, (d[0] * per, d[1] * per, d[2] * per)
 
 
-@njit(cache=True)
+@compiled
 def _lookup(x, values, frame, distance, gradient):
     for m in range(len(x)):
         distance[m], g = grid_kernel((x[m, 0], x[m, 1], x[m, 2]), values, frame)
         gradient[m, 0], gradient[m, 1], gradient[m, 2] = g
 
 
-@njit(cache=True)
+@compiled
 def _nearest_point_kernel(points, low, size, squares):
     """Lowers ``squares`` (nx, ny, nz) to the squared distance of each node's nearest point.
 
@@ -177,7 +177,7 @@ def _nearest_point_kernel(points, low, size, squares):
                         _take(points, taken[i, j, k - dk], low, size, i, j, k, taken, squares)
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _take(points, m, low, size, i, j, k, taken, squares):
     """Lets node i, j, k take point m if it is nearer than the one it has."""
     x, y, z = low[0] + size * i, low[1] + size * j, low[2] + size * k

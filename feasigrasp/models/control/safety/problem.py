@@ -1,8 +1,8 @@
 """Compiled: the matrices of the safety QP, and rounding of its solution."""
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.clearance_rows import (
     MOST_OBJECT_ROWS,
     Body,
@@ -18,7 +18,7 @@ _UNBOUNDED = 1e30
 _LARGEST_REQUEST = 1e3
 
 
-@njit(cache=True)
+@compiled
 def _write_request(qd_preferred, J, V, rotation_weight, damping, H, f):
     """Writes the quadratic objective, H (7, 7) and f (7,); false if the request is not finite."""
     H[:] = 0.0
@@ -44,7 +44,7 @@ def _write_request(qd_preferred, J, V, rotation_weight, damping, H, f):
     return np.isfinite(total)
 
 
-@njit(cache=True)
+@compiled
 def stop_kernel(H, f):
     """Writes the objective of standing still."""
     f[:] = 0.0
@@ -53,7 +53,7 @@ def stop_kernel(H, f):
             H[i, j] = 1.0 if i == j else 0.0
 
 
-@njit(cache=True)
+@compiled
 def problem_kernel(
     q,
     qd_preferred,
@@ -122,7 +122,7 @@ def problem_kernel(
     return m, total
 
 
-@njit(cache=True)
+@compiled
 def clip_kernel(qd, vector):
     """Rounds a solution into the joints' bounds; false if it is not finite."""
     total = 0.0
@@ -132,7 +132,7 @@ def clip_kernel(qd, vector):
     return np.isfinite(total)
 
 
-@njit(cache=True)
+@compiled
 def brake_kernel(qd_last, acceleration_scale, period):
     """The next velocity (7,) if only the last one is known: slower; zero where not finite."""
     qd = np.zeros(IIWA_7.joints)

@@ -8,10 +8,10 @@ for any grasp that it goes for, cannot turn round it: it has to step back first.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.obstacle_grid import (
     MovingObject,
     ObstacleGrid,
@@ -112,7 +112,7 @@ def step_back(X_WH: Array, X_WO: Array, V_WO: Array) -> Array:
     return np.concatenate([V_WO[:3], linear])
 
 
-@njit(cache=True)
+@compiled
 def _way_kernel(q, X_FG, X_WO, X_OG, funnel, values, frame):
     """The reserve [m], and whether the object is between the fingers for none of the grasps."""
     X_WH, reserve = np.empty((4, 4)), _MOST

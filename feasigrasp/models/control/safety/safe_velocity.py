@@ -242,7 +242,7 @@ class Safety(Frozen):
         matrix, vector = np.empty((most, IIWA_7.joints)), np.empty((3, most))
         grid = _NO_GRID if obstacles is None else obstacles
         target = _NO_OBJECT if moving is None else moving
-        n_hard, m = problem_kernel(  # type: ignore[call-arg]  # mypy does not see through the star
+        n_hard, m = problem_kernel(
             np.ascontiguousarray(q, dtype=float),
             np.ascontiguousarray(qd_preferred, dtype=float),
             _NO_ROWS if J is None or V is None else np.ascontiguousarray(J, dtype=float),

@@ -23,12 +23,12 @@ limits come first.
 """
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def braking_speed(room, deceleration, period):
     """The fastest approach that steps of ``deceleration * period`` stop within ``room`` > 0."""
     unit = deceleration * period**2
@@ -37,7 +37,7 @@ def braking_speed(room, deceleration, period):
     return deceleration * period * (0.5 * n + room / (unit * (n + 1.0)))
 
 
-@njit(cache=True, forceinline=True)
+@compiled(forceinline=True)
 def _approach(room, gain, speed, deceleration, period):
     """Bound on the velocity towards a limit; beyond the limit it is negative and leads back."""
     if room <= 0.0:
@@ -45,7 +45,7 @@ def _approach(room, gain, speed, deceleration, period):
     return min(gain * room, braking_speed(room, deceleration, period), speed)
 
 
-@njit(cache=True)
+@compiled
 def bounds_kernel(q, qd_last, options, lower, upper):
     """Writes joint velocity bounds into the first seven entries of ``lower`` and ``upper``.
 

@@ -7,9 +7,9 @@ it is at.
 """
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: A torque above this share of a joint's limit is a touch: a choice, which leaves room for the
@@ -23,7 +23,7 @@ _YIELDS_FOR, _SPEED = 0.2, 0.1
 TOUCH_STATE = 2 * IIWA_7.joints + 2
 
 
-@njit(cache=True)
+@compiled
 def touch_step_kernel(state, torque, period, after):
     """Writes the state one period later, `TOUCH_STATE` entries.
 

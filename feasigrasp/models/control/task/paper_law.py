@@ -10,9 +10,9 @@ gain.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, hand_twist_kernel
@@ -27,7 +27,7 @@ _LEAST_DAMPING = 1e-6
 _LEAST_PIVOT = 1e-14
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
     """The velocity (7,) that minimises ``|J qd - V|^2 + d^2 |qd|^2``, at most ``|V| / (2 d)`` long.
 
@@ -60,7 +60,7 @@ def least_norm_kernel(J: Array, V: Array, damping: float) -> Array:
     return qd
 
 
-@njit(cache=True)
+@compiled
 def _paper_kernel(q, X_FG, X_WO, V_WO, parameters, gain, gradient, damping):
     X_WH, J_WH, u_H = np.empty((4, 4)), np.empty((6, IIWA_7.joints)), np.empty(6)
     pose_jacobian_kernel(q, X_FG, X_WH, J_WH)

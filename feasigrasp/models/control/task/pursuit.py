@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from feasigrasp.models.arrays import Array, record
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.task.reference import StrandReference
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -92,7 +92,7 @@ def pursuit_velocity(
     return qd
 
 
-@njit(cache=True)
+@compiled
 def _pursue_kernel(q, q_ref, qd_ref, X_OT, X_WO, V_WO, X_FG, options, qd):
     o = options[0]
     time = 0.0

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.planning.continuation import (
     branch_kernel,
     stand_behind_kernel,
@@ -111,7 +111,7 @@ def strand_reference(
     return None if status < 0 else StrandReference(q_ref, qd_ref, X_OT, status == 1)
 
 
-@njit(cache=True)
+@compiled
 def _continue(
     X_OG, X_OH, X_WO, X_GF, q, branch, psi, remaining, on_strand, margin, funnel, X_WF, q_ref
 ):
@@ -136,7 +136,7 @@ def _continue(
     return back, reached, angle, rate
 
 
-@njit(cache=True)
+@compiled
 def _reference_kernel(
     q,
     X_WO_now,

@@ -24,11 +24,11 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
 from feasigrasp.models.control.safety.reserve import is_close, kept_off, retreat_velocity
@@ -106,7 +106,7 @@ class TaskControlOptions:
         return self.gain, self.max_angular, self.max_linear
 
 
-@njit(cache=True)
+@compiled
 def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):
     """Twist of the hand in the world [angular; linear] from one relative to the object.
 
@@ -131,7 +131,7 @@ def hand_twist_kernel(u_H, X_WH, X_WO, V_WO, max_angular, max_linear):
     return V
 
 
-@njit(cache=True)
+@compiled
 def _steer_kernel(q, X_FG, X_WO, V_WO, X_OT, gains, goes_back, J_WH):
     """Writes the hand's Jacobian (6, 7).
 

@@ -20,9 +20,9 @@ With a single weight the target is X* throughout.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array, Indices
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import (
     compose_kernel,
     exp_kernel,
@@ -35,14 +35,14 @@ from feasigrasp.models.mixtures.ascent import LENGTH_PER_RADIAN
 SHARPNESS = 0.15
 
 
-@njit(cache=True)
+@compiled
 def square_kernel(v):
     """Square of the length of a tangent vector [angular; linear], in metres."""
     angular = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     return LENGTH_PER_RADIAN**2 * angular + v[3] * v[3] + v[4] * v[4] + v[5] * v[5]
 
 
-@njit(cache=True)
+@compiled
 def steps_kernel(X_OG, others):
     """Tangent vectors (m, 6) that lead from a grasp (4, 4) to others (m, 4, 4)."""
     X_GO, steps = inverse_kernel(X_OG), np.empty((len(others), 6))
@@ -51,7 +51,7 @@ def steps_kernel(X_OG, others):
     return steps
 
 
-@njit(cache=True)
+@compiled
 def target_kernel(X_OG, steps, weights, X_OH):
     """The target (4, 4) of a hand at ``X_OH`` that goes for the grasp ``X_OG``.
 

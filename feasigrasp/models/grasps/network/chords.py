@@ -1,9 +1,9 @@
 """Compiled loops of `grasp_input`: chords through a completed object, and nearest points."""
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.simd import wide_vectors
 from feasigrasp.models.shape.gpdf_kernels import newton_step
 from feasigrasp.models.shape.node_sums import make_workspace, value_and_gradient_at
@@ -22,7 +22,7 @@ _WALL = 0.01
 _NO_EXIT = 1e9
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _exit_costs(
     planes: Array, x: float, y: float, z: float, u: float, v: float, w: float, out: Array
 ) -> float:
@@ -46,7 +46,7 @@ def _exit_costs(
     return least
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def _crossing(planes: Array, i: int, j: int) -> float:
     """Length along the inward normal of point i to the tangent plane of point j."""
     a, b, c = planes[3:, j]
@@ -59,7 +59,7 @@ def _crossing(planes: Array, i: int, j: int) -> float:
     return (dx * a + dy * b + dz * c) / slope
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def _outermost(planes: Array, i: int, costs: Array, least: float, longest: float) -> int:
     """The plane that the ray of point i leaves through last, no farther than ``longest``.
 
@@ -74,7 +74,7 @@ def _outermost(planes: Array, i: int, costs: Array, least: float, longest: float
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(forceinline=True)
 def _exact_exit(
     tiles: Array, work: Array, length_scale: float, ray: Array, guess: float
 ) -> tuple[float, float, float, float]:
@@ -97,7 +97,7 @@ def _exact_exit(
     return (t if found else -1.0), gx / size, gy / size, gz / size
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def chords(
     tiles: Array, length_scale: float, points: Array, normals: Array, longest: float, opening: float
 ) -> tuple[Array, Array, Array]:
@@ -121,6 +121,7 @@ def chords(
     Returns:
         Lengths (n,), -1 where there is none; far ends (n, 3); outward unit normals there (n, 3).
     """
+    wide_vectors()
     n = len(points)
     lengths, ends, outward = np.full(n, -1.0), np.zeros((n, 3)), np.zeros((n, 3))
     planes = np.empty((6, n))

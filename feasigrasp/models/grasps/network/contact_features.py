@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Floats
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.network.surroundings import hand_room, neighbourhoods
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -125,7 +125,7 @@ def contact_features(
     return ContactFeatures(axes, across, chord, vectors, numbers, room)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def _assemble(
     centred, normals, scalars, sure, near, wide, far, count, wide_count, vectors, numbers
 ):
@@ -164,7 +164,7 @@ def _assemble(
         _describe(far[i, 0], count, numbers[17:, i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def _describe(mean, count, out):
     """The invariants of a neighbourhood: its weight, how flat it is, how sure."""
     out[0] = np.log1p(mean[0] * count)
@@ -172,7 +172,7 @@ def _describe(mean, count, out):
     out[2] = mean[7]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def _reference_directions(centred, axes, across):
     """Writes unit directions across the axes that move with the cloud.
 
@@ -204,7 +204,7 @@ def _reference_directions(centred, axes, across):
             across[i, k] = towards[k] / length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def _across(axis, x, y, z):
     """Length and components of the part of a vector across a unit axis."""
     # Twice: what rounding has left along the axis is not small beside a short direction.

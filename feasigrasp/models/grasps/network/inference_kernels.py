@@ -6,8 +6,8 @@ Matrix products go to BLAS, on tiles of contacts; everything between them is fus
 from collections import namedtuple
 
 import numpy as np
-from numba import njit
 
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.grasps.network.architectures import NARROWEST, WIDTHS
 from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE
 from feasigrasp.models.grasps.network.surroundings import ROOM
@@ -29,7 +29,7 @@ FusedWeights = namedtuple(
 )
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _relu(x, bias, zero):
     """Adds a bias to every channel (C, m) and cuts at zero."""
     wide_vectors()
@@ -39,7 +39,7 @@ def _relu(x, bias, zero):
             row[i] = max(row[i] + b, zero)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _half_space(p0, p1, p2, d0, d1, d2, zero, nothing):
     """Takes from vectors p, in place, what points against directions d."""
     wide_vectors()
@@ -53,23 +53,24 @@ def _half_space(p0, p1, p2, d0, d1, d2, zero, nothing):
         p2[i] -= t * c
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _dot_rows(x0, x1, x2, y0, y1, y2, out):
     wide_vectors()
     for i in range(len(x0)):
         out[i] = x0[i] * y0[i] + x1[i] * y1[i] + x2[i] * y2[i]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _length_rows(x0, x1, x2, nothing, out):
     wide_vectors()
     for i in range(len(x0)):
         out[i] = np.sqrt(max(x0[i] * x0[i] + x1[i] * x1[i] + x2[i] * x2[i], nothing))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def cloud_kernel(vectors, numbers, w):
     """Encoded vectors (3, C, n), their means (3, C), and the pooled survey of the cloud."""
+    wide_vectors()
     channels, n, zero = len(w.encode) - 1, numbers.shape[1], numbers.dtype.type(0.0)
     nothing, share = numbers.dtype.type(_NOTHING), numbers.dtype.type(1.0 / n)
     encoded = np.empty((3, channels + 1, n), dtype=vectors.dtype)
@@ -94,7 +95,7 @@ def cloud_kernel(vectors, numbers, w):
     return encoded[:, :channels], mean, pooled
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _room_inputs(room, start, ringed):
     """Writes the room of every direction, and the less and the greater of its neighbours'."""
     wide_vectors()
@@ -109,7 +110,7 @@ def _room_inputs(room, start, ringed):
                 ringed[2 * features + f, k, i] = max(a, b)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _side_inputs(vectors, frame, turns, uv, ringed):
     """Writes the components of vectors (3, C, t) along and beside every direction (2 C, K, t)."""
     wide_vectors()
@@ -129,7 +130,7 @@ def _side_inputs(vectors, frame, turns, uv, ringed):
                 ringed[sides + f, k, i] = abs(sin * uv[0, i] - cos * uv[1, i])
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _add_relu(x, y, zero):
     """Adds y (C, t) to every direction of x (C, K, t) and cuts at zero."""
     wide_vectors()
@@ -139,7 +140,7 @@ def _add_relu(x, y, zero):
                 x[c, k, i] = max(x[c, k, i] + y[c, i], zero)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _greatest(x, bias, zero, out):
     """Greatest over the directions of (C, K, t), with a bias, cut at zero."""
     wide_vectors()
@@ -153,7 +154,7 @@ def _greatest(x, bias, zero, out):
             out[c, i] = max(out[c, i] + bias[c], zero)
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _mean(row, share):
     wide_vectors()
     total = share - share
@@ -162,14 +163,14 @@ def _mean(row, share):
     return total * share
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _add_product(x, y, out):
     wide_vectors()
     for i in range(len(x)):
         out[i] += x[i] * y[i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def contacts_kernel(
     encoded, shift, numbers, room, frames, turns, context, w, tilts, said, tilt, free
 ):
@@ -189,6 +190,7 @@ def contacts_kernel(
         tilt: Written.
         free: Written.
     """
+    wide_vectors()
     kind = encoded.dtype
     n, channels, K = numbers.shape[1], encoded.shape[1], len(free)
     nothing, zero = numbers.dtype.type(_NOTHING), numbers.dtype.type(0.0)
@@ -252,7 +254,7 @@ def contacts_kernel(
             tilt[axis, tile] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True)
 def grasps_kernel(chords, frames, turns, said, tilt, free, closing, width, spread, approach, score):
     """Writes grasps, in float64 so that unit vectors are unit; spreads before their softplus."""
     ring, modes = len(free), score.shape[1]
@@ -279,13 +281,13 @@ def grasps_kernel(chords, frames, turns, said, tilt, free, closing, width, sprea
             approach[i, mode, 0], approach[i, mode, 1], approach[i, mode, 2] = x, y, z
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _along(turns, k, u, v):
     """A coordinate of direction k of the ring, from those of its axes."""
     return turns[0, k] * np.float64(u) + turns[1, k] * np.float64(v)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _unit(x, y, z):
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from feasigrasp.models.arrays import Floats
+from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.simd import wide_vectors
 
 
@@ -48,9 +48,10 @@ class Profile(NamedTuple):
     camera: Floats
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(nogil=True, fastmath=True)
 def neighbourhood_kernel(centers, facing, cloud, radii, axis, means):
     """Writes `neighbourhoods` (n, r, 8); the cloud (7, c) is sorted along an axis."""
+    wide_vectors()
     one, zero = cloud.dtype.type(1.0), cloud.dtype.type(0.0)
     for i in range(len(centers)):
         p, n = centers[i], facing[i]
@@ -70,7 +71,7 @@ def neighbourhood_kernel(centers, facing, cloud, radii, axis, means):
                     mean[c] /= radius
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out):
     wide_vectors()
     xs, ys, zs = cloud[0, start:stop], cloud[1, start:stop], cloud[2, start:stop]
@@ -93,9 +94,10 @@ def _neighbourhood(x, y, z, u, v, w, cloud, start, stop, inverse, one, zero, out
     out[4], out[5], out[6], out[7] = sx, sy, sz, sq
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(nogil=True, fastmath=True)
 def room_kernel(points, axes, across, half_widths, cloud, sure, turns, hand, reach, share, room):
     """Writes `hand_room` (ROOM, K, n)."""
+    wide_vectors()
     sums = np.empty((len(turns), room.shape[0]), dtype=points.dtype)
     rows = np.empty((6, cloud.shape[1]), dtype=points.dtype)
     profile = Profile(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5])
@@ -114,7 +116,7 @@ def room_kernel(points, axes, across, half_widths, cloud, sure, turns, hand, rea
                 room[f, k, i] = np.sqrt(np.sqrt(sums[k, f] * share))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _project(x, y, z, b, u, v, half, cloud, hand, profile):
     """Writes the profile of the cloud (3, c) about the axis b through (x, y, z)."""
     wide_vectors()
@@ -135,7 +137,7 @@ def _project(x, y, z, b, u, v, half, cloud, hand, profile):
         camera[j] = h - hand.camera_half_x
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _directions(cos, sin, profile, sure, hand, reach, out, opposite):
     """Sums of the fourth powers for an approach direction and its opposite.
 
@@ -166,7 +168,7 @@ def _directions(cos, sin, profile, sure, hand, reach, out, opposite):
     opposite[3], opposite[4], opposite[5] = b3, b4, min(b5, b6)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _one_way(z, across, hand, reach, zero):
     """Fourth powers of how deep a point is in fingers, palm, their way, and cameras either side."""
     finger, finger_y, way, palm, left, right = across
@@ -181,7 +183,7 @@ def _one_way(z, across, hand, reach, zero):
     )
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@compiled(forceinline=True, fastmath=True)
 def _fourth_power(d, zero):
     d = max(d, zero)
     d *= d

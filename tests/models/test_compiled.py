@@ -1,0 +1,173 @@
+"""Compiled functions give the same bits whoever compiled them first, and whatever was loaded."""
+
+import os
+import pkgutil
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+import feasigrasp
+from feasigrasp.models.compiled import compiled
+from feasigrasp.models.numerics.vectors import cross, dot
+from feasigrasp.warm_up.kernels import callees
+
+#: What numba takes from a caller where a function does not say it.
+INHERITED = {"fastmath", "error_model", "forceinline"}
+#: In a process of its own: numba would let ``inner`` have the fastmath of ``loose``.
+FIRST = """
+import numpy as np
+from numba import njit
+from feasigrasp.models.compiled import compiled
+
+def plain(x):
+    big = 6755399441055744.0
+    return (x + big) - big
+
+inner = compiled(plain) if {ours} else njit(plain)
+
+@njit(fastmath=True)
+def loose(x):
+    return inner(x)
+
+@njit
+def strict(x):
+    return inner(x)
+
+first, second = (loose, strict) if {loose_first} else (strict, loose)
+first(0.25), second(0.25)
+print(strict(0.25))
+"""
+
+
+def all_functions():
+    """All compiled functions of the package."""
+    found = {}
+    for module in pkgutil.walk_packages(feasigrasp.__path__, "feasigrasp."):
+        if not module.name.endswith("__main__"):
+            for value in vars(import_module(module.name)).values():
+                if isinstance(value, Dispatcher):
+                    found[name(value)] = value
+    return found
+
+
+def name(function):
+    return f"{function.py_func.__module__}.{function.py_func.__qualname__}"
+
+
+def is_inlined(function):
+    options = function.targetoptions
+    return bool(options.get("forceinline")) or options.get("inline") == "always"
+
+
+def is_relaxed(function):
+    """Whether the compiler may choose its last bits, by itself or by what is inlined into it."""
+    inlined = (f for f in callees(function.py_func) if is_inlined(f))
+    return bool(function.targetoptions.get("fastmath")) or any(map(is_relaxed, inlined))
+
+
+def shared_and_relaxed(functions):
+    """Functions that are in several pieces of machine code, which may differ."""
+    called = {name(f) for g in functions for f in callees(g.py_func)}
+    return [name(f) for f in functions if name(f) in called and is_relaxed(f) and not is_inlined(f)]
+
+
+FUNCTIONS = all_functions()
+
+
+def test_they_are_found():
+    assert len(FUNCTIONS) > 200
+    assert sum(map(is_relaxed, FUNCTIONS.values())) > 20
+
+
+@pytest.mark.parametrize("function", FUNCTIONS.values(), ids=FUNCTIONS)
+def test_nothing_is_left_to_the_caller(function):
+    assert set(function.targetoptions) >= INHERITED
+
+
+def test_what_is_relaxed_is_in_one_piece_of_machine_code():
+    assert shared_and_relaxed(FUNCTIONS.values()) == []
+
+
+@compiled(fastmath=True)
+def _relaxed(x):
+    return x + 1.0
+
+
+@compiled(forceinline=True)
+def _between(x):
+    return 2.0 * _inlined(x)
+
+
+@compiled(forceinline=True, fastmath=True)
+def _inlined(x):
+    return x + 1.0
+
+
+@compiled
+def _holder(x):
+    return _between(x)
+
+
+@compiled
+def _caller(x):
+    return _relaxed(x) + _holder(x)
+
+
+def test_what_would_be_in_several_is_found():
+    found = shared_and_relaxed([_caller, _relaxed, _between, _inlined, _holder])
+    assert [text.rpartition(".")[2] for text in found] == ["_relaxed", "_holder"]
+
+
+def printed(loose_first, *, ours):
+    code = FIRST.format(ours=ours, loose_first=loose_first)
+    code = code.replace("compiled(plain)", "compiled(plain, cache=False)")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+def test_the_first_caller_decides_nothing():
+    """Rounding to whole numbers, which a compiler that may reorder sums takes for nothing."""
+    assert printed(True, ours=False) == 0.25, "numba has mended it: `compiled` can go"
+    assert printed(True, ours=True) == printed(False, ours=True) == 0.0
+
+
+def test_division_by_zero_gives_infinity():
+    @compiled(cache=False)
+    def inverse(x):
+        return 1.0 / x
+
+    assert inverse(0.0) == np.inf
+
+
+def test_products_of_vectors():
+    a, b = np.random.default_rng(0).standard_normal((2, 3))
+    np.testing.assert_allclose(dot(tuple(a), tuple(b)), a @ b, rtol=1e-14)
+    np.testing.assert_allclose(cross(tuple(a), tuple(b)), np.cross(a, b), rtol=1e-13)
+
+
+def test_the_exponential_survives_a_hasty_caller(tmp_path):
+    """Compiled for the first time, into an empty cache, by a caller that may reorder sums."""
+    code = """
+import numpy as np
+from numba import njit
+from feasigrasp.models.numerics.simd import exp2_of_minus
+
+@njit(fastmath=True)
+def f(r, out):
+    for i in range(len(r)):
+        out[i] = exp2_of_minus(r[i])
+
+r = np.linspace(0.0, 20.0, 1000)
+out = np.empty_like(r)
+f(r, out)
+print(np.abs(out * 2.0**r - 1.0).max())
+"""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert float(done.stdout) < 1e-13
