@@ -216,12 +216,33 @@ def _is_a_jump(s, t, X):
 
 
 @compiled
+def _turn_over(state, t, X, expected, noise):
+    """Goes on as before with another orientation, as if the object had always been in it.
+
+    An object that is where it was expected has hardly been turned over: it looks much the same from
+    two sides, or its tracker knows better now. Its path is still its path.
+    """
+    s = parts(state)
+    dt = t - s.time[0]
+    turn = np.ascontiguousarray(expected[:3, :3].T) @ np.ascontiguousarray(X[:3, :3])
+    s.p[:], s.R[:] = expected[:3, 3], X[:3, :3]
+    for i in range(3):
+        s.v[i] += dt * s.a[i]
+    s.alpha[:] = 0.0
+    _propagate(s.covariance, dt, noise.jerk)
+    _start(s.covariance_r, max(noise.rotation, _FLOOR))
+    for k in range(int(s.stored[0])):
+        s.path[k, 1:] = s.path[k, 1:].copy() @ turn
+    s.time[0], s.far_since[0] = t, np.nan
+
+
+@compiled
 def measure_kernel(state, t, X, noise):
     """Takes in the pose ``X`` (4, 4), measured at time ``t``; changes ``state``.
 
     A pose that is not finite, or not later than the last one, is ignored. So is one that is far
     from where the object can be, until others confirm it; then the filter starts anew there, as it
-    does after a long silence.
+    does after a long silence. Where the orientation alone jumps, the motion goes on.
     """
     s = parts(state)
     if not np.isfinite(X.sum()) or t <= s.time[0]:
@@ -240,9 +261,13 @@ def measure_kernel(state, t, X, noise):
     sigma, sigma_r = max(noise.position, _FLOOR), max(noise.rotation, _FLOOR)
     far, far_r = np.linalg.norm(X[:3, 3] - expected[:3, 3]), np.linalg.norm(turn)
     likely, likely_r = 6.0 * np.sqrt(C[0, 0] + sigma**2), 6.0 * np.sqrt(C_r[0, 0] + sigma_r**2)
-    if far > max(_JUMP, likely) or far_r > max(_JUMP, likely_r):
+    elsewhere = far > max(_JUMP, likely)
+    if elsewhere or far_r > max(_JUMP, likely_r):
         if _is_a_jump(s, t, X):
-            _restart(state, t, X, noise)
+            if elsewhere:
+                _restart(state, t, X, noise)
+            else:
+                _turn_over(state, t, X, expected, noise)
             _remember(state, t)
         return
     s.far_since[0] = np.nan

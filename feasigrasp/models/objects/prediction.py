@@ -122,8 +122,8 @@ class MotionEstimate(Frozen):
         return X
 
 
-#: A pose this far from what a filter expects is not the one that it follows [m], [rad].
-_ELSEWHERE, _TURNED = 0.05, 0.3
+#: A pose this far from what a filter expects is not the one that it follows [m].
+_ELSEWHERE = 0.05
 
 
 def future_poses(
@@ -143,7 +143,7 @@ def future_poses(
     if motion is not None and motion.known:
         now, *later = motion.predict(np.concatenate([[0.0], times]))
         turn, step = now[:3, :3].T @ X_WO[:3, :3], X_WO[:3, 3] - now[:3, 3]
-        if np.linalg.norm(step) < _ELSEWHERE and se3.rotation_angle(turn) < _TURNED:
+        if np.linalg.norm(step) < _ELSEWHERE:
             X = np.array(later).reshape(-1, 4, 4)
             X[:, :3, :3] = X[:, :3, :3] @ turn
             X[:, :3, 3] += step

@@ -18,7 +18,6 @@ from feasigrasp.models.numerics.vectors import cross, dot, step, turn
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
-# No ``fastmath`` in these kernels: they are inlined, and rounded as suited whoever was compiled.
 # Writable, since a kernel is compiled once more for read-only arguments.
 _IDENTITY = np.eye(4)
 

@@ -165,6 +165,31 @@ def test_a_jump_is_believed_when_it_lasts(moved):
     np.testing.assert_allclose(MotionEstimate(state, t).predict([0.0])[0], expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("angle", [0.2, 1.0, np.pi])
+def test_what_is_turned_over_moves_on_as_before(angle):
+    """Position and angular velocity are those of the motion, about the object as it is now."""
+    turned = se3.make_pose(se3.so3_exp([0.0, angle, 0.0]), np.zeros(3))
+    state = follow(CIRCLE, 6.0)[0].state.copy()
+    for t in np.arange(6.0, 6.3, PERIOD):
+        measure_kernel(state, t, CIRCLE.pose(t) @ turned, Noise())
+    position, turn = off(Turned(CIRCLE, turned), MotionEstimate(state, float(t)))
+    assert np.all(position < 3e-3)
+    assert np.all(turn < 1e-2)
+
+
+class Turned:
+    """A motion of a frame that is turned in the object."""
+
+    def __init__(self, truth, turned):
+        self.truth, self.turned = truth, turned
+
+    def pose(self, t):
+        return self.truth.pose(t) @ self.turned
+
+    def velocity(self, t):
+        return self.truth.velocity(t)
+
+
 def test_what_jumps_there_and_back_leaves_no_trace():
     noise = Noise(position=1e-3)
     there, plain = follow(CIRCLE, 1.0)[0].state.copy(), follow(CIRCLE, 1.0)[0].state.copy()
