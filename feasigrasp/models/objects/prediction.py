@@ -7,7 +7,8 @@ which
 
     p(t + h) - 2 p(t) + p(t - h) = -kappa (p(t) - c),    kappa = 2 - 2 cos(omega h)
 
-is exact. Where the path shows no oscillation, the axis goes on with its velocity and the mean
+is exact. How fast the object is, is that of the oscillator through the last two seconds, as far as
+it is on them. Where the path shows no oscillation, the axis goes on with its velocity and the mean
 acceleration, which dies out. The orientation goes on with the mean angular velocity of the last
 second.
 """
@@ -31,8 +32,13 @@ _LAG = 4
 _TURN = 10
 #: Deviation of the path from the oscillator that noise alone explains [m].
 _PATH_NOISE = 2e-4
+#: Slower than this [rad/s], nothing oscillates.
+_STILL = 0.02
 #: A mean acceleration dies out over this time [s].
 _DYING = 1.5
+#: Points of the path that say how fast the object is. It is on the oscillator as far as these are:
+#: within this [m], and as much further as it moves in this time [s].
+_RECENT, _ON_PATH, _IN_TIME = 20, 2e-3, 2.5e-3
 
 
 @compiled
@@ -67,6 +73,53 @@ def _oscillator(path, count):
 
 
 @compiled
+def _speed(path, count, age, square, b, p, v):
+    """Velocity of one axis: ``v``, or that of the oscillator through the last points of the path.
+
+    One of two seconds has much less noise than one of some images. Where the oscillator is not on
+    the path, or not where the object is now, since it has turned or stopped, ``v`` is all there is.
+
+    Args:
+        path: The axis of the path, newest first.
+        count: Number of its points.
+        age: Of the newest one [s].
+        square: omega^2 [1/s^2].
+        b: See `_oscillator`.
+        p: Where the object is now [m].
+        v: What the filter has [m/s].
+    """
+    n, omega = min(count, _RECENT), np.sqrt(square)
+    if n < 2 * _LAG or omega < _STILL:
+        return v
+    c = path[0] + b / square
+    cc, cs, ss, cy, sy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        phase, y = -omega * (age + k * PATH_STEP), path[k] - c
+        cosine, sine = np.cos(phase), np.sin(phase)
+        cc, cs, ss = cc + cosine * cosine, cs + cosine * sine, ss + sine * sine
+        cy, sy, yy = cy + cosine * y, sy + sine * y, yy + y * y
+    determinant = cc * ss - cs * cs
+    if determinant <= 1e-12:
+        return v
+    even, odd = (ss * cy - cs * sy) / determinant, (cc * sy - cs * cy) / determinant
+    beside = max(yy - even * cy - odd * sy, 0.0) / n
+    beside = max(beside, 0.5 * (p - c - even) ** 2)
+    share = 1.0 / (1.0 + (beside / (_ON_PATH + _IN_TIME * abs(v)) ** 2) ** 2)
+    return v + share * (omega * odd - v)
+
+
+@compiled
+def velocity_kernel(state, now, v):
+    """Replaces a velocity ``v`` (3,) [m/s] of the object's origin, see `_speed`."""
+    s, X = parts(state), np.empty((4, 4))
+    pose_kernel(state, now, X)
+    count, age = int(s.stored[0]), now - (s.due[0] - PATH_STEP)
+    for i in range(3):
+        square, b, _ = _oscillator(s.path[:, 0, i], count)
+        v[i] = _speed(s.path[:, 0, i], count, age, square, b, X[i, 3], v[i])
+
+
+@compiled
 def predict_kernel(state, now, ahead, X):
     """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s]."""
     s = parts(state)
@@ -81,13 +134,15 @@ def predict_kernel(state, now, ahead, X):
     for k in range(len(ahead)):
         X[k] = start
         X[k, :3, :3] = so3_exp_kernel(w * ahead[k]) @ np.ascontiguousarray(start[:3, :3])
+    age = now - (s.due[0] - PATH_STEP)
     for i in range(3):
         square, b, known = _oscillator(s.path[:, 0, i], count)
-        p, v = start[i, 3] - s.path[0, 0, i], V[3 + i]
+        p = start[i, 3] - s.path[0, 0, i]
+        v = _speed(s.path[:, 0, i], count, age, square, b, start[i, 3], V[3 + i])
         omega = np.sqrt(square)
         for k in range(len(ahead)):
             t = ahead[k]
-            if omega > 0.02:
+            if omega > _STILL:
                 c = b / square
                 x = c + (p - c) * np.cos(omega * t) + v / omega * np.sin(omega * t)
             else:
@@ -113,6 +168,15 @@ class MotionEstimate(Frozen):
     def known(self) -> bool:
         """Whether there has been a measurement."""
         return not np.isnan(self.state[0])
+
+    def velocity(self, v_WO: ArrayLike) -> Array:
+        """The velocity (3,) of O's origin [m/s] now, if that of a filter of its own is ``v_WO``.
+
+        As far as the last two seconds are on one oscillator, it is that of the oscillator.
+        """
+        v = np.array(v_WO, dtype=float)
+        velocity_kernel(self.state, self.time, v)
+        return v
 
     def predict(self, ahead: ArrayLike) -> Array:
         """Poses (k, 4, 4) of the object in the world, ``ahead`` (k,) seconds from now."""

@@ -159,6 +159,8 @@ class FieldTracker(LeafSystem):
         time, coasting = context.get_time(), state is TrackingState.COASTING
         lost = state is TrackingState.LOST
         V_WO = np.zeros(6) if lost else found.estimate.twist(time, coasting=coasting)
+        if state is TrackingState.TRACKING:  # by its path with less noise than by the last images
+            V_WO[3:] = MotionEstimate(found.motion, time).velocity(V_WO[3:])
         return self._expected(found, state, time), V_WO
 
     @staticmethod

@@ -34,6 +34,7 @@ def motion(amplitude=(0.0, 0.0, 0.0), harmonic=(1.0, 1.0, 1.0), rate=0.3, **opti
 
 CIRCLE = motion((0.45, 0.45, 0.0))
 LINE = motion((0.0, 0.45, 0.1))
+QUICK = motion((0.15, 0.15, 0.0), rate=3.0)
 SWING = motion((0.1, 0.35, 0.0), (10.0, 1.0, 1.0))
 
 
@@ -163,6 +164,44 @@ def test_a_jump_is_believed_when_it_lasts(moved):
         measure_kernel(state, t, CIRCLE.pose(t) @ moved, Noise())
     expected = CIRCLE.pose(t) @ moved
     np.testing.assert_allclose(MotionEstimate(state, t).predict([0.0])[0], expected, atol=1e-9)
+
+
+def test_a_path_says_how_fast_the_object_is():
+    """Noise of 2 mm: one of two seconds has a third of the error of what the filter has, or less."""
+    noise, errors = Noise(position=2e-3, jerk=3.0), []
+    for seed in range(10):
+        estimate, _ = follow(QUICK, 6.0, noise, seed)
+        V, true = np.empty(6), QUICK.velocity(estimate.time)[3:]
+        twist_kernel(estimate.state, estimate.time, V)
+        errors.append([np.linalg.norm(v - true) for v in (V[3:], estimate.velocity(V[3:]))])
+    filtered, by_path = np.mean(errors, axis=0)
+    assert by_path < filtered / 3.0
+
+
+class Stopping:
+    """A circle until an instant; then rest."""
+
+    def __init__(self, at):
+        self.at = at
+
+    def pose(self, t):
+        return QUICK.pose(min(t, self.at))
+
+    def velocity(self, t):
+        return np.zeros(6) if t > self.at else QUICK.velocity(t)
+
+
+@pytest.mark.parametrize("since", [0.2, 0.5, 1.0, 1.5, 2.0, 4.0])
+def test_a_path_that_has_ended_says_nothing(since):
+    estimate, _ = follow(Stopping(6.0), 6.0 + since, Noise(position=1e-3, jerk=3.0))
+    V = np.empty(6)
+    twist_kernel(estimate.state, estimate.time, V)
+    added = estimate.velocity(V[3:]) - V[3:]
+    assert np.linalg.norm(added) < 0.1 * np.linalg.norm(QUICK.velocity(6.0)[3:])
+
+
+def test_without_a_path_the_velocity_stays():
+    np.testing.assert_array_equal(MotionEstimate(empty_state(), 0.0).velocity([1, 2, 3]), [1, 2, 3])
 
 
 @pytest.mark.parametrize("angle", [0.2, 1.0, np.pi])
