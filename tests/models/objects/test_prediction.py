@@ -167,7 +167,7 @@ def test_a_jump_is_believed_when_it_lasts(moved):
 
 
 def test_a_path_says_how_fast_the_object_is():
-    """Noise of 2 mm: one of two seconds has a third of the error of what the filter has, or less."""
+    """Noise of 2 mm: one of two seconds errs by a third of what the filter errs by, or less."""
     noise, errors = Noise(position=2e-3, jerk=3.0), []
     for seed in range(10):
         estimate, _ = follow(QUICK, 6.0, noise, seed)
