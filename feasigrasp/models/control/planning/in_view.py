@@ -2,8 +2,10 @@
 
 The object's middle is to stay inside a cone about the camera's axis, in which most of the object is
 in the image; the cone is wider where the object is near and large: at a grasp only a part of it can
-be seen, and its middle may be far aside. With the angle ``a`` that is left to the cone's edge the
-velocity is the one nearest to what is wanted with ``a' >= -g a``; outside the cone, it leads back.
+be seen, and its middle may be far aside. It is wider for a quick object, too, which an arm that has
+to keep it in the middle of its image as well cannot follow. With the angle ``a`` that is left to
+the cone's edge the velocity is the one nearest to what is wanted with ``a' >= -g a``; outside the
+cone, it leads back.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
 #: Half of the cone's opening, and the share that is added of what the object's apparent radius is
 #: larger than that of one as far away as it is first seen [rad].
 _HALF_OPENING, _OF_RADIUS, _FAR_RADIUS = np.deg2rad(22.0), 0.8, np.deg2rad(18.0)
+#: From the first speed on the cone is wider, at the second by this half [m/s, rad].
+_QUICK, _QUICKEST, _WIDER = 0.3, 0.5, np.deg2rad(12.0)
 #: g, the rate at which the edge may be approached [1/s].
 _RATE = 3.0
 #: No faster than this does the object come back from outside the cone [rad/s].
@@ -63,11 +67,12 @@ def velocity_in_view(
 
 
 @compiled
-def _room_kernel(cosine, apparent):
+def _room_kernel(cosine, apparent, speed):
     """Angle from an object's middle to the edge of the cone; negative outside."""
     angle = np.arccos(min(max(cosine, -1.0), 1.0))
     larger = np.arcsin(min(1.0, apparent)) - _FAR_RADIUS
-    return _HALF_OPENING + _OF_RADIUS * max(larger, 0.0) - angle
+    wider = min(max((speed - _QUICK) / (_QUICKEST - _QUICK), 0.0), 1.0) * _WIDER
+    return _HALF_OPENING + wider + _OF_RADIUS * max(larger, 0.0) - angle
 
 
 @compiled
@@ -83,7 +88,7 @@ def _keep_kernel(q, X_FG, X_WC, p_W, v_W, radius, qd):
     sine = np.sqrt(across @ across)
     if not sine > _ON_AXIS:
         return
-    room = _room_kernel(n @ z, radius / distance)
+    room = _room_kernel(n @ z, radius / distance, np.sqrt(v_W @ v_W))
     axis = across / sine
     # The angle decreases by a turn of z towards n, and as n moves towards z ...
     towards = np.cross(axis, n) / distance

@@ -49,6 +49,7 @@ def kept(q, qd, p_W, v_W):
 @pytest.mark.parametrize("seed", range(20))
 def test_the_edge_is_approached_no_faster_than_its_distance_allows(seed):
     q, p_W, v_W, qd = some(seed)
+    v_W *= 0.29 / np.linalg.norm(v_W)  # not quick
     room = room_in_view(camera(q), p_W, RADIUS)
     after = kept(q, qd, p_W, v_W)
     least = min(-RATE * room, 1.0)
@@ -57,6 +58,19 @@ def test_the_edge_is_approached_no_faster_than_its_distance_allows(seed):
         np.testing.assert_array_equal(after, qd)
     else:
         assert rate_of_room(q, after, p_W, v_W) == pytest.approx(least, abs=1e-5)
+
+
+@pytest.mark.parametrize(("speed", "wider"), [(0.2, 0.0), (0.3, 0.0), (0.4, 6.0), (0.6, 12.0)])
+def test_a_quick_object_may_be_nearer_to_the_edge(speed, wider):
+    q, p_W, v_W, qd = some(1)
+    v_W *= speed / np.linalg.norm(v_W)
+    qd = -50.0 * qd  # whatever is wanted, it is too much
+    if rate_of_room(q, qd, p_W, v_W) > 0.0:
+        qd = -qd
+    room = room_in_view(camera(q), p_W, RADIUS) + np.deg2rad(wider)
+    least = min(-RATE * room, 1.0)
+    assert rate_of_room(q, qd, p_W, v_W) < least
+    assert rate_of_room(q, kept(q, qd, p_W, v_W), p_W, v_W) == pytest.approx(least, abs=1e-5)
 
 
 def test_it_is_the_nearest_such_velocity_in_units_of_the_speed_limits():
