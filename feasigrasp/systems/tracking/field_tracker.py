@@ -150,19 +150,6 @@ class FieldTracker(LeafSystem):
         stamped = self._image_time.HasValue(context)
         return float(self._image_time.Eval(context)[0]) if stamped else context.get_time()
 
-    def _pose_and_twist(self, context: Context) -> tuple[Array, Array]:
-        """Pose and twist now; NaN before the first view, and at rest once it is lost."""
-        found = self._known(context)
-        if found.estimate is None:
-            return np.full((4, 4), np.nan), np.full(6, np.nan)
-        state = found.state(context.get_time(), self._config.silence)
-        time, coasting = context.get_time(), state is TrackingState.COASTING
-        lost = state is TrackingState.LOST
-        V_WO = np.zeros(6) if lost else found.estimate.twist(time, coasting=coasting)
-        if state is TrackingState.TRACKING:  # by its path with less noise than by the last images
-            V_WO[3:] = MotionEstimate(found.motion, time).velocity(V_WO[3:])
-        return self._expected(found, state, time), V_WO
-
     @staticmethod
     def _expected(found: FieldTrack, state: TrackingState, time: float) -> Array:
         """Pose at a time; held once the object is lost."""
@@ -172,7 +159,10 @@ class FieldTracker(LeafSystem):
         return found.estimate.pose(time, coasting=state is TrackingState.COASTING)
 
     def _calc_pose(self, context: Context) -> RigidTransform:
-        return RigidTransform(self._pose_and_twist(context)[0])
+        found, time = self._known(context), context.get_time()
+        if found.estimate is None:
+            return RigidTransform(np.full((4, 4), np.nan))
+        return RigidTransform(self._expected(found, found.state(time, self._config.silence), time))
 
     def _calc_at_view(self, context: Context) -> RigidTransform:
         found, time = self._known(context), self._time_of_image(context)
@@ -184,7 +174,17 @@ class FieldTracker(LeafSystem):
         return RigidTransform(self._expected(found, state, time if np.isfinite(time) else now))
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
-        return SpatialVelocity(self._pose_and_twist(context)[1])
+        """Twist now; NaN before the first view, and none once the object is lost."""
+        found, time = self._known(context), context.get_time()
+        if found.estimate is None:
+            return SpatialVelocity(np.full(6, np.nan))
+        state = found.state(time, self._config.silence)
+        if state is TrackingState.LOST:
+            return SpatialVelocity.Zero()
+        V_WO = found.estimate.twist(time, coasting=state is TrackingState.COASTING)
+        if state is TrackingState.TRACKING:  # by its path with less noise than by the last images
+            V_WO[3:] = MotionEstimate(found.motion, time).velocity(V_WO[3:])
+        return SpatialVelocity(V_WO)
 
     def _calc_motion(self, context: Context) -> MotionEstimate:
         known = not self.tracking(context).lost
