@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import VectorLogSink
-from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.metrics.tick_times import times_of
 from feasigrasp.evaluation.runs.plan import add_scenario_arguments
 from feasigrasp.models.faults.images import CameraGone
 from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.models.faults.pose import PoseNan
+from feasigrasp.one_thread import one_thread
 from feasigrasp.resources import diagram_path
 from feasigrasp.results.arguments import add_common_arguments, minutes, names, select_objects
 from feasigrasp.results.finished import Record, finish_all
@@ -102,7 +102,7 @@ def soak(_: str, text: str) -> list[Record]:
         ``tick_p50_us``, ``tick_p99_us`` of the CPU time of the controller's commands.
     """
     scenario = parse_scenario(text)
-    with threadpool_limits(1):
+    with one_thread():
         diagram = make_dynamic_grasp(scenario)
         ticks = times_of(diagram.GetSubsystemByName("controller"), "velocity", time.thread_time)
         simulator = Simulator(diagram)

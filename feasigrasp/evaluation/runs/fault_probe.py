@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
-from threadpoolctl import threadpool_limits
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.faults.images import CameraGone
@@ -17,6 +16,7 @@ from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.models.faults.pose import PoseFrozen, PoseNan
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.one_thread import one_thread
 from feasigrasp.scenario.files import parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -48,7 +48,7 @@ class ArmLog(NamedTuple):
 
 def arm_log(scenario: Scenario) -> ArmLog:
     """What the arm is told and does in a scenario, until its duration is over."""
-    with threadpool_limits(1):
+    with one_thread():
         diagram = make_dynamic_grasp(scenario)
         simulator = Simulator(diagram)
         ApplySimulatorConfig(scenario.simulator_config, simulator)

@@ -7,14 +7,10 @@ memory. It is for the server process that they are forked from, and for nothing 
 import gc
 import os
 
-#: Libraries that would start one thread per processor in each of the processes.
-_THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-)
-os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))  # before the libraries are loaded
+from feasigrasp.one_thread import THREAD_VARIABLES
+
+# Before they are loaded: libraries would start one thread per processor in each of the processes.
+os.environ.update(dict.fromkeys((*THREAD_VARIABLES, "NUMBA_NUM_THREADS"), "1"))
 
 from feasigrasp.evaluation.runs.run import run  # noqa: E402
 from feasigrasp.resources import diagram_path  # noqa: E402

@@ -25,7 +25,6 @@ from pydrake.systems.primitives import (
     LogVectorOutput,
     ZeroOrderHold,
 )
-from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.metrics.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
 from feasigrasp.evaluation.metrics.motion_limits import JointTicks
@@ -41,6 +40,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.one_thread import one_thread
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_controller, make_reachability_filter
@@ -191,7 +191,7 @@ def roll_out(
     if duration is None:
         laps = 3.0 * lap(scenario)
         duration = laps if np.isfinite(laps) else scenario.simulation_duration
-    with threadpool_limits(1):
+    with one_thread():
         diagram = make_rollout(scenario, grasps, controller)
         simulator = Simulator(diagram)
         drive = diagram.GetSubsystemByName("drive")

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
-from threadpoolctl import threadpool_limits
 
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.evaluation.metrics.cause import Cause
@@ -40,6 +39,7 @@ from feasigrasp.models.control.status import Status
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.one_thread import one_thread
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.scenario.files import dump_scenario
@@ -100,8 +100,7 @@ def run(
     say("building the diagram")
     # Made now: the revision may change while the simulation runs.
     record = crash_record(scenario, name, "")
-    # The pipeline's matrices are small: a second BLAS thread costs more than it brings.
-    with threadpool_limits(1):
+    with one_thread():
         # What is alive by now, compiled code above all, stays: not worth traversing again.
         gc.freeze()
         watched = live.meshcat if live else None

@@ -7,8 +7,8 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from feasigrasp.one_thread import one_thread
 from feasigrasp.systems.remote.packing import packed, unpacked
 from feasigrasp.systems.remote.served import Served
 
@@ -28,7 +28,7 @@ def main(descriptor: int) -> None:
 
 def _serve(connection: Connection) -> None:
     make, state = unpacked(connection.recv_bytes())
-    with threadpool_limits(1):
+    with one_thread():
         served = Served(make())
         if state is not None:
             served.remember(state)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
-from threadpoolctl import threadpool_limits
 
 from feasigrasp.evaluation.metrics.motion_limits import ROUNDING
 from feasigrasp.evaluation.runs.console import StatusLine
@@ -18,6 +17,7 @@ from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, measured, 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.one_thread import one_thread
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
@@ -57,7 +57,7 @@ def simulate_cell(
     """
     record = crash_record(scenario, name, "")
     error = None
-    with threadpool_limits(1), postponed_interrupt() as interrupted:
+    with one_thread(), postponed_interrupt() as interrupted:
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
         heard = HeardCommands(lcm, lambda: simulator.get_context().get_time())

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 from pydrake.lcm import DrakeLcm
-from threadpoolctl import threadpool_limits
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.evaluation.metrics.run_metrics import METRICS
 from feasigrasp.evaluation.runs.console import StatusLine, progress
 from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, status_history
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.one_thread import one_thread
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
@@ -64,7 +64,7 @@ def run_hardware(
     say = line.show if line else lambda text: None
     record = crash_record(scenario, name, "")
     error = None
-    with threadpool_limits(1), postponed_interrupt() as interrupted:
+    with one_thread(), postponed_interrupt() as interrupted:
         say("building the diagram")
         built = time.perf_counter()
         lcm = channels.open_lcm(lcm_url)
