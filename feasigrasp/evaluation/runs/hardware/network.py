@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from functools import partial
 
@@ -31,12 +31,10 @@ _BEGIN = signal.SIGUSR1
 _PAUSE = 5e-4
 _IMAGES = channels.image_channel("")
 #: Of the commands, those for the arm come from a guard on the computer of its driver.
-_TO_CELL = "|".join((channels.IIWA_REQUEST, channels.WSG_COMMAND))
-_FROM_CELL = "|".join(
-    (
-        *(channels.IIWA_STATUS, channels.IIWA_COMMAND, channels.WSG_STATUS),
-        *(channels.OBJECT_POSE, f"{_IMAGES}.*"),
-    )
+_TO_CELL = (channels.IIWA_REQUEST, channels.WSG_COMMAND)
+_FROM_CELL = (
+    *(channels.IIWA_STATUS, channels.IIWA_COMMAND, channels.WSG_STATUS),
+    *(channels.OBJECT_POSE, f"{_IMAGES}.*"),
 )
 
 
@@ -65,8 +63,8 @@ class Relay:
         self._numbers = itertools.count()
         # By direction: an end hears what is published on it, too.
         self._subscriptions = [
-            _all_of(self._ends[0], _FROM_CELL, partial(self._take, 1)),
-            _all_of(self._ends[1], _TO_CELL, partial(self._take, 0)),
+            *_each(self._ends[0], _FROM_CELL, partial(self._take, 1)),
+            *_each(self._ends[1], _TO_CELL, partial(self._take, 0)),
         ]
 
     def _take(self, to: int, channel: str, data: bytes) -> None:
@@ -143,9 +141,13 @@ def main(one: str, other: str, fault: str, seed: str) -> None:
             relay.step()
 
 
-def _all_of(lcm: DrakeLcm, pattern: str, take: Callable[[str, bytes], None]) -> object:
-    """A subscription to every message on the channels of a pattern."""
-    return lcm.SubscribeMultichannel(pattern, take)
+def _each(
+    lcm: DrakeLcm, patterns: Iterable[str], take: Callable[[str, bytes], None]
+) -> list[object]:
+    """A subscription to every message on the channels of each pattern."""
+    # Not one to them all: a subscription keeps one message until that is handled, and drops what
+    # comes meanwhile, on whatever channel.
+    return [lcm.SubscribeMultichannel(pattern, take) for pattern in patterns]
 
 
 def _nan_depth(data: bytes) -> bytes:
