@@ -44,7 +44,9 @@ class Prices:
         no_way_in: Of a grasp behind which a joint limit leaves no place to line up [s].
         motion: Of joint motion, per second of it at the speed limits.
         waiting: Of being at a place before the grasp is, per second.
-        speed_share: Share of the joints' speed limits that a plan counts on.
+        speed_share: Share of the joints' speed limits that a way is planned with.
+        follow_share: Share of them that following a grasp may take: what the safety problem allows,
+            since a grasp that is followed as well as the arm can is better than none.
         regrip_time: Time that going round the object takes at most, beside that of the joints [s].
     """
 
@@ -63,6 +65,7 @@ class Prices:
     motion: float = 0.2
     waiting: float = 0.5
     speed_share: float = 0.7
+    follow_share: float = 0.9
     regrip_time: float = 0.5
 
     @classmethod

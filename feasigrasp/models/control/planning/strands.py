@@ -96,7 +96,7 @@ def _go_backwards(strands, times, prices):
                             continue
                         q, q_next = strands.q[k, i, b, j], strands.q[k + 1, i, b, m]
                         travel = travel_time_kernel(q, q_next)
-                        if travel > prices.speed_share * dt:
+                        if travel > prices.follow_share * dt:
                             continue
                         cost = to_go[k + 1, i, b, m] + prices.motion * travel
                         cost += 0.5 * dt * (rate[k, i, b, j] + rate[k + 1, i, b, m])

@@ -8,6 +8,7 @@ import pytest
 from feasigrasp.models.control.planning.prices import Prices, end_kernel, rate_kernel
 from feasigrasp.models.control.planning.strands import strand_cost_kernel, strands_kernel
 from feasigrasp.models.control.planning.transfers import way_kernel
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import HarmonicMotion
@@ -66,7 +67,22 @@ def test_the_nodes_of_all_strands_are_admissible_and_reach_their_grasps():
     later = strands.q[k[go_on] + 1, i[go_on], branch[go_on], following[go_on]]
     steps = np.diff(PRICES.instants)[k[go_on]]
     travel = np.max(np.abs(later - q[go_on]) / IIWA_7.velocity_limits, axis=1)
-    assert np.all(travel <= PRICES.speed_share * steps + 1e-12)
+    assert np.all(travel <= PRICES.follow_share * steps + 1e-12)
+
+
+@pytest.mark.parametrize(("share", "followed"), [(0.85, True), (0.95, False)])
+def test_a_grasp_is_followed_as_fast_as_the_safety_problem_allows(share, followed):
+    """The object turns about the hand's axis, so that only the last joint moves."""
+    X_WG, spin = forward_kinematics(START, X_FG), share * IIWA_7.velocity_limits[6]
+    times = np.linspace(0.0, 0.5, 3)
+    poses = np.array([X_WG @ se3.exp([0.0, 0.0, spin * t, 0.0, 0.0, 0.0]) for t in times])
+    X_GF, still = np.linalg.inv(X_FG), np.eye(4)[None]
+    strands = strands_kernel(
+        START, poses, times, still, FREE[:1], X_GF, REACHABILITY.search, PRICES.record
+    )
+    kept = strands.following[0, 0] == np.arange(strands.following.shape[-1])
+    assert kept.any() == followed
+    assert (share < SafetyOptions.velocity_scale) == followed
 
 
 def test_an_arm_angle_that_is_kept_costs_no_less_than_the_best_way_through_the_arm_angles():
