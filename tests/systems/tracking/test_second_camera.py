@@ -30,7 +30,15 @@ def output(diagram, context, system, port):
 
 
 def test_it_is_tracked_by_the_other_camera_until_the_first_one_sees_it_again():
-    diagram, context, simulator = simulated(GONE - 0.05, SECOND_CAMERA, BLIND)
+    # How far a run is off depends on what the arm came to see in the first second: several.
+    errors = [error_by_the_other_camera(seed) for seed in (1, 2, 3)]
+    assert np.median(errors) < 0.015 and max(errors) < 0.03
+
+
+def error_by_the_other_camera(seed):
+    """Of the position after two seconds [m]."""
+    texts = (SECOND_CAMERA, BLIND, f"{{random_seed: {seed}}}")
+    diagram, context, simulator = simulated(GONE - 0.05, *texts)
     learnt = output(diagram, context, "tracker", "keyframe").time
     simulator.AdvanceTo(GONE + 2.0)
     tracking = output(diagram, context, "tracker", "tracking")
@@ -38,12 +46,12 @@ def test_it_is_tracked_by_the_other_camera_until_the_first_one_sees_it_again():
     assert tracking.in_view == 0.0  # of the camera that the arm carries
     # By what the camera at its side saw nothing was learnt.
     assert output(diagram, context, "tracker", "keyframe").time <= max(learnt, GONE)
-    tracked = output(diagram, context, "tracker", "object_pose").translation()
-    true = output(diagram, context, "true_frame", "frame_pose").translation()
-    assert np.linalg.norm(tracked - true) < 0.015
     monitor = diagram.GetSubsystemByName("status")
     codes = [s.code for s in monitor.history(monitor.GetMyContextFromRoot(context))]
     assert StatusCode.LOOKING_FOR_OBJECT not in codes
+    tracked = output(diagram, context, "tracker", "object_pose").translation()
+    true = output(diagram, context, "true_frame", "frame_pose").translation()
+    return float(np.linalg.norm(tracked - true))
 
 
 def test_without_it_the_object_is_lost():
