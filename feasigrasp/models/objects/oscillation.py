@@ -31,8 +31,8 @@ _LAG = 4
 _PATH_NOISE, _NOISE = 2e-4, 1.5e-3
 #: Slower than this [rad/s], nothing oscillates.
 STILL = 0.02
-#: Points count e times less after a radian of an oscillation, and so long at least and at most [s].
-_FADES = (0.5, 1.5)
+#: Points count e times less after so long [s]: objects stop and turn.
+_FADES = 0.5
 #: What is known of the drift [m/s], and of omega after the first guess, as a share of it.
 _DRIFT, _OMEGA = 0.02, 0.1
 #: Gauss-Newton steps, and the change of omega they may lead to at most, as a factor.
@@ -96,7 +96,6 @@ def oscillation_kernel(path, count):
     guess, mean = _guess(path, count)
     swings = guess > STILL
     omega = first = guess if swings else STILL
-    fades = min(max(1.0 / omega, _FADES[0]), _FADES[1])
     x, columns = np.zeros(5), np.empty(5)
     M, y = np.empty((5, 5)), np.empty(5)
     for step in range(_STEPS + 1 if swings else 1):
@@ -106,7 +105,7 @@ def oscillation_kernel(path, count):
         y[4] = M[4, 4] * (first - omega)
         for k in range(count):
             t = -k * PATH_STEP
-            weight = np.exp(t / fades)
+            weight = np.exp(t / _FADES)
             S, C, cosine = shape_kernel(omega, t)
             columns[0], columns[1], columns[2], columns[3] = 1.0, S, C, t - S
             # d/d omega, at what was found before; at first that is nothing.
@@ -121,7 +120,7 @@ def oscillation_kernel(path, count):
     beside, weights = 0.0, 0.0
     for k in range(count):
         t = -k * PATH_STEP
-        weight = np.exp(t / fades)
+        weight = np.exp(t / _FADES)
         S, C, _ = shape_kernel(omega, t)
         off = path[k] - path[0] - x[0] - x[1] * S - x[2] * C - x[3] * (t - S)
         beside += weight * off * off

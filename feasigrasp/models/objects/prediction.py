@@ -56,7 +56,7 @@ def _now(known, age, p, v):
 
 @compiled
 def velocity_kernel(state, now, v):
-    """Replaces a velocity ``v`` (3,) [m/s] of the object's origin, see `_speed`."""
+    """Replaces a velocity ``v`` (3,) [m/s] of the object's origin, see `_now`."""
     s, X = parts(state), np.empty((4, 4))
     pose_kernel(state, now, X)
     count, age = int(s.stored[0]), now - (s.due[0] - PATH_STEP)
