@@ -66,8 +66,11 @@ def velocity_kernel(state, now, v):
 
 
 @compiled
-def predict_kernel(state, now, ahead, X):
-    """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s]."""
+def predict_kernel(state, now, v_WO, ahead, X):
+    """Writes poses (k, 4, 4) at the times ``now + ahead``, shape (k,) [s].
+
+    ``v_WO`` (3,) is how fast the object is where it is not on an oscillation [m/s].
+    """
     s = parts(state)
     start, V = np.empty((4, 4)), np.empty(6)
     pose_kernel(state, now, start)
@@ -83,7 +86,7 @@ def predict_kernel(state, now, ahead, X):
     age = now - (s.due[0] - PATH_STEP)
     for i in range(3):
         known = oscillation_kernel(s.path[:, 0, i], count)
-        v, a = _now(known, age, start[i, 3] - s.path[0, 0, i], V[3 + i])
+        v, a = _now(known, age, start[i, 3] - s.path[0, 0, i], v_WO[i])
         for k in range(len(ahead)):
             t = ahead[k]
             if known.omega > STILL:
@@ -121,11 +124,18 @@ class MotionEstimate(Frozen):
         velocity_kernel(self.state, self.time, v)
         return v
 
-    def predict(self, ahead: ArrayLike) -> Array:
-        """Poses (k, 4, 4) of the object in the world, ``ahead`` (k,) seconds from now."""
+    def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
+        """Poses (k, 4, 4) of the object in the world.
+
+        Args:
+            ahead: Seconds from now, shape (k,).
+            v_WO: Its velocity now, where a filter of its own knows that better, shape (3,) [m/s].
+        """
         times = np.ascontiguousarray(ahead, dtype=float).reshape(-1)
-        X = np.empty((len(times), 4, 4))
-        predict_kernel(self.state, self.time, times, X)
+        X, V = np.empty((len(times), 4, 4)), np.empty(6)
+        twist_kernel(self.state, self.time, V)
+        v = V[3:] if v_WO is None else np.array(v_WO, dtype=float)
+        predict_kernel(self.state, self.time, v, times, X)
         return X
 
 
@@ -148,7 +158,7 @@ def future_poses(
     """
     times = np.asarray(ahead, dtype=float).reshape(-1)
     if motion is not None and motion.known:
-        now, *later = motion.predict(np.concatenate([[0.0], times]))
+        now, *later = motion.predict(np.concatenate([[0.0], times]), V_WO[3:])
         turn, step = now[:3, :3].T @ X_WO[:3, :3], X_WO[:3, 3] - now[:3, 3]
         if np.linalg.norm(step) < _ELSEWHERE:
             X = np.array(later).reshape(-1, 4, 4)
