@@ -32,7 +32,7 @@ _PATH_NOISE, _NOISE = 2e-4, 1.5e-3
 #: Slower than this [rad/s], nothing oscillates.
 STILL = 0.02
 #: Points count e times less after so long [s]: objects stop and turn.
-_FADES = 0.5
+_FADES = 0.6
 #: What is known of the drift [m/s], and of omega after the first guess, as a share of it.
 _DRIFT, _OMEGA = 0.02, 0.1
 #: Gauss-Newton steps, and the change of omega they may lead to at most, as a factor.
