@@ -100,6 +100,8 @@ def motion_errors(
             errors[f"velocity_mm_s/{preset}"].append(1e3 * moving)
             errors[f"angular_velocity_deg_s/{preset}"].append(np.rad2deg(turning))
         estimate = MotionEstimate(state.copy(), now)
+        by_path = np.linalg.norm(estimate.velocity(V_now[3:]) - V_true[3:])
+        errors["velocity_mm_s/path"].append(1e3 * float(by_path))
         for s, predicted in zip(AHEAD, estimate.predict(AHEAD), strict=True):
             position, angle = _apart(predicted, motion.pose(now + s))
             errors[f"ahead_{s:g}s_cm/predictor"].append(100.0 * position)

@@ -204,6 +204,16 @@ def test_without_a_path_the_velocity_stays():
     np.testing.assert_array_equal(MotionEstimate(empty_state(), 0.0).velocity([1, 2, 3]), [1, 2, 3])
 
 
+def test_where_the_path_has_ended_it_goes_on_as_fast_as_another_filter_says():
+    """A tracker with a filter of its own knows of a stop, or of a start, before the path does."""
+    estimate, _ = follow(Stopping(6.0), 6.3, Noise(position=1e-3, jerk=3.0))
+    slow, quick = ([0.1, -0.05, 0.0], [0.2, -0.1, 0.0])
+    now, a = estimate.predict([0.0, 1e-3], slow)[:, :3, 3]
+    b = estimate.predict([1e-3], quick)[0, :3, 3]
+    np.testing.assert_allclose((a - now) / 1e-3, slow, atol=0.02)
+    np.testing.assert_allclose((b - now) / 1e-3, quick, atol=0.02)
+
+
 @pytest.mark.parametrize("angle", [0.2, 1.0, np.pi])
 def test_what_is_turned_over_moves_on_as_before(angle):
     """Position and angular velocity are those of the motion, about the object as it is now."""
@@ -256,7 +266,7 @@ def test_future_poses_fall_back_on_the_twist():
     estimate, _ = follow(CIRCLE, 6.0)
     X_WO, V_WO = CIRCLE.pose(estimate.time), CIRCLE.velocity(estimate.time)
     np.testing.assert_allclose(
-        future_poses(estimate, X_WO, V_WO, AHEAD), estimate.predict(AHEAD), atol=1e-12
+        future_poses(estimate, X_WO, V_WO, AHEAD), estimate.predict(AHEAD, V_WO[3:]), atol=1e-12
     )
     lifted = X_WO.copy()
     lifted[2, 3] += 0.1
