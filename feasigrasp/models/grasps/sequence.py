@@ -23,6 +23,8 @@ _STEP = 1e-3
 #: Fingers have stopped if the distance between them shrinks by less [m/s]; what is told of them so
 #: soon after they were told to close is from before they moved [s].
 _STOPPED, _TAKE_OFF = 0.01, 0.2
+#: Pose and twist of an object that nobody tracks.
+_UNKNOWN = np.full((4, 4), np.nan), np.full(6, np.nan)
 
 
 class Phase(IntEnum):
@@ -225,6 +227,48 @@ class GraspState(Frozen):
         X = self.X_WO.copy()
         X[:3, 3] += moved
         return X, np.concatenate([np.zeros(3), velocity])
+
+
+@dataclass(frozen=True, eq=False)
+class CommittedMotion(Frozen):
+    """Where an object will be that the hand has committed to: the targets of all phases to come.
+
+    Fingers that close are taken to need ``closing_time``: an object that goes on longer than it
+    does is no harm to a plan.
+
+    Attributes:
+        state: Where the sequence is; committed.
+        time: Now [s].
+        config: Durations of the phases.
+    """
+
+    state: GraspState
+    time: float
+    config: GraspSequenceConfig
+
+    @property
+    def known(self) -> bool:
+        """Always so."""
+        return True
+
+    def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
+        """Poses (k, 4, 4) of the object so many seconds (k,) from now, whatever its velocity."""
+        times = self.time + np.asarray(ahead, dtype=float).reshape(-1)
+        return np.array([self._target(t) for t in times]).reshape(-1, 4, 4)
+
+    def _target(self, t: float) -> Array:
+        state, config = self.state, self.config
+        for phase, lasts in (
+            (Phase.CLOSE, config.closing_time),
+            (Phase.LIFT, config.lift_time),
+            (Phase.SHAKE, config.shake_time),
+        ):
+            end = state.since + lasts
+            if state.phase == phase and t >= end:
+                closed = phase == Phase.CLOSE
+                X_WO = state.target(end, *_UNKNOWN, config)[0] if closed else state.X_WO
+                state = replace(state, phase=Phase(phase + 1), since=end, X_WO=X_WO)
+        return state.target(t, *_UNKNOWN, config)[0]
 
 
 def pressing_since(before: float, t: float, elapsed: float, rate: float) -> float:
