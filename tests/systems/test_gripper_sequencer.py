@@ -272,7 +272,38 @@ def test_what_the_tracker_predicts_is_for_the_approach_only():
     mock = Mock(object_motion=Value[object](motion))
     assert mock.output("object_motion") is motion
     mock.advance_to_phase(Phase.CLOSE)
-    assert mock.output("object_motion") is None
-    mock.advance_to_phase(Phase.HOLD)
-    assert mock.output("object_motion") is None
+    assert mock.output("object_motion") is not motion
     assert Mock().output("object_motion") is None
+
+
+@pytest.mark.parametrize("phase", list(Phase)[1:])
+def test_from_then_on_it_tells_where_the_object_will_be_taken(phase):
+    mock = Mock()
+    start = mock.advance_to_phase(phase)
+    motion = mock.output("object_motion")
+    assert motion.known
+    # When fingers that close will have closed, nobody knows.
+    last = 0.2 if phase == Phase.CLOSE else 4.0
+    ahead = np.arange(0.0, last, 0.05)
+    predicted = motion.predict(ahead)
+    for s, X in zip(ahead, predicted, strict=True):
+        if s > 0.0:
+            mock.advance(start + s)
+        actual = mock.output("object_pose").GetAsMatrix4()
+        # A phase begins up to one update late.
+        np.testing.assert_allclose(X, actual, atol=2e-3)
+    if phase in (Phase.LIFT, Phase.SHAKE):
+        assert np.ptp(predicted[:, :3, 3], axis=0).max() > 0.01
+
+
+def test_an_object_that_is_closed_on_is_expected_to_be_lifted_where_it_is_then():
+    mock = Mock()
+    mock.advance_to_phase(Phase.CLOSE)
+    elapsed = mock.context.get_time() - 0.1
+    X = mock.output("object_motion").predict([10.0])[0]
+    turning = CONFIG.closing_time * V_WO[:3]
+    closed = X_WO.translation() + CONFIG.closing_time * V_WO[3:]
+    assert 0.0 <= elapsed < 0.01
+    np.testing.assert_allclose(X[:3, 3], closed + CONFIG.lift, atol=1e-9)
+    turned = (RigidTransform(X).rotation() @ X_WO.rotation().inverse()).ToAngleAxis()
+    np.testing.assert_allclose(turned.angle() * turned.axis(), turning, atol=1e-9)
