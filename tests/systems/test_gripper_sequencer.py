@@ -182,10 +182,9 @@ def test_the_lift_starts_where_the_object_was_let_go_and_is_smooth():
         mock.advance(times[-1] + 0.005)
     poses, twists = np.array(poses), np.array(twists)
     np.testing.assert_allclose(poses[0], X_WO.translation(), atol=1e-4)
-    np.testing.assert_array_equal(twists[:, :3], 0.0)
+    np.testing.assert_allclose(twists[0], V_WO, atol=1e-3)  # as it was carried until then
     slope = np.diff(poses, axis=0) / np.diff(times)[:, None]
     np.testing.assert_allclose(slope, (twists[1:, 3:] + twists[:-1, 3:]) / 2, atol=2e-3)
-    assert np.linalg.norm(twists[0, 3:]) < 0.1 * np.linalg.norm(twists[:, 3:], axis=1).max()
     shaken = []
     start = mock.advance_to_phase(Phase.SHAKE)
     while mock.advance(mock.context.get_time() + 0.005) == Phase.SHAKE:

@@ -56,7 +56,8 @@ class GraspSequenceConfig:
         squeeze_time: How long fingers that have stopped press with all their force before the
             object is let go [s].
         min_width: Fingers that come closer than this have missed the object [m].
-        lift: Displacement of the hand after that, in the world [m].
+        lift: Displacement of the hand after that, in the world [m]; on the way an object that was
+            moving comes to rest.
         lift_time: Duration of the lift [s].
         shake: Amplitude of the shaking that follows, in the world [m].
         shake_frequency: How often it goes to and fro [Hz].
@@ -198,6 +199,8 @@ class GraspState(Frozen):
             return GraspState(since=t)
         assert self.grasp is not None
         held = GraspSet(X_OH[None], self.grasp.width, self.grasp.score)
+        # As quick as the hand: how quick the object is, nobody sees well between the fingers.
+        V_WO = self.target(t, X_WO, V_WO, config)[1]
         return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO, V_WO=V_WO)
 
     def target(
@@ -209,7 +212,8 @@ class GraspState(Frozen):
         would be without them: following its measured pose, the hand would give way to the very
         push of its own fingers; going on with the twist of the moment of closing, it would pull at
         an object that turns off, which slides in the fingers. Then it is the pose at which the
-        object was let go, moved along the lift, and to and fro.
+        object was let go, moved along the lift, and to and fro. The lift begins with the twist of
+        that moment: an object that was stopped at once would slide on.
         """
         if self.X_WO is None or self.V_WO is None:
             return X_WO, V_WO
@@ -220,13 +224,14 @@ class GraspState(Frozen):
             X, after = self.path([elapsed, elapsed + _STEP])
             turning = se3.so3_log(after[:3, :3] @ X[:3, :3].T)
             return X, np.concatenate([turning, after[:3, 3] - X[:3, 3]]) / _STEP
-        moved, velocity = _lifted(elapsed if self.phase == Phase.LIFT else np.inf, config)
+        lifting = self.phase == Phase.LIFT
+        moved, V = _lifted(elapsed if lifting else np.inf, self.V_WO, config)
         if self.phase == Phase.SHAKE:
-            shaken, velocity = _shaken(elapsed, config)
-            moved = moved + shaken
+            moved[3:], V[3:] = np.add([moved[3:], V[3:]], _shaken(elapsed, config))
         X = self.X_WO.copy()
-        X[:3, 3] += moved
-        return X, np.concatenate([np.zeros(3), velocity])
+        X[:3, :3] = se3.so3_exp(moved[:3]) @ X[:3, :3]
+        X[:3, 3] += moved[3:]
+        return X, V
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,8 +271,8 @@ class CommittedMotion(Frozen):
             end = state.since + lasts
             if state.phase == phase and t >= end:
                 closed = phase == Phase.CLOSE
-                X_WO = state.target(end, *_UNKNOWN, config)[0] if closed else state.X_WO
-                state = replace(state, phase=Phase(phase + 1), since=end, X_WO=X_WO)
+                X, V = state.target(end, *_UNKNOWN, config) if closed else (state.X_WO, state.V_WO)
+                state = replace(state, phase=Phase(phase + 1), since=end, X_WO=X, V_WO=V)
         return state.target(t, *_UNKNOWN, config)[0]
 
 
@@ -293,11 +298,17 @@ def has_closed(t: float, since: float, pressing: float, config: GraspSequenceCon
     return t - since >= config.closing_time - 1e-9 or t - pressing >= config.squeeze_time - 1e-9
 
 
-def _lifted(elapsed: float, config: GraspSequenceConfig) -> tuple[Array, Array]:
-    """Displacement [m] and velocity [m/s] of the lift: at rest at either end, and afterwards."""
-    lift = np.asarray(config.lift, dtype=float)
-    s = min(1.0, elapsed / config.lift_time)
-    return lift * (3.0 * s**2 - 2.0 * s**3), lift * (6.0 * s * (1.0 - s) / config.lift_time)
+def _lifted(elapsed: float, V: Array, config: GraspSequenceConfig) -> tuple[Array, Array]:
+    """Displacement and twist [angular; linear] of the lift, which begins with the twist V.
+
+    The cubic of time that ends at rest, turned back to where it began::
+
+        lift (3 s^2 - 2 s^3) + V T (s - 2 s^2 + s^3),    s = elapsed / T
+    """
+    lift, T = np.concatenate([np.zeros(3), config.lift]), config.lift_time
+    s = min(1.0, elapsed / T)
+    moved = lift * (3.0 * s**2 - 2.0 * s**3) + V * (T * s * (1.0 - s) ** 2)
+    return moved, lift * (6.0 * s * (1.0 - s) / T) + V * ((1.0 - s) * (1.0 - 3.0 * s))
 
 
 def _shaken(elapsed: float, config: GraspSequenceConfig) -> tuple[Array, Array]:
