@@ -93,7 +93,8 @@ class GraspState(Frozen):
         near_since: Since when the hand has been at a grasp [s]; NaN if it is not.
         pressing_since: Since when the fingers have been pressing [s]; NaN until they stop.
         grasp: The grasp that the hand committed to, in O; None while approaching.
-        X_WO: Object pose when this phase began, shape (4, 4); None while approaching.
+        X_WO: Object pose when this phase began, as the hand has it, shape (4, 4); None while
+            approaching.
         V_WO: Object twist then, shape (6,).
         path: Predicts its poses from then on; None where nothing but its twist is known.
     """
@@ -142,12 +143,12 @@ class GraspState(Frozen):
         known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
         if self.phase <= Phase.CLOSE and not known:
             return replace(self, near_since=float("nan"))
-        X_OH = se3.inverse(X_WO) @ X_WH
         match self.phase:
             case Phase.APPROACH if config.close:
+                X_OH = se3.inverse(X_WO) @ X_WH
                 return self._approach(t, X_OH, X_WO, V_WO, grasps, config, path)
             case Phase.CLOSE:
-                return self._close(t, X_OH, X_WO, V_WO, np.asarray(fingers), config)
+                return self._close(t, np.asarray(fingers), config)
             case Phase.LIFT if elapsed >= config.lift_time - 1e-9:
                 after = Phase.SHAKE if config.shake_time > 0.0 else Phase.HOLD
                 return replace(self, phase=after, since=t)
@@ -180,15 +181,7 @@ class GraspState(Frozen):
         committed = grasps.select(np.array([nearest]))
         return GraspState(Phase.CLOSE, t, grasp=committed, X_WO=X_WO, V_WO=V_WO, path=path)
 
-    def _close(
-        self,
-        t: float,
-        X_OH: Array,
-        X_WO: Array,
-        V_WO: Array,
-        fingers: Array,
-        config: GraspSequenceConfig,
-    ) -> "GraspState":
+    def _close(self, t: float, fingers: Array, config: GraspSequenceConfig) -> "GraspState":
         opening, rate = fingers
         state = replace(
             self, pressing_since=pressing_since(self.pressing_since, t, t - self.since, rate)
@@ -197,11 +190,9 @@ class GraspState(Frozen):
             return state
         if opening < config.min_width:
             return GraspState(since=t)
-        assert self.grasp is not None
-        held = GraspSet(X_OH[None], self.grasp.width, self.grasp.score)
-        # As quick as the hand: how quick the object is, nobody sees well between the fingers.
-        V_WO = self.target(t, X_WO, V_WO, config)[1]
-        return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO, V_WO=V_WO)
+        # On from where the hand is going: what the fingers did to the object is no error to mend.
+        X_WO, V_WO = self.target(t, *_UNKNOWN, config)
+        return GraspState(Phase.LIFT, t, grasp=self.grasp, X_WO=X_WO, V_WO=V_WO)
 
     def target(
         self, t: float, X_WO: Array, V_WO: Array, config: GraspSequenceConfig
@@ -211,9 +202,9 @@ class GraspState(Frozen):
         While approaching it is the object itself. While the fingers close it is where the object
         would be without them: following its measured pose, the hand would give way to the very
         push of its own fingers; going on with the twist of the moment of closing, it would pull at
-        an object that turns off, which slides in the fingers. Then it is the pose at which the
-        object was let go, moved along the lift, and to and fro. The lift begins with the twist of
-        that moment: an object that was stopped at once would slide on.
+        an object that turns off, which slides in the fingers. Then it is the last of these poses,
+        moved along the lift, and to and fro. The lift begins with the twist of that moment: an
+        object that was stopped at once would slide on.
         """
         if self.X_WO is None or self.V_WO is None:
             return X_WO, V_WO
