@@ -15,7 +15,8 @@ from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
 from feasigrasp.models.control.safety.unseen_surface import kept_surface
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -66,10 +67,16 @@ class ControllerInputs:
         return V_WO
 
     @property
-    def motion(self) -> MotionEstimate | None:
+    def motion(self) -> Motion | None:
         """Predicts the object's poses; without it they follow its twist."""
-        motion: MotionEstimate | None = optional(self._controller._motion, self._context)
+        motion: Motion | None = optional(self._controller._motion, self._context)
         return motion
+
+    @property
+    def committed(self) -> bool:
+        """Whether the hand is closing, or has closed, on the one grasp there is."""
+        phase: Array | None = optional(self._controller._phase, self._context)
+        return phase is not None and phase[0] > Phase.APPROACH
 
     @property
     def gpdf(self) -> Gpdf | None:

@@ -66,6 +66,7 @@ class GraspController(LeafSystem):
         - desired_velocity
         - scene
         - object_motion
+        - phase
         - gpdf
         - touch
         - camera_pose
@@ -79,12 +80,13 @@ class GraspController(LeafSystem):
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
     carried it out, without which accelerations are not limited; ``scene``, a `SceneField` or None,
-    which the arm keeps clear of; ``object_motion``, a `MotionEstimate` that predicts, without which
-    the object's twist is taken for constant; ``gpdf``, the object's `Gpdf` or None, whose surface
-    the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one, to which
-    the arm gives way in ``safe`` mode, whatever `velocity` says. With ``camera_pose``, X_WC of a
-    camera on the hand, which the object is tracked with (``tracking``, a `Tracking`), the arm keeps
-    the object in its image in that mode, as long as there is a ``gpdf``; while there is a
+    which the arm keeps clear of; ``object_motion``, a `Motion` that predicts, without which the
+    object's twist is taken for constant; ``phase``, a `Phase` of `GripperSequencer`, by which a
+    hand that has committed to its grasp keeps to it; ``gpdf``, the object's `Gpdf` or None, whose
+    surface the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one,
+    to which the arm gives way in ``safe`` mode, whatever `velocity` says. With ``camera_pose``,
+    X_WC of a camera on the hand, which the object is tracked with (``tracking``, a `Tracking`), the
+    arm keeps the object in its image in that mode, as long as there is a ``gpdf``; while there is a
     ``sought``, a `Sought` or None, it looks for that instead, and while there is a ``look_from``,
     a configuration (7,) or None, it goes there to see the object from another side.
 
@@ -154,6 +156,7 @@ class GraspController(LeafSystem):
         self._last = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         scene = declare_input(self, "scene")
         self._motion = declare_input(self, "object_motion")
+        self._phase = self.DeclareVectorInputPort("phase", 1)
         self._gpdf = declare_input(self, "gpdf")
         self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())

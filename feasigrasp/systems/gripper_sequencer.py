@@ -20,8 +20,13 @@ from feasigrasp.models.control.planning.second_look import (
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
-from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
+from feasigrasp.models.grasps.sequence import (
+    CommittedMotion,
+    GraspSequenceConfig,
+    GraspState,
+    Phase,
+)
+from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -29,7 +34,13 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
+from feasigrasp.systems.ports import (
+    PeriodicState,
+    declare_cache,
+    declare_input,
+    declare_output,
+    optional,
+)
 
 
 class _Approach(NamedTuple):
@@ -91,9 +102,9 @@ class GripperSequencer(LeafSystem):
 
     Once the hand has been at a grasp for a moment, only that grasp is passed on, with the pose
     predicted then (by ``object_motion``, a `MotionEstimate` or None, else by the twist), and the
-    fingers close; from then on there is no field, since the object is there to be touched, and no
-    ``object_motion``, since the pose is not the tracked one. After it is let go, pose and twist are
-    those of a lift and of shaking.
+    fingers close; from then on there is no field, since the object is there to be touched. After it
+    is let go, pose and twist are those of a lift and of shaking. ``object_motion`` is the tracked
+    one while the hand approaches, and then what is known of all that is to come.
 
     ``gripper_position`` is the commanded distance between the pads [m], ``gripper_state`` the
     measured one and its rate, ``object_hold`` 1 until the object is let go, ``phase`` a `Phase`.
@@ -154,7 +165,8 @@ class GripperSequencer(LeafSystem):
         declare_output(
             self, "object_velocity", self._calc_velocity, target, model=SpatialVelocity.Zero()
         )
-        declare_output(self, "object_motion", self._calc_motion, {state, self._motion.ticket()})
+        motion = {state, time, self._motion.ticket()}
+        declare_output(self, "object_motion", self._calc_motion, motion)
         self.DeclareVectorOutputPort("gripper_position", 1, self._calc_gripper, {state, time})
         self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
         self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
@@ -266,9 +278,12 @@ class GripperSequencer(LeafSystem):
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         return SpatialVelocity(self._target(context)[1])
 
-    def _calc_motion(self, context: Context) -> MotionEstimate | None:
-        passed = self.state(context).grasp is None and self._motion.HasValue(context)
-        return self._motion.Eval(context) if passed else None
+    def _calc_motion(self, context: Context) -> Motion | None:
+        state = self.state(context)
+        if state.grasp is not None:
+            return CommittedMotion(state, context.get_time(), self._config)
+        motion: Motion | None = optional(self._motion, context)
+        return motion
 
     def _calc_sought(self, context: Context) -> Sought | None:
         approaching = self.state(context).phase == Phase.APPROACH

@@ -58,7 +58,9 @@ class RMMTaskController(GraspController):
         choice = self._options.choice
         instants = choice.prices.instants_from(inputs.time, memory.choice.due)
         ahead = poses_ahead(choice.look_ahead, inputs.motion, inputs.X_WO, inputs.V_WO, instants)
-        return memory.with_choice(inputs.time, inputs.q, ahead, self.reachability, choice)
+        return memory.with_choice(
+            *(inputs.time, inputs.q, ahead, self.reachability, choice), committed=inputs.committed
+        )
 
     def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:
         """Towards the grasp that was chosen; if nothing is enforced, up the density of all."""

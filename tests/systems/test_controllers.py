@@ -39,6 +39,7 @@ def test_either_controller_can_replace_the_other(ports):
         "desired_velocity": 7,
         "scene": None,
         "object_motion": None,
+        "phase": 1,
         "gpdf": None,
         "touch": 7,
         "camera_pose": None,

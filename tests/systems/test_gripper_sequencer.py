@@ -21,7 +21,6 @@ from tests.sequencer_bench import (
     GRIPPER,
     UNKNOWN,
     V_WO,
-    X_WH,
     X_WO,
     Mock,
     grasps_at,
@@ -171,9 +170,11 @@ def test_the_fingers_close_at_their_speed_and_press_once_they_stop():
 
 def test_the_lift_starts_where_the_object_was_let_go_and_is_smooth():
     mock = Mock()
-    mock.advance_to_phase(Phase.LIFT)
+    closed = mock.advance_to_phase(Phase.CLOSE)
+    elapsed = mock.advance_to_phase(Phase.LIFT) - closed
+    let_go = X_WO.translation() + V_WO[3:] * elapsed
     released = RigidTransform(X_WO.rotation(), X_WO.translation() + [0.001, 0.0, 0.0])
-    mock.fix(object_pose=released)  # from now on the measured pose counts no more
+    mock.fix(object_pose=released)  # the measured pose counts no more
     times, poses, twists = [], [], []
     while mock.context.get_time() < 0.1 + 0.4 + 0.3 - 1e-6:
         times.append(mock.context.get_time())
@@ -181,11 +182,10 @@ def test_the_lift_starts_where_the_object_was_let_go_and_is_smooth():
         twists.append(mock.output("object_velocity").get_coeffs())
         mock.advance(times[-1] + 0.005)
     poses, twists = np.array(poses), np.array(twists)
-    np.testing.assert_allclose(poses[0], X_WO.translation(), atol=1e-4)
-    np.testing.assert_array_equal(twists[:, :3], 0.0)
+    np.testing.assert_allclose(poses[0], let_go, atol=2e-3)
+    np.testing.assert_allclose(twists[0], V_WO, atol=0.02)  # as it was carried until then
     slope = np.diff(poses, axis=0) / np.diff(times)[:, None]
     np.testing.assert_allclose(slope, (twists[1:, 3:] + twists[:-1, 3:]) / 2, atol=2e-3)
-    assert np.linalg.norm(twists[0, 3:]) < 0.1 * np.linalg.norm(twists[:, 3:], axis=1).max()
     shaken = []
     start = mock.advance_to_phase(Phase.SHAKE)
     while mock.advance(mock.context.get_time() + 0.005) == Phase.SHAKE:
@@ -195,19 +195,26 @@ def test_the_lift_starts_where_the_object_was_let_go_and_is_smooth():
     np.testing.assert_allclose(np.abs(shaken).max(axis=0), CONFIG.shake, atol=1e-3)
     mock.advance_to_phase(Phase.HOLD)
     end = mock.output("object_pose").translation()
-    np.testing.assert_allclose(end - X_WO.translation(), CONFIG.lift, atol=1e-9)
+    np.testing.assert_allclose(end - let_go, CONFIG.lift, atol=2e-3)
     np.testing.assert_array_equal(mock.output("object_velocity").get_coeffs(), 0.0)
 
 
-def test_lifting_follows_the_grasp_that_the_hand_really_has():
+def test_where_the_hand_is_to_go_does_not_jump_when_the_object_is_let_go():
     """The object moved in the hand while the fingers closed: that is no error to correct."""
     mock = Mock()
     mock.advance_to_phase(Phase.CLOSE)
-    moved = RigidTransform(X_WO.rotation(), X_WO.translation() + [0.004, -0.003, 0.002])
-    mock.fix(object_pose=moved)
-    mock.advance_to_phase(Phase.LIFT)
-    (X_OG,) = mock.output("grasps").X_OG
-    np.testing.assert_allclose(moved.GetAsMatrix4() @ X_OG, X_WH, atol=1e-12)
+    mock.fix(object_pose=RigidTransform(X_WO.rotation(), X_WO.translation() + [0.02, -0.03, 0.02]))
+    way, phases, t = [], [Phase.CLOSE], mock.context.get_time()
+    while phases[-1] <= Phase.LIFT:
+        t += 0.01
+        phases.append(mock.advance(t))
+        (X_OG,) = mock.output("grasps").X_OG
+        way.append((mock.output("object_pose").GetAsMatrix4() @ X_OG)[:3, 3])
+    assert phases.count(Phase.LIFT) > 10
+    v = np.diff(way[:-1], axis=0) / 0.01
+    lift = 6.0 * np.linalg.norm(CONFIG.lift) / CONFIG.lift_time**2
+    braking = 4.0 * np.linalg.norm(v[0]) / CONFIG.lift_time
+    assert np.linalg.norm(np.diff(v, axis=0) / 0.01, axis=1).max() < lift + braking + 0.1
 
 
 def test_fingers_that_close_on_nothing_open_again_and_the_object_stays_held():
@@ -272,7 +279,38 @@ def test_what_the_tracker_predicts_is_for_the_approach_only():
     mock = Mock(object_motion=Value[object](motion))
     assert mock.output("object_motion") is motion
     mock.advance_to_phase(Phase.CLOSE)
-    assert mock.output("object_motion") is None
-    mock.advance_to_phase(Phase.HOLD)
-    assert mock.output("object_motion") is None
+    assert mock.output("object_motion") is not motion
     assert Mock().output("object_motion") is None
+
+
+@pytest.mark.parametrize("phase", list(Phase)[1:])
+def test_from_then_on_it_tells_where_the_object_will_be_taken(phase):
+    mock = Mock()
+    start = mock.advance_to_phase(phase)
+    motion = mock.output("object_motion")
+    assert motion.known
+    # When fingers that close will have closed, nobody knows.
+    last = 0.2 if phase == Phase.CLOSE else 4.0
+    ahead = np.arange(0.0, last, 0.05)
+    predicted = motion.predict(ahead)
+    for s, X in zip(ahead, predicted, strict=True):
+        if s > 0.0:
+            mock.advance(start + s)
+        actual = mock.output("object_pose").GetAsMatrix4()
+        # A phase begins up to one update late.
+        np.testing.assert_allclose(X, actual, atol=2e-3)
+    if phase in (Phase.LIFT, Phase.SHAKE):
+        assert np.ptp(predicted[:, :3, 3], axis=0).max() > 0.01
+
+
+def test_an_object_that_is_closed_on_is_expected_to_be_lifted_where_it_is_then():
+    mock = Mock()
+    mock.advance_to_phase(Phase.CLOSE)
+    elapsed = mock.context.get_time() - 0.1
+    X = mock.output("object_motion").predict([10.0])[0]
+    turning = CONFIG.closing_time * V_WO[:3]
+    closed = X_WO.translation() + CONFIG.closing_time * V_WO[3:]
+    assert 0.0 <= elapsed < 0.01
+    np.testing.assert_allclose(X[:3, 3], closed + CONFIG.lift, atol=1e-9)
+    turned = (RigidTransform(X).rotation() @ X_WO.rotation().inverse()).ToAngleAxis()
+    np.testing.assert_allclose(turned.angle() * turned.axis(), turning, atol=1e-9)

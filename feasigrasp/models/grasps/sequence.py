@@ -23,6 +23,8 @@ _STEP = 1e-3
 #: Fingers have stopped if the distance between them shrinks by less [m/s]; what is told of them so
 #: soon after they were told to close is from before they moved [s].
 _STOPPED, _TAKE_OFF = 0.01, 0.2
+#: Pose and twist of an object that nobody tracks.
+_UNKNOWN = np.full((4, 4), np.nan), np.full(6, np.nan)
 
 
 class Phase(IntEnum):
@@ -54,7 +56,8 @@ class GraspSequenceConfig:
         squeeze_time: How long fingers that have stopped press with all their force before the
             object is let go [s].
         min_width: Fingers that come closer than this have missed the object [m].
-        lift: Displacement of the hand after that, in the world [m].
+        lift: Displacement of the hand after that, in the world [m]; on the way an object that was
+            moving comes to rest.
         lift_time: Duration of the lift [s].
         shake: Amplitude of the shaking that follows, in the world [m].
         shake_frequency: How often it goes to and fro [Hz].
@@ -90,7 +93,8 @@ class GraspState(Frozen):
         near_since: Since when the hand has been at a grasp [s]; NaN if it is not.
         pressing_since: Since when the fingers have been pressing [s]; NaN until they stop.
         grasp: The grasp that the hand committed to, in O; None while approaching.
-        X_WO: Object pose when this phase began, shape (4, 4); None while approaching.
+        X_WO: Object pose when this phase began, as the hand has it, shape (4, 4); None while
+            approaching.
         V_WO: Object twist then, shape (6,).
         path: Predicts its poses from then on; None where nothing but its twist is known.
     """
@@ -139,12 +143,12 @@ class GraspState(Frozen):
         known = np.isfinite(X_WO).all() and np.isfinite(V_WO).all()
         if self.phase <= Phase.CLOSE and not known:
             return replace(self, near_since=float("nan"))
-        X_OH = se3.inverse(X_WO) @ X_WH
         match self.phase:
             case Phase.APPROACH if config.close:
+                X_OH = se3.inverse(X_WO) @ X_WH
                 return self._approach(t, X_OH, X_WO, V_WO, grasps, config, path)
             case Phase.CLOSE:
-                return self._close(t, X_OH, X_WO, V_WO, np.asarray(fingers), config)
+                return self._close(t, np.asarray(fingers), config)
             case Phase.LIFT if elapsed >= config.lift_time - 1e-9:
                 after = Phase.SHAKE if config.shake_time > 0.0 else Phase.HOLD
                 return replace(self, phase=after, since=t)
@@ -177,15 +181,7 @@ class GraspState(Frozen):
         committed = grasps.select(np.array([nearest]))
         return GraspState(Phase.CLOSE, t, grasp=committed, X_WO=X_WO, V_WO=V_WO, path=path)
 
-    def _close(
-        self,
-        t: float,
-        X_OH: Array,
-        X_WO: Array,
-        V_WO: Array,
-        fingers: Array,
-        config: GraspSequenceConfig,
-    ) -> "GraspState":
+    def _close(self, t: float, fingers: Array, config: GraspSequenceConfig) -> "GraspState":
         opening, rate = fingers
         state = replace(
             self, pressing_since=pressing_since(self.pressing_since, t, t - self.since, rate)
@@ -194,9 +190,9 @@ class GraspState(Frozen):
             return state
         if opening < config.min_width:
             return GraspState(since=t)
-        assert self.grasp is not None
-        held = GraspSet(X_OH[None], self.grasp.width, self.grasp.score)
-        return GraspState(Phase.LIFT, t, grasp=held, X_WO=X_WO, V_WO=V_WO)
+        # On from where the hand is going: what the fingers did to the object is no error to mend.
+        X_WO, V_WO = self.target(t, *_UNKNOWN, config)
+        return GraspState(Phase.LIFT, t, grasp=self.grasp, X_WO=X_WO, V_WO=V_WO)
 
     def target(
         self, t: float, X_WO: Array, V_WO: Array, config: GraspSequenceConfig
@@ -206,8 +202,9 @@ class GraspState(Frozen):
         While approaching it is the object itself. While the fingers close it is where the object
         would be without them: following its measured pose, the hand would give way to the very
         push of its own fingers; going on with the twist of the moment of closing, it would pull at
-        an object that turns off, which slides in the fingers. Then it is the pose at which the
-        object was let go, moved along the lift, and to and fro.
+        an object that turns off, which slides in the fingers. Then it is the last of these poses,
+        moved along the lift, and to and fro. The lift begins with the twist of that moment: an
+        object that was stopped at once would slide on.
         """
         if self.X_WO is None or self.V_WO is None:
             return X_WO, V_WO
@@ -218,13 +215,56 @@ class GraspState(Frozen):
             X, after = self.path([elapsed, elapsed + _STEP])
             turning = se3.so3_log(after[:3, :3] @ X[:3, :3].T)
             return X, np.concatenate([turning, after[:3, 3] - X[:3, 3]]) / _STEP
-        moved, velocity = _lifted(elapsed if self.phase == Phase.LIFT else np.inf, config)
+        lifting = self.phase == Phase.LIFT
+        moved, V = _lifted(elapsed if lifting else np.inf, self.V_WO, config)
         if self.phase == Phase.SHAKE:
-            shaken, velocity = _shaken(elapsed, config)
-            moved = moved + shaken
+            moved[3:], V[3:] = np.add([moved[3:], V[3:]], _shaken(elapsed, config))
         X = self.X_WO.copy()
-        X[:3, 3] += moved
-        return X, np.concatenate([np.zeros(3), velocity])
+        X[:3, :3] = se3.so3_exp(moved[:3]) @ X[:3, :3]
+        X[:3, 3] += moved[3:]
+        return X, V
+
+
+@dataclass(frozen=True, eq=False)
+class CommittedMotion(Frozen):
+    """Where an object will be that the hand has committed to: the targets of all phases to come.
+
+    Fingers that close are taken to need ``closing_time``: an object that goes on longer than it
+    does is no harm to a plan.
+
+    Attributes:
+        state: Where the sequence is; committed.
+        time: Now [s].
+        config: Durations of the phases.
+    """
+
+    state: GraspState
+    time: float
+    config: GraspSequenceConfig
+
+    @property
+    def known(self) -> bool:
+        """Always so."""
+        return True
+
+    def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
+        """Poses (k, 4, 4) of the object so many seconds (k,) from now, whatever its velocity."""
+        times = self.time + np.asarray(ahead, dtype=float).reshape(-1)
+        return np.array([self._target(t) for t in times]).reshape(-1, 4, 4)
+
+    def _target(self, t: float) -> Array:
+        state, config = self.state, self.config
+        for phase, lasts in (
+            (Phase.CLOSE, config.closing_time),
+            (Phase.LIFT, config.lift_time),
+            (Phase.SHAKE, config.shake_time),
+        ):
+            end = state.since + lasts
+            if state.phase == phase and t >= end:
+                closed = phase == Phase.CLOSE
+                X, V = state.target(end, *_UNKNOWN, config) if closed else (state.X_WO, state.V_WO)
+                state = replace(state, phase=Phase(phase + 1), since=end, X_WO=X, V_WO=V)
+        return state.target(t, *_UNKNOWN, config)[0]
 
 
 def pressing_since(before: float, t: float, elapsed: float, rate: float) -> float:
@@ -249,11 +289,17 @@ def has_closed(t: float, since: float, pressing: float, config: GraspSequenceCon
     return t - since >= config.closing_time - 1e-9 or t - pressing >= config.squeeze_time - 1e-9
 
 
-def _lifted(elapsed: float, config: GraspSequenceConfig) -> tuple[Array, Array]:
-    """Displacement [m] and velocity [m/s] of the lift: at rest at either end, and afterwards."""
-    lift = np.asarray(config.lift, dtype=float)
-    s = min(1.0, elapsed / config.lift_time)
-    return lift * (3.0 * s**2 - 2.0 * s**3), lift * (6.0 * s * (1.0 - s) / config.lift_time)
+def _lifted(elapsed: float, V: Array, config: GraspSequenceConfig) -> tuple[Array, Array]:
+    """Displacement and twist [angular; linear] of the lift, which begins with the twist V.
+
+    The cubic of time that ends at rest, turned back to where it began::
+
+        lift (3 s^2 - 2 s^3) + V T (s - 2 s^2 + s^3),    s = elapsed / T
+    """
+    lift, T = np.concatenate([np.zeros(3), config.lift]), config.lift_time
+    s = min(1.0, elapsed / T)
+    moved = lift * (3.0 * s**2 - 2.0 * s**3) + V * (T * s * (1.0 - s) ** 2)
+    return moved, lift * (6.0 * s * (1.0 - s) / T) + V * ((1.0 - s) * (1.0 - 3.0 * s))
 
 
 def _shaken(elapsed: float, config: GraspSequenceConfig) -> tuple[Array, Array]:

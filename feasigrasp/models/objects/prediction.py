@@ -11,6 +11,7 @@ second.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,6 +99,17 @@ def predict_kernel(state, now, v_WO, ahead, X):
                 X[k, i, 3] += v * t + known.mean * bent
 
 
+class Motion(Protocol):
+    """Whatever tells where an object will be."""
+
+    @property
+    def known(self) -> bool:
+        """Whether it can tell."""
+
+    def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
+        """Poses (k, 4, 4) of the object so many seconds (k,) from now, see `MotionEstimate`."""
+
+
 @dataclass(frozen=True, eq=False)
 class MotionEstimate(Frozen):
     """What is known of an object's motion at one time.
@@ -143,14 +155,12 @@ class MotionEstimate(Frozen):
 _ELSEWHERE = 0.05
 
 
-def future_poses(
-    motion: MotionEstimate | None, X_WO: Array, V_WO: Array, ahead: ArrayLike
-) -> Array:
+def future_poses(motion: Motion | None, X_WO: Array, V_WO: Array, ahead: ArrayLike) -> Array:
     """Poses (k, 4, 4) of the object ``ahead`` (k,) seconds from now.
 
     Args:
-        motion: What the tracker knows; None if nothing. It predicts how the object goes on from
-            ``X_WO``, which differs a little from where its filter has it.
+        motion: What is known; None if nothing. It predicts how the object goes on from ``X_WO``,
+            which differs a little from where it has it itself.
         X_WO: Pose now, shape (4, 4). If it is not the one that ``motion`` follows, since the hand
             is to go somewhere else, it moves on with its twist.
         V_WO: Twist now [angular; linear], shape (6,).

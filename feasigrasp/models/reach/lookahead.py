@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.grasps.matching import HYSTERESIS
-from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
+from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
@@ -45,7 +45,7 @@ def judge_grasps(
     horizon: float = 1.0,
     n_best: int = 24,
     score_share: float = 0.6,
-    motion: MotionEstimate | None = None,
+    motion: Motion | None = None,
     *,
     twins: bool = True,
     way_in: float = 0.0,

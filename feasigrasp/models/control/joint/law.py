@@ -35,7 +35,7 @@ from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -205,7 +205,7 @@ class JointSpaceControl:
         X_WO: Array,
         V_WO: Array,
         q: Array,
-        motion: MotionEstimate | None = None,
+        motion: Motion | None = None,
     ) -> Solutions:
         """The solutions that are followed for the next period.
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
+from feasigrasp.models.objects.prediction import Motion, future_poses
 
 
 class LookAhead(StrEnum):
@@ -19,7 +19,7 @@ class LookAhead(StrEnum):
 
 
 def poses_ahead(
-    look_ahead: str, motion: MotionEstimate | None, X_WO: Array, V_WO: Array, times: Array
+    look_ahead: str, motion: Motion | None, X_WO: Array, V_WO: Array, times: Array
 ) -> Array:
     """Poses (k, 4, 4) of the object that a plan is made for.
 

@@ -22,7 +22,7 @@ the hand goes for follows from that (`feasigrasp.models.control.task.target`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -131,6 +131,8 @@ def choose_grasp(
     X_WO: Array,
     reachability: Reachability,
     options: ChoiceOptions,
+    *,
+    committed: bool = False,
 ) -> GraspChoice:
     """Confirms or changes the choice; to be called 10 to 50 times a second.
 
@@ -145,6 +147,9 @@ def choose_grasp(
             ``options.prices.instants_from(t, choice.due)``.
         reachability: Tells which configurations are admissible.
         options: Horizon and prices.
+        committed: Whether the hand is closing, or has closed, on the first of the grasps. Then it
+            stays in its branch, whatever that costs: the way to another one leads away from the
+            object, or takes it along.
 
     Returns:
         The choice; none (false) if nothing can be reached within the horizon.
@@ -159,12 +164,15 @@ def choose_grasp(
     poses, grasps = np.array(X_WO, dtype=float), np.array(X_OG, dtype=float)
     strands = strands_kernel(q, poses, times, grasps, grasp_rates, X_GF, search, prices)
     ways = Plan(strands, poses, times, grasps, X_FG, options.funnel.parameters, search, prices)
-    nobody, present = (-1, -1), present_index(choice, grasps)
+    committed = committed and bool(choice)
+    nobody, present = (-1, -1), 0 if committed else present_index(choice, grasps)
     plan, margin = None, 0.0
     if present >= 0:
         plan = _confirmed(q, present, choice, t, ways, options)
+        if committed and plan.grasp < 0:
+            return replace(choice, X_OG=grasps[0])
         kept = plan.grasp >= 0 and t - choice.since < options.hysteresis
-        margin = np.inf if kept else options.commitment
+        margin = np.inf if kept or committed else options.commitment
     skipped = nobody if plan is None else (present, choice.branch)
     other = transfer_kernel(q, 0, len(times) - 1, nobody, skipped, ways)
     if plan is None or plan.grasp < 0 or other.cost < plan.cost - margin:

@@ -22,14 +22,14 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.planning.outlook import poses_ahead
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.prediction import Motion
 
 #: Time over which the velocity of an object at a meeting is taken [s].
 _INSTANT = 0.01
 
 
 def object_at_meeting(
-    motion: MotionEstimate | None, X_WO: Array, V_WO: Array, left: float, options: ChoiceOptions
+    motion: Motion | None, X_WO: Array, V_WO: Array, left: float, options: ChoiceOptions
 ) -> tuple[Array, Array]:
     """Pose (4, 4) and twist (6,) [angular; linear] of the object in so much time.
 

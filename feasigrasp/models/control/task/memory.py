@@ -66,6 +66,8 @@ class TaskMemory(Frozen):
         X_WO_ahead: Array,
         reachability: Reachability,
         options: ChoiceOptions,
+        *,
+        committed: bool = False,
     ) -> TaskMemory:
         """The same with the choice confirmed or changed.
 
@@ -78,6 +80,7 @@ class TaskMemory(Frozen):
                 (K + 1, 4, 4).
             reachability: Tells which configurations are admissible.
             options: Horizon and prices of a choice.
+            committed: Whether the hand is closing, or has closed, on the one grasp there is.
         """
         X_OG, rates, seen = self.grasps.X_OG, np.zeros(0), self.seen
         if self.mixture is not None:
@@ -85,10 +88,13 @@ class TaskMemory(Frozen):
         if self.choice:
             if present_index(self.choice, X_OG) >= 0:
                 seen = time
-            elif time <= seen + GRACE and self._is_still_one():
+            elif not committed and time <= seen + GRACE and self._is_still_one():
                 X_OG = np.concatenate([X_OG, self.choice.X_OG[None]])
                 rates = np.append(rates, self.choice.rate)
-        choice = choose_grasp(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options)
+        choice = choose_grasp(
+            *(self.choice, time, q, X_OG, rates, X_WO_ahead, reachability, options),
+            committed=committed,
+        )
         if choice.count != self.choice.count:
             seen = time
         index = present_index(choice, self.grasps.X_OG)

@@ -38,7 +38,7 @@ from feasigrasp.models.control.task.meeting import meeting_velocity, object_at_m
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
-from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -161,7 +161,7 @@ def task_space_velocity(
     options: TaskControlOptions,
     *,
     time: float = 0.0,
-    motion: MotionEstimate | None = None,
+    motion: Motion | None = None,
     qd_last: Array | None = None,
     obstacles: ObstacleGrid | None = None,
     surface: ObstacleGrid | None = None,

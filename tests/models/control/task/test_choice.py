@@ -52,10 +52,11 @@ def ahead(motion, t, options=OPTIONS, due=0.0):
     return np.array([motion.pose(t + s) for s in options.prices.instants_from(t, due)])
 
 
-def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS):
+def choose(choice, t, q, X_OG=GRASPS, motion=CIRCLE, options=OPTIONS, *, committed=False):
     grasps = GraspSet(X_OG, np.full(len(X_OG), 0.05), np.ones(len(X_OG)))
     rates, poses = options.prices.grasp_rates(grasps), ahead(motion, t, options, choice.due)
-    return choose_grasp(choice, t, q, X_OG, rates, poses, REACHABILITY, options)
+    ways = choice, t, q, X_OG, rates, poses, REACHABILITY, options
+    return choose_grasp(*ways, committed=committed)
 
 
 def run(duration, motion=CIRCLE, period=0.2, dt=0.02):
@@ -164,6 +165,32 @@ def test_a_hand_that_is_to_grasp_soon_does_not_wait_for_what_lasts_longer(seed):
     soon = choose(GraspChoice(), 0.0, q, X_OG, turning, options)
     assert soon.due <= 2.0 < options.prices.times[-1]
     np.testing.assert_allclose(soon.X_OG[:3, 2], now[:3, 2], atol=1e-12)
+
+
+def test_a_hand_that_has_committed_keeps_its_strand_even_where_it_ends():
+    """One that may change goes for the next grasp before the object has turned the first away."""
+    turning = HarmonicMotion(
+        **vars_of(CIRCLE)
+        | {"center": np.array([0.5, 0.0, 0.35]), "amplitude": np.zeros(3), "spin": 0.2}
+    )
+    X_OG = np.array([from_the_side(75.0), from_the_side(-170.0)])
+    options = ChoiceOptions(Prices.to_grasp_soon())
+    first = choose(GraspChoice(), 0.0, START, X_OG, turning, options)
+    np.testing.assert_array_equal(first.X_OG, X_OG[0])
+    free, committed, changed = first, first, []
+    for t in np.arange(0.1, 6.0, 0.1):
+        X_WF = turning.pose(t) @ committed.X_OG @ np.linalg.inv(X_FG)
+        q = closed_form(X_WF, committed.psi)[committed.branch]
+        if np.isnan(q).any():
+            q = START
+        free = choose(free, t, q, X_OG, turning, options)
+        committed = choose(committed, t, q, X_OG[:1], turning, options, committed=True)
+        changed.append(free.count > first.count)
+        assert committed
+        assert (committed.count, committed.branch) == (first.count, first.branch)
+        np.testing.assert_array_equal(committed.X_OG, X_OG[0])
+    assert changed[-1] and not changed[0]
+    assert not REACHABILITY.reachable(turning.pose(t) @ X_OG[:1]).any()
 
 
 def test_without_grasps_or_poses_there_is_no_choice():
