@@ -13,6 +13,7 @@ from feasigrasp.models.control.task import memory as task_memory
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
@@ -106,6 +107,21 @@ def test_components_keep_their_identity_when_grasps_go_and_come_back():
     bench.next_update()
     assert len(bench.mixture.mixture) == 2
     assert identity in bench.mixture.identity
+
+
+def test_a_hand_that_has_committed_is_at_the_grasp_that_it_is_given():
+    """One that has not goes on with what it went for, for a while, and then changes its strand."""
+    first = grasps_near(np.eye(4), n=1)
+    flip = first.with_twins().select([1])
+    free, committed = Bench(grasps=first), Bench(grasps=first)
+    committed.fix(phase=[Phase.CLOSE])
+    for bench in (free, committed):
+        bench.fix(grasps=flip)
+        bench.next_update()
+    chosen = [bench.dut.memory(bench.context).choice for bench in (free, committed)]
+    np.testing.assert_array_equal(chosen[0].X_OG, first.X_OG[0])
+    np.testing.assert_array_equal(chosen[1].X_OG, flip.X_OG[0])
+    assert chosen[0].count == chosen[1].count == 1
 
 
 def test_the_seed_decides_the_mixture():

@@ -23,6 +23,8 @@ _STEP = 1e-3
 #: Fingers have stopped if the distance between them shrinks by less [m/s]; what is told of them so
 #: soon after they were told to close is from before they moved [s].
 _STOPPED, _TAKE_OFF = 0.01, 0.2
+#: An object that is lifted has come to rest after this, 4/27 of it times its speed away [s].
+_BRAKING = 1.5
 #: Pose and twist of an object that nobody tracks.
 _UNKNOWN = np.full((4, 4), np.nan), np.full(6, np.nan)
 
@@ -93,9 +95,9 @@ class GraspState(Frozen):
         near_since: Since when the hand has been at a grasp [s]; NaN if it is not.
         pressing_since: Since when the fingers have been pressing [s]; NaN until they stop.
         grasp: The grasp that the hand committed to, in O; None while approaching.
-        X_WO: Object pose when this phase began, as the hand has it, shape (4, 4); None while
-            approaching.
-        V_WO: Object twist then, shape (6,).
+        X_WO: Object pose, as the hand has it, when this phase began, or the lift before it, shape
+            (4, 4); None while approaching.
+        V_WO: Its twist then, shape (6,).
         path: Predicts its poses from then on; None where nothing but its twist is known.
     """
 
@@ -249,22 +251,28 @@ class CommittedMotion(Frozen):
 
     def predict(self, ahead: ArrayLike, v_WO: ArrayLike | None = None) -> Array:
         """Poses (k, 4, 4) of the object so many seconds (k,) from now, whatever its velocity."""
-        times = self.time + np.asarray(ahead, dtype=float).reshape(-1)
-        return np.array([self._target(t) for t in times]).reshape(-1, 4, 4)
+        to_come, poses = self._to_come(), []
+        for t in self.time + np.asarray(ahead, dtype=float).reshape(-1):
+            state = next(state for end, state in to_come if t < end)
+            poses.append(state.target(t, *_UNKNOWN, self.config)[0])
+        return np.array(poses).reshape(-1, 4, 4)
 
-    def _target(self, t: float) -> Array:
-        state, config = self.state, self.config
+    def _to_come(self) -> list[tuple[float, GraspState]]:
+        """This state and those that come, each with the time until which it lasts [s]."""
+        state, config, states = self.state, self.config, []
         for phase, lasts in (
             (Phase.CLOSE, config.closing_time),
             (Phase.LIFT, config.lift_time),
             (Phase.SHAKE, config.shake_time),
         ):
-            end = state.since + lasts
-            if state.phase == phase and t >= end:
-                closed = phase == Phase.CLOSE
-                X, V = state.target(end, *_UNKNOWN, config) if closed else (state.X_WO, state.V_WO)
-                state = replace(state, phase=Phase(phase + 1), since=end, X_WO=X, V_WO=V)
-        return state.target(t, *_UNKNOWN, config)[0]
+            if state.phase == phase:
+                end = state.since + lasts
+                states.append((end, state))
+                X_WO, V_WO = state.X_WO, state.V_WO
+                if phase == Phase.CLOSE:
+                    X_WO, V_WO = state.target(end, *_UNKNOWN, config)
+                state = replace(state, phase=Phase(phase + 1), since=end, X_WO=X_WO, V_WO=V_WO)
+        return [*states, (np.inf, state)]
 
 
 def pressing_since(before: float, t: float, elapsed: float, rate: float) -> float:
@@ -292,14 +300,15 @@ def has_closed(t: float, since: float, pressing: float, config: GraspSequenceCon
 def _lifted(elapsed: float, V: Array, config: GraspSequenceConfig) -> tuple[Array, Array]:
     """Displacement and twist [angular; linear] of the lift, which begins with the twist V.
 
-    The cubic of time that ends at rest, turned back to where it began::
+    Cubics of time that end at rest; with the lift's T, and t = min(T, `_BRAKING`)::
 
-        lift (3 s^2 - 2 s^3) + V T (s - 2 s^2 + s^3),    s = elapsed / T
+        lift (3 s^2 - 2 s^3) + V t (r - 2 r^2 + r^3),    s = elapsed / T,  r = elapsed / t
     """
     lift, T = np.concatenate([np.zeros(3), config.lift]), config.lift_time
-    s = min(1.0, elapsed / T)
-    moved = lift * (3.0 * s**2 - 2.0 * s**3) + V * (T * s * (1.0 - s) ** 2)
-    return moved, lift * (6.0 * s * (1.0 - s) / T) + V * ((1.0 - s) * (1.0 - 3.0 * s))
+    t = min(T, _BRAKING)
+    s, r = min(1.0, elapsed / T), min(1.0, elapsed / t)
+    moved = lift * (3.0 * s**2 - 2.0 * s**3) + V * (t * r * (1.0 - r) ** 2)
+    return moved, lift * (6.0 * s * (1.0 - s) / T) + V * ((1.0 - r) * (1.0 - 3.0 * r))
 
 
 def _shaken(elapsed: float, config: GraspSequenceConfig) -> tuple[Array, Array]:

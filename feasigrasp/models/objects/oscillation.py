@@ -108,8 +108,9 @@ def oscillation_kernel(path, count):
             weight = np.exp(t / _FADES)
             S, C, cosine = shape_kernel(omega, t)
             columns[0], columns[1], columns[2], columns[3] = 1.0, S, C, t - S
-            # d/d omega, at what was found before; at first that is nothing.
+            # d/d omega, at what was found before; at first that is nothing. At last omega stays.
             columns[4] = ((x[1] - x[3]) * (t * cosine - S) + x[2] * (t * S - 2.0 * C)) / omega
+            columns[4] *= step < _STEPS
             for i in range(5):
                 y[i] += weight * columns[i] * (path[k] - path[0])
                 for j in range(5):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from feasigrasp.models.arrays import Frozen
+from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.status import Situation, Status, StatusCode, judge
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
@@ -35,6 +36,8 @@ LASTS = {
 }
 #: What a tracker that says nothing of its pose is taken to mean.
 _AS_TOLD = Tracking(TrackingState.TRACKING, 0.0)
+#: No error, or one that nobody knows [m], [rad].
+_NONE = 0.0, 0.0
 #: Verdicts that are no reason why nothing can be reached: of what is, or has not been judged.
 _FINE = (Verdict.KEPT, Verdict.REACHABLE, Verdict.BETTER)
 
@@ -48,22 +51,34 @@ class _Said(Frozen):
         next: What is going on, and will be said if it lasts; None if it has been said.
         command_faults: How many commands had been faulty by now.
         touches: How often the arm had been touched by now.
+        X_OH: Pose of the hand in the object, shape (4, 4), when that was let go, or now; None while
+            the object's pose is not known.
     """
 
     history: tuple[Status, ...] = ()
     next: Status | None = None
     command_faults: int = 0
     touches: int = 0
+    X_OH: Array | None = None
 
-    def heard(self, time: float, code: StatusCode, detail: str, *counts: int) -> _Said:
-        """With what is judged now, and the two counts; what passes at once is not said."""
+    def heard(self, time: float, code: StatusCode, detail: str, *known: Any) -> _Said:
+        """With what is judged now, the two counts and X_OH; what passes at once is not said."""
         if self.history and code == self.history[-1].code:
-            return _Said(self.history, None, *counts)
+            return _Said(self.history, None, *known)
         since = self.next.time if self.next is not None and self.next.code == code else time
         now = Status(since, code, detail)
         if time - now.time >= LASTS.get(code, PERIOD) - 1e-9:
-            return _Said((*self.history, now), None, *counts)
-        return _Said(self.history, now, *counts)
+            return _Said((*self.history, now), None, *known)
+        return _Said(self.history, now, *known)
+
+
+def _least_error(X_OG: Array, X_OH: Array | None) -> tuple[float, float]:
+    """Distance [m] and angle [rad] of the hand to the nearest of the poses (n, 4, 4)."""
+    if X_OH is None or len(X_OG) == 0:
+        return _NONE
+    errors = grasp_errors(X_OG, X_OH)
+    distance, angle = errors[int(errors[:, 0].argmin())]
+    return float(distance), float(angle)
 
 
 class StatusMonitor(LeafSystem):
@@ -151,9 +166,11 @@ class StatusMonitor(LeafSystem):
         phase, tracking = Phase(int(self._phase.Eval(context)[0])), _AS_TOLD
         if self._tracking.HasValue(context):
             tracking = self._tracking.Eval(context)
-        left, turned = self._left(context, reachable)
-        # Once the object was let go, the one grasp is where it was in the hand then.
+        X_OH = self._hand(context)
+        # The last look before the object was let go was at the very time.
+        held = said.X_OH if phase > Phase.CLOSE else X_OH
         in_hand = phase > Phase.CLOSE and not tracking.lost
+        slipped, turned = _least_error(held[None], X_OH) if in_hand and held is not None else _NONE
         code, detail = judge(
             Situation(
                 phase=phase,
@@ -172,23 +189,23 @@ class StatusMonitor(LeafSystem):
                 command_faults=command_faults - said.command_faults,
                 touches=touches - said.touches,
                 speed=float(np.abs(self._velocity.Eval(context)).max()),
-                left=left,
+                left=_least_error(reachable.X_OG, X_OH)[0],
                 unseen=self._unseen(context),
-                slipped=left if in_hand else 0.0,
-                turned=turned if in_hand else 0.0,
+                slipped=slipped,
+                turned=turned,
             )
         )
-        return said.heard(context.get_time(), code, detail, command_faults, touches)
+        held = X_OH if held is None else held
+        return said.heard(context.get_time(), code, detail, command_faults, touches, held)
 
-    def _left(self, context: Context, reachable: GraspSet) -> tuple[float, float]:
-        """Distance [m] and angle [rad] of the hand to the nearest grasp that it is given."""
+    def _hand(self, context: Context) -> Array | None:
+        """Pose of the hand in the object, shape (4, 4); None while that is nowhere."""
         X_WO = self._pose.Eval(context).GetAsMatrix4()
-        if len(reachable) == 0 or not np.isfinite(X_WO).all():
-            return 0.0, 0.0
+        if not np.isfinite(X_WO).all():
+            return None
         X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
-        errors = grasp_errors(reachable.X_OG, inverse_kernel(X_WO) @ X_WH)
-        distance, angle = errors[int(errors[:, 0].argmin())]
-        return float(distance), float(angle)
+        X_OH: Array = inverse_kernel(X_WO) @ X_WH
+        return X_OH
 
     def _unseen(self, context: Context) -> float:
         """Distance of the arm to space that may belong to obstacles but was never seen [m]."""

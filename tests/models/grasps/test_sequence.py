@@ -8,10 +8,16 @@ import pytest
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
+from feasigrasp.models.grasps.sequence import (
+    CommittedMotion,
+    GraspSequenceConfig,
+    GraspState,
+    Phase,
+)
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
 from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.systems.remote.packing import packed, unpacked
 
 CONFIG = GraspSequenceConfig()
 WIDTH = 0.05
@@ -247,6 +253,13 @@ def test_while_closing_the_target_turns_off_as_the_object_would():
         assert np.linalg.norm(X[:3, 3] - truth[:3, 3]) < 0.004
         assert se3.rotation_angle(X[:3, :3].T @ truth[:3, :3]) < 0.01
         assert np.linalg.norm(V[3:] - swing.velocity(t + elapsed)[3:]) < 0.02
+    motion = CommittedMotion(dc.replace(state, grasp=GRASPS.select([0])), t, CONFIG)
+    X = motion.predict([0.2, 0.5])
+    np.testing.assert_allclose(X, [swing.pose(t + s) for s in (0.2, 0.5)], atol=0.01)
+    ahead = [0.2, CONFIG.closing_time, 5.0]
+    elsewhere = unpacked(packed(motion)).predict(ahead)  # in another process
+    np.testing.assert_array_equal(elsewhere, motion.predict(ahead))
+    np.testing.assert_allclose(elsewhere[2, :3, 3] - elsewhere[1, :3, 3], CONFIG.lift)
     blind = dc.replace(state, path=None).target(t + elapsed, here, np.zeros(6), CONFIG)[0]
     assert np.linalg.norm(blind[:3, 3] - truth[:3, 3]) > 0.025
 
@@ -352,6 +365,16 @@ def test_after_the_shake_the_hand_stays():
         np.testing.assert_array_equal(V, 0.0)
         assert state.released
     assert advanced(done, 1e3) is done
+
+
+def test_a_long_lift_does_not_take_a_quick_object_far():
+    config = dc.replace(CONFIG, lift_time=30.0)
+    V = np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.0])
+    state = dc.replace(lifting(), V_WO=V)
+    way = [state.target(state.since + t, X_WO, V, config)[0] for t in np.linspace(0.0, 30.0, 601)]
+    way = np.array(way)[:, :3, 3]
+    lift = np.linalg.norm(CONFIG.lift)
+    assert np.linalg.norm(way - way[0], axis=1).max() < lift + 4.0 / 27.0 * 0.6 * CONFIG.lift_time
 
 
 def test_targets_do_not_change_the_state():

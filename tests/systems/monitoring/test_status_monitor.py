@@ -115,8 +115,12 @@ def test_an_object_that_turns_in_the_hand_slips():
     monitored = Monitored()
     X_WO = RigidTransform([0.5, 0.0, 0.5])
     X_WH = RigidTransform(forward_kinematics(np.full(7, 0.5), ParallelGripper().X_FG))
-    held = GraspSet((X_WO.inverse() @ X_WH).GetAsMatrix4()[None], [0.04], [1.0])
-    monitored.fix(phase=[Phase.LIFT], reachable=held, object_pose=X_WO)
+    # That the hand is not quite at the grasp that it went for is no slip.
+    beside = X_WO.inverse() @ X_WH @ RigidTransform([0.008, 0.0, 0.008])
+    grasp = GraspSet(beside.GetAsMatrix4()[None], [0.04], [1.0])
+    monitored.fix(phase=[Phase.CLOSE], reachable=grasp, object_pose=X_WO)
+    monitored.said(0.5)
+    monitored.fix(phase=[Phase.LIFT])
     assert monitored.said(1.0)[-1][0] is StatusCode.LIFTING
     about_hand = X_WH @ RigidTransform(RollPitchYaw(np.deg2rad(15.0), 0.0, 0.0), [0.0, 0.0, 0.0])
     monitored.fix(object_pose=about_hand @ X_WH.inverse() @ X_WO)

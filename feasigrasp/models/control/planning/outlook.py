@@ -25,7 +25,7 @@ def poses_ahead(
 
     Args:
         look_ahead: A `LookAhead`.
-        motion: What the tracker knows; without it the object keeps its twist at best.
+        motion: What is known of its motion; without it the object keeps its twist at best.
         X_WO: Pose now, shape (4, 4).
         V_WO: Twist now [angular; linear], shape (6,).
         times: From now on, shape (k,) [s].

@@ -22,13 +22,14 @@ the hand goes for follows from that (`feasigrasp.models.control.task.target`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.control.planning.continuation import branch_kernel
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.control.planning.prices import Prices, instant_at
 from feasigrasp.models.control.planning.strands import strands_kernel
@@ -40,6 +41,7 @@ from feasigrasp.models.control.planning.transfers import (
 )
 from feasigrasp.models.control.task.target import neighbours
 from feasigrasp.models.grasps.funnel import Funnel, grasp_errors
+from feasigrasp.models.ik.closed_form import arm_angle
 from feasigrasp.models.reach.reachability import Reachability
 
 #: A grasp this close to the chosen one is taken for it when grasps are sampled anew [m, rad].
@@ -164,31 +166,22 @@ def choose_grasp(
     poses, grasps = np.array(X_WO, dtype=float), np.array(X_OG, dtype=float)
     strands = strands_kernel(q, poses, times, grasps, grasp_rates, X_GF, search, prices)
     ways = Plan(strands, poses, times, grasps, X_FG, options.funnel.parameters, search, prices)
-    committed = committed and bool(choice)
+    if committed:
+        choice = _held(choice, t, q, grasps[0], float(grasp_rates[0]))
     nobody, present = (-1, -1), 0 if committed else present_index(choice, grasps)
     plan, margin = None, 0.0
     if present >= 0:
         plan = _confirmed(q, present, choice, t, ways, options)
-        if committed and plan.grasp < 0:
-            return replace(choice, X_OG=grasps[0])
         kept = plan.grasp >= 0 and t - choice.since < options.hysteresis
-        margin = np.inf if kept or committed else options.commitment
-    skipped = nobody if plan is None else (present, choice.branch)
-    other = transfer_kernel(q, 0, len(times) - 1, nobody, skipped, ways)
-    if plan is None or plan.grasp < 0 or other.cost < plan.cost - margin:
-        if other.grasp < 0:
-            return GraspChoice(count=choice.count)
-        return GraspChoice(
-            grasps[other.grasp],
-            other.branch,
-            _arm_angle(reachability, other.angle),
-            t + times[other.instant],
-            t,
-            choice.count + 1,
-            other.cost,
-            grasp_rates[other.grasp],
-            *_weighed(q, other.grasp, other.branch, ways, options),
-        )
+        margin = np.inf if kept else options.commitment
+    if committed and (plan is None or plan.grasp < 0):
+        return choice
+    if not committed:
+        skipped = nobody if plan is None else (present, choice.branch)
+        other = transfer_kernel(q, 0, len(times) - 1, nobody, skipped, ways)
+        if plan is None or plan.grasp < 0 or other.cost < plan.cost - margin:
+            return _changed(choice, t, q, other, grasp_rates, reachability, ways, options)
+    assert plan is not None
     # The arm angles are a grid: a part of the way each time makes a smooth path of it.
     change = (_arm_angle(reachability, plan.angle) - choice.psi + np.pi) % (2.0 * np.pi) - np.pi
     return GraspChoice(
@@ -202,6 +195,43 @@ def choose_grasp(
         grasp_rates[present],
         *_weighed(q, present, choice.branch, ways, options),
     )
+
+
+def _changed(
+    choice: GraspChoice,
+    t: float,
+    q: Array,
+    way: Transfer,
+    grasp_rates: Array,
+    reachability: Reachability,
+    ways: Plan,
+    options: ChoiceOptions,
+) -> GraspChoice:
+    """The choice of the strand that a way leads to; none if it leads nowhere."""
+    if way.grasp < 0:
+        return GraspChoice(count=choice.count)
+    return GraspChoice(
+        ways.X_OG[way.grasp],
+        way.branch,
+        _arm_angle(reachability, way.angle),
+        t + ways.times[way.instant],
+        t,
+        choice.count + 1,
+        way.cost,
+        grasp_rates[way.grasp],
+        *_weighed(q, way.grasp, way.branch, ways, options),
+    )
+
+
+def _held(choice: GraspChoice, t: float, q: Array, X_OG: Array, rate: float) -> GraspChoice:
+    """The choice of a hand that closes on a grasp: in the branch that the arm is in.
+
+    The hand may be at another grasp than it went for, or on its way to another branch.
+    """
+    branch = int(branch_kernel(q))
+    if choice.branch == branch and np.array_equal(choice.X_OG, X_OG):
+        return choice
+    return GraspChoice(X_OG, branch, arm_angle(q), t, t, choice.count, rate=rate)
 
 
 def _confirmed(

@@ -34,7 +34,7 @@ def object_at_meeting(
     """Pose (4, 4) and twist (6,) [angular; linear] of the object in so much time.
 
     Args:
-        motion: What the tracker knows; without it the object keeps its twist at best.
+        motion: What is known of its motion; without it the object keeps its twist at best.
         X_WO: Pose now, shape (4, 4).
         V_WO: Twist now, shape (6,).
         left: How long from now on [s].

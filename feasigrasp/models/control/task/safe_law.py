@@ -177,7 +177,7 @@ def task_space_velocity(
         safety: The QP, for the same gripper.
         options: Gains.
         time: Present time [s].
-        motion: What the tracker knows of the object's motion.
+        motion: What is known of the object's motion.
         qd_last: The command of one period ago [rad/s], shape (7,); without it accelerations are
             not limited, and the arm goes for where the object is now.
         obstacles: What the arm must not touch.

@@ -193,6 +193,25 @@ def test_a_hand_that_has_committed_keeps_its_strand_even_where_it_ends():
     assert not REACHABILITY.reachable(turning.pose(t) @ X_OG[:1]).any()
 
 
+def test_a_hand_that_has_committed_to_another_grasp_than_it_went_for_stays_where_it_is():
+    still = HarmonicMotion(**vars_of(CIRCLE) | {"rate": 0.0, "spin": 0.0})
+    wanted = choose(GraspChoice(), 0.0, START, motion=still)
+    X_WO = still.pose(0.0)
+    others = 0
+    for X_OG in GRASPS:
+        for branch, q in enumerate(closed_form(X_WO @ X_OG @ np.linalg.inv(X_FG), 0.3)):
+            if not REACHABILITY.admissible(q)[0]:
+                continue
+            held = choose(wanted, 0.1, q, X_OG[None], still, committed=True)
+            np.testing.assert_array_equal(held.X_OG, X_OG)
+            assert held.branch == branch and held.count == wanted.count
+            reference = strand_reference(held, 0.1, q, X_WO, np.zeros(6), REACHABILITY, OPTIONS)
+            np.testing.assert_allclose(reference.X_OT, X_OG, atol=1e-9)
+            assert reference.on_strand
+            others += branch != wanted.branch
+    assert others > 3
+
+
 def test_without_grasps_or_poses_there_is_no_choice():
     assert not GraspChoice()
     assert not choose(GraspChoice(), 0.0, START, np.zeros((0, 4, 4)))
