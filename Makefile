@@ -11,7 +11,7 @@ setup-demo:
 
 demo: setup-demo
 	$(PYTHON) diagrams/dynamic_grasp.py --scenario_name ReachCircular --controller task \
-	  --object mustard_bottle --seed 3 --replay out/demo/replay.html --results out/demo/results.json
+	  --object mustard_bottle --seed 4 --replay out/demo/replay.html --results out/demo/results.json
 
 # One thread for linear algebra: quicker on small matrices, and timings can be compared.
 test: export OMP_NUM_THREADS = 1
