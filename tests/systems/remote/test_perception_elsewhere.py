@@ -7,6 +7,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.grasps.samplers import AntipodalSampler
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.one_thread import one_thread
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.remote.remote_stage import end_processes
 from tests.pipeline import scenario
@@ -36,7 +37,8 @@ def simulated(execution):
 
 @pytest.fixture(scope="module")
 def runs():
-    return simulated("processes"), simulated("processes"), simulated("inline")
+    with one_thread():  # as the processes compute
+        return simulated("processes"), simulated("processes"), simulated("inline")
 
 
 def same(a, b):
