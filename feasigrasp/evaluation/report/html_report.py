@@ -46,7 +46,10 @@ def write_page(folder: Path, text: str, replays: int = 0) -> Path:
         The file.
     """
     records = _records(folder)
-    images = {file.name: _data(file.read_bytes()) for file in sorted(folder.rglob("*.png"))}
+    images = {
+        file.relative_to(folder).as_posix(): _data(file.read_bytes())
+        for file in sorted(folder.rglob("*.png"))
+    }
     parts = [markdown_html(text, images)]
     if records:
         parts += [objects_part(list(records.values())), _failures_part(folder, records, replays)]

@@ -67,11 +67,12 @@ def main(args: argparse.Namespace) -> int:
         print(write_page(args.folder, text, args.replays))
     if args.into is not None:
         images = args.into.parent / "images"
-        for name in FIGURES:
-            for figure in sorted(args.folder.rglob(name)):
-                images.mkdir(exist_ok=True)
-                shutil.copyfile(figure, images / name)
-            text = text.replace(f"]({name})", f"](images/{name})")
+        for figure in sorted(f for name in FIGURES for f in args.folder.rglob(name)):
+            within = figure.relative_to(args.folder)
+            name = "_".join(within.parts)
+            images.mkdir(exist_ok=True)
+            shutil.copyfile(figure, images / name)
+            text = text.replace(f"]({within.as_posix()})", f"](images/{name})")
         text = re.sub("^#", "##", text, flags=re.MULTILINE)  # below a heading of the document
         replace_section(args.into, text)
         print(args.into)
@@ -94,13 +95,17 @@ def report(folder: Path) -> str:
     sections = []
     for file in files:
         try:
-            sections.append(_section(file))
+            section = _section(file)
         except OutputError:
             raise
         except (InputError, LookupError, TypeError, ValueError, AttributeError) as error:
             raise ReportError(
                 f"{file} is no summary ({error!s:.200}); repeat the command that makes it"
             ) from error
+        if file.parent != folder:  # every folder has figures of the same names
+            for name in FIGURES:
+                section = section.replace(f"]({name})", f"]({file.parent.name}/{name})")
+        sections.append(section)
     return "\n\n".join(sections)
 
 

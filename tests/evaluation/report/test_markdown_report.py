@@ -1,12 +1,15 @@
 """Reports from summaries made by hand."""
 
+import base64
 import json
+import re
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from feasigrasp import cli
+from feasigrasp.evaluation.report.curves import FIGURE as CURVE
 from feasigrasp.evaluation.report.dynamic import FIGURE
 from feasigrasp.evaluation.report.paper_tables import TABLE_2, TABLE_3_JOINT, TABLE_3_TASK
 from feasigrasp.results.markdown import BEGIN, END, markdown_table
@@ -154,6 +157,25 @@ def test_a_report_goes_into_a_document(dynamic, tmp_path):
     assert "stale" not in text and text.count("Table II") == 2
     assert f"](images/{FIGURE})" in text
     assert (document.parent / "images" / FIGURE).read_bytes() == (dynamic / FIGURE).read_bytes()
+
+
+def test_figures_of_several_results_are_those_of_each(tmp_path):
+    """All are drawn under one name, each in the folder of its results."""
+    for name, curve, held in (("first", "circle/0.15", 90.0), ("second", "spin/1", 40.0)):
+        rows = [row("dynamic.held_percent", curve, held, held - 9.0, held + 9.0, "%", 18)]
+        write(tmp_path / "out" / name, rows, command=f"feasigrasp evaluate dynamic {name}")
+    document = tmp_path / "page.md"
+    document.write_text(f"{BEGIN}\n{END}\n")
+    assert cli.main(["report", str(tmp_path / "out"), "--html", "--into", str(document)]) == 0
+    drawn = [tmp_path / "out" / name / CURVE for name in ("first", "second")]
+    assert drawn[0].read_bytes() != drawn[1].read_bytes()
+    for text, folder in (((tmp_path / "out" / "report.md"), "out"), (document, ".")):
+        found = re.findall(r"!\[.*?\]\((.*?)\)", text.read_text())
+        pictures = [tmp_path / folder / name for name in found]
+        assert [p.read_bytes() for p in pictures] == [d.read_bytes() for d in drawn]
+    page = (tmp_path / "out" / "report.html").read_text()
+    inside = [page.index(base64.b64encode(d.read_bytes()).decode()) for d in drawn]
+    assert inside[0] < page.index("dynamic second") < inside[1]
 
 
 @pytest.mark.parametrize("text", [None, "no place\n", f"{END}\n{BEGIN}\n", f"{BEGIN}\n"])
