@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import re
 import shutil
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -66,17 +67,25 @@ def main(args: argparse.Namespace) -> int:
     if args.html:
         print(write_page(args.folder, text, args.replays))
     if args.into is not None:
-        images = args.into.parent / "images"
-        for figure in sorted(f for name in FIGURES for f in args.folder.rglob(name)):
-            within = figure.relative_to(args.folder)
-            name = "_".join(within.parts)
-            images.mkdir(exist_ok=True)
-            shutil.copyfile(figure, images / name)
-            text = text.replace(f"]({within.as_posix()})", f"](images/{name})")
+        text = _with_images(text, args.folder, args.into.parent / "images")
         text = re.sub("^#", "##", text, flags=re.MULTILINE)  # below a heading of the document
         replace_section(args.into, text)
         print(args.into)
     return 0
+
+
+def _with_images(text: str, folder: Path, images: Path) -> str:
+    """The text with its figures, which are in a folder of results, in one folder of images."""
+    places = {f"]({f.relative_to(folder).as_posix()})": f for f in sorted(folder.rglob("*.png"))}
+    used = {place: figure for place, figure in places.items() if place in text}
+    names = Counter(figure.name for figure in used.values())
+    for place, figure in used.items():
+        alone = names[figure.name] == 1
+        name = figure.name if alone else "_".join(figure.relative_to(folder).parts)
+        images.mkdir(exist_ok=True)
+        shutil.copyfile(figure, images / name)
+        text = text.replace(place, f"](images/{name})")
+    return text
 
 
 def report(folder: Path) -> str:
