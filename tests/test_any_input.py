@@ -18,7 +18,7 @@ from feasigrasp.errors import (
     PointCloudError,
     ReachabilityError,
 )
-from feasigrasp.evaluation.report.markdown_report import ReportError, report
+from feasigrasp.evaluation.report.markdown_report import ReportError, sections
 from feasigrasp.evaluation.runs import isolated
 from feasigrasp.evaluation.runs.plan import PlannedRun
 from feasigrasp.evaluation.runs.run import crash_record
@@ -95,7 +95,7 @@ SUMMARY = {"command": "x", "git": "y", "seed": 0, "versions": {}, "rows": [ROW]}
 def test_any_summary_is_reported_or_refused(tmp_path, summary):
     (tmp_path / "summary.json").write_text(json.dumps(summary))
     try:
-        assert report(tmp_path)
+        assert sections(tmp_path)
     except ReportError as error:
         assert "summary.json is no summary" in str(error)
 

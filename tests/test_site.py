@@ -1,5 +1,7 @@
 """The documentation site is built without a warning, and its notebook runs."""
 
+import html
+import json
 import os
 import re
 import subprocess
@@ -17,9 +19,21 @@ def test_site_is_built_without_warnings(repository, tmp_path):
     done = subprocess.run(command, cwd=repository, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     start = (site / "index.html").read_text()
-    for page in ("reference", "release_notes", "contributing", "gallery", "perceive_a_cloud"):
+    for page in (
+        "reference",
+        "release_notes",
+        "contributing",
+        "gallery",
+        "report",
+        "perceive_a_cloud",
+    ):
         assert (site / page / "index.html").is_file()
         assert f'href="{page}/"' in start
+    results = (site / "all_results.html").read_text()
+    assert 'href="../all_results.html"' in (site / "report" / "index.html").read_text()
+    for summary in repository.glob("docs/summaries/*.json"):
+        if summary.name.startswith(("static_", "dynamic_")):
+            assert html.escape(json.loads(summary.read_text())["command"]) in results, summary
     reference = (site / "reference" / "index.html").read_text()
     assert "complete_shape" in reference and "Fits" in re.sub("<[^>]+>", "", reference)
 

@@ -1,20 +1,24 @@
 """Pages of the documentation site that are made when it is built; a hook of MkDocs.
 
 Public names with their docstrings, release notes and how to contribute come from the code and from
-files at the root; the gallery of replays from ``out/gallery``, where `feasigrasp evaluate gallery`
-left it.
+files at the root; the report from the stored summaries, as `feasigrasp report --html` makes it; the
+gallery of replays from ``out/gallery``, where `feasigrasp evaluate gallery` left it.
 """
 
 from __future__ import annotations
 
 import re
 import shutil
+import tempfile
 from importlib import import_module
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
+from feasigrasp.evaluation.report.html_report import write_page
+from feasigrasp.evaluation.report.markdown_report import sections
+from tools.figures import SUMMARIES
 from tools.make_docs import ROOT, faces
 
 GALLERY = ROOT / "out" / "gallery"
@@ -42,17 +46,37 @@ the browser.
 """
 
 
+_REPORT = """# Report
+
+[All stored results of the static and the dynamic test on one page](all_results.html): tables beside
+the paper's, curves, what became of every object, why runs did not hold, and the conditions of each.
+It is what `feasigrasp report DIR --html` makes of a folder of results; where the runs are there as
+well, with the worst failures and links to their replays.
+"""
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the pages."""
     pages = {
         "reference.md": _reference(),
         "release_notes.md": _from_the_root("CHANGELOG.md"),
         "contributing.md": _from_the_root("CONTRIBUTING.md"),
+        "report.md": _REPORT,
+        "all_results.html": _report(),
         "gallery.md": _PICTURES + (_WITH_GALLERY if GALLERY.is_dir() else _NO_GALLERY),
     }
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files
+
+
+def _report() -> str:
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for file in sorted([*SUMMARIES.glob("static_*.json"), *SUMMARIES.glob("dynamic_*.json")]):
+            (folder / file.stem).mkdir()
+            shutil.copyfile(file, folder / file.stem / "summary.json")
+        return write_page(folder, sections(folder)).read_text()
 
 
 def on_post_build(config: MkDocsConfig) -> None:

@@ -1,8 +1,8 @@
 """A folder of results as one page that needs nothing beside it.
 
 It has what `feasigrasp.evaluation.report.markdown_report` writes, with its figures inside, and what
-only a page can show: every object with its picture and how often it was held, and the worst
-failures with links to their replays.
+only a page can show: below each result every object with its picture and how often it was held, and
+the worst failures of all with links to their replays.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ import base64
 import html
 import io
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from importlib import resources
+from math import isfinite
 from pathlib import Path
 from string import Template
 from urllib.parse import quote
@@ -25,20 +27,24 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.outputs import write_text
 from feasigrasp.results.finished import Record
 from feasigrasp.results.markdown import markdown_html
+from feasigrasp.results.rows import Row
 from feasigrasp.results.statistics import grouped
 from feasigrasp.scenario.files import parse_scenario
 from feasigrasp.training.data.shape_sheet import shape_picture
 
+#: Objects, each with how often it was held, and in how many runs.
+Outcomes = Mapping[str, tuple[int, int]]
 #: Failures that the page lists.
 _WORST = 12
 
 
-def write_page(folder: Path, text: str, replays: int = 0) -> Path:
+def write_page(folder: Path, sections: Mapping[Path, str], replays: int = 0) -> Path:
     """Writes ``report.html`` into a folder of results.
 
     Args:
         folder: The folder.
-        text: The report as Markdown; its images are files in the folder or in one of its folders.
+        sections: The report on each ``summary.json`` in it, or in folders in it, as Markdown; its
+            images are named as seen from the folder.
         replays: Of so many of the worst failures without a replay one is made, by running them
             again.
 
@@ -50,9 +56,13 @@ def write_page(folder: Path, text: str, replays: int = 0) -> Path:
         file.relative_to(folder).as_posix(): _data(file.read_bytes())
         for file in sorted(folder.rglob("*.png"))
     }
-    parts = [markdown_html(text, images)]
+    parts = []
+    for summary, text in sections.items():
+        runs = [run for file, run in records.items() if file.parent.parent == summary.parent]
+        held = outcomes_of_runs(runs) or outcomes_of_rows(_rows(summary))
+        parts += [markdown_html(text, images), objects_part(held)]
     if records:
-        parts += [objects_part(list(records.values())), _failures_part(folder, records, replays)]
+        parts.append(_failures_part(folder, records, replays))
     template = resources.files("feasigrasp.evaluation.report").joinpath("report.html").read_text()
     page = folder / "report.html"
     write_text(page, Template(template).substitute(body="\n".join(filter(None, parts))))
@@ -72,23 +82,49 @@ def _records(folder: Path) -> dict[Path, Record]:
     return found
 
 
-def objects_part(records: Sequence[Record]) -> str:
-    """Every object with its picture, those that are held least often first."""
-    held = {
-        model: [bool(run["metrics"]["grasp_held"]) for run in runs]
-        for model, runs in grouped(records, lambda run: str(run["object"])).items()
+def _rows(summary: Path) -> list[Row]:
+    """Its rows that are shares of something."""
+    rows = [Row(**row) for row in read_json(summary)["rows"]]
+    return [row for row in rows if row.unit == "%" and row.n > 0 and isfinite(row.value)]
+
+
+def outcomes_of_runs(records: Sequence[Record]) -> Outcomes:
+    """How often every object was held, and in how many runs."""
+    found = grouped(records, lambda run: str(run["object"]))
+    return {
+        model: (sum(bool(run["metrics"]["grasp_held"]) for run in runs), len(runs))
+        for model, runs in found.items()
     }
+
+
+def outcomes_of_rows(rows: Sequence[Row]) -> Outcomes:
+    """The same by the rows of a summary, whose runs are not there any more."""
+    found: dict[str, tuple[int, int]] = {}
+    for row in rows:
+        *condition, model = row.preset.split("/")
+        dynamic = row.name == "dynamic.held_percent" and len(condition) == 3
+        whole = dynamic and condition[0].startswith("all")  # has these runs once more
+        if (dynamic and not whole) or row.name == "static.object_held_percent":
+            held, runs = found.get(model, (0, 0))
+            found[model] = held + round(row.value * row.n / 100.0), runs + row.n
+    return found
+
+
+def objects_part(outcomes: Outcomes) -> str:
+    """Every object with its picture, those that are held least often first; empty without any."""
     cards = []
-    for model, outcomes in sorted(held.items(), key=lambda item: sum(item[1]) / len(item[1])):
-        share = 100.0 * sum(outcomes) / len(outcomes)
+    for model, (held, runs) in sorted(outcomes.items(), key=lambda item: item[1][0] / item[1][1]):
+        share = 100.0 * held / runs
         cards.append(
             f"<figure>{_picture(model)}<figcaption>{html.escape(Path(model).stem)}"
             f'<span class="bar"><i style="width:{share:.0f}%"></i></span>'
-            f"{sum(outcomes)} of {len(outcomes)} held</figcaption></figure>"
+            f"{held} of {runs} held</figcaption></figure>"
         )
-    return f'<h3>Objects</h3>\n<div class="objects">{"".join(cards)}</div>'
+    body = "".join(cards)
+    return f'<h3>Objects</h3>\n<div class="objects">{body}</div>' if cards else ""
 
 
+@lru_cache
 def _picture(model: str) -> str:
     """The object, if it is still there to be looked at."""
     try:

@@ -60,12 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    text = report(args.folder)
+    parts = sections(args.folder)
+    text = "\n\n".join(parts.values())
     filename = args.folder / "report.md"
     write_text(filename, text + "\n")
     print(filename)
     if args.html:
-        print(write_page(args.folder, text, args.replays))
+        print(write_page(args.folder, parts, args.replays))
     if args.into is not None:
         text = _with_images(text, args.folder, args.into.parent / "images")
         text = re.sub("^#", "##", text, flags=re.MULTILINE)  # below a heading of the document
@@ -88,8 +89,8 @@ def _with_images(text: str, folder: Path, images: Path) -> str:
     return text
 
 
-def report(folder: Path) -> str:
-    """The text for the results in a folder; figures are drawn beside each ``summary.json``.
+def sections(folder: Path) -> dict[Path, str]:
+    """The text for each ``summary.json`` in a folder of results; figures are drawn beside it.
 
     Raises:
         ReportError: There are no results, or a summary is broken.
@@ -101,7 +102,7 @@ def report(folder: Path) -> str:
         raise ReportError(
             f"neither {folder} nor a folder in it has a summary.json; give the --out of a command"
         )
-    sections = []
+    found = {}
     for file in files:
         try:
             section = _section(file)
@@ -114,8 +115,8 @@ def report(folder: Path) -> str:
         if file.parent != folder:  # every folder has figures of the same names
             for name in FIGURES:
                 section = section.replace(f"]({name})", f"]({file.parent.name}/{name})")
-        sections.append(section)
-    return "\n\n".join(sections)
+        found[file] = section
+    return found
 
 
 def _section(file: Path) -> str:

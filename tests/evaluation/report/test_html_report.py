@@ -10,7 +10,7 @@ from matplotlib.image import imread
 
 from feasigrasp import cli
 from feasigrasp.evaluation.report.curves import FIGURE, curve_points
-from feasigrasp.evaluation.report.html_report import worst_failures
+from feasigrasp.evaluation.report.html_report import outcomes_of_rows, worst_failures
 from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.results.markdown import markdown_html, markdown_table
 from feasigrasp.results.rows import Row
@@ -94,6 +94,31 @@ def test_it_says_what_the_markdown_says_and_more(page, folder):
     assert "slipped 60" in text and "1 of 2 held" in text and "0 of 1 held" in text
     assert "<none>" in text and "the solver failed" in text
     assert len(page.sources) == 1 + 2  # the curve, mug and ball; what has no mesh has no picture
+
+
+def test_without_its_runs_the_objects_are_those_of_the_summary(tmp_path):
+    """Every run of an object counts once: not in the mean of all, nor in a point of a curve."""
+    reach = "ReachLinearMocap/task/safe"
+    rows = [
+        *(
+            row("dynamic.held_percent", f"{at}/mug", 75.0, n=4)
+            for at in (reach, f"all{reach[16:]}")
+        ),
+        row("dynamic.held_percent", f"{reach.replace('Linear', 'Circular')}/mug", 0.0, n=1),
+        row("dynamic.held_percent", reach, 75.0, n=8),
+        row("dynamic.held_percent", "circle/0.15", 75.0, n=8),
+        row("dynamic.pushed_percent", f"{reach}/mug", 100.0, n=4),
+        row("static.object_held_percent", "honest/some_mesh", 100.0 / 3.0, n=3),
+    ]
+    assert outcomes_of_rows([Row(**each) for each in rows]) == {"mug": (3, 5), "some_mesh": (1, 3)}
+    summary = {"command": "feasigrasp evaluate static", "git": "abc", "seed": 0, "rows": rows[-1:]}
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        text = json.dumps(summary | {"versions": {"python": "3.11"}})
+        (tmp_path / name / "summary.json").write_text(text)
+    assert cli.main(["report", str(tmp_path), "--html"]) == 0
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("1 of 3 held") == 2 and "worst failures" not in page
 
 
 def test_what_broke_off_comes_first_then_the_farthest_pushed(folder):
