@@ -120,8 +120,8 @@ def objects_part(outcomes: Outcomes) -> str:
             f'<span class="bar"><i style="width:{share:.0f}%"></i></span>'
             f"{held} of {runs} held</figcaption></figure>"
         )
-    body = "".join(cards)
-    return f'<h3>Objects</h3>\n<div class="objects">{body}</div>' if cards else ""
+    shown = f'<h3>Objects</h3>\n<div class="objects">{"".join(cards)}</div>'
+    return shown if cards else ""
 
 
 @lru_cache
