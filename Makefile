@@ -10,7 +10,7 @@ setup-demo:
 	@tools/setup.sh
 
 demo: setup-demo
-	$(PYTHON) diagrams/dynamic_grasp.py --scenario_name ReachCircular --controller task \
+	$(PYTHON) diagrams/dynamic_grasp.py --scenario-name ReachCircular --controller task \
 	  --object mustard_bottle --seed 4 --replay out/demo/replay.html --results out/demo/results.json
 
 # One thread for linear algebra: quicker on small matrices, and timings can be compared.

@@ -2,7 +2,7 @@
 
 For example::
 
-    python diagrams/dynamic_grasp.py --scenario_name ReachCircular --controller task \
+    python diagrams/dynamic_grasp.py --scenario-name ReachCircular --controller task \
         --object mug --replay out/replay.html --results out/results.json
 """
 
@@ -15,7 +15,7 @@ from feasigrasp.commands import run
 def main() -> int:
     """Runs one scenario."""
     parser = command_parser("dynamic_grasp.py", "simulate one grasp of a moving object")
-    parser.add_argument("--scenario_name", help="see 'feasigrasp scenarios'")
+    parser.add_argument("--scenario-name", help="see 'feasigrasp scenarios'")
     run.add_options(parser)
     args = parser.parse_args()
     return exit_status(lambda: run.main(args))

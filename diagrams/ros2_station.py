@@ -8,7 +8,6 @@ SCENARIO --hardware`` and its guard work as they do with Drake's drivers. Topics
 and the object's ``pose`` in, ``joint_command`` (positions) and ``gripper_command`` (metres) out.
 """
 
-import argparse
 import importlib
 import sys
 import zlib
@@ -24,6 +23,7 @@ from drake import (
 )
 from pydrake.lcm import DrakeLcm
 
+from feasigrasp.cli import command_parser
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.object_pose import pose_message
@@ -75,9 +75,9 @@ def pose(stamped):
 
 def main() -> int:
     """Translates until ROS is shut down."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = command_parser("ros2_station.py", (__doc__ or "").partition(".\n")[0])
     parser.add_argument("--camera", default="/camera/depth/image_rect_raw", help="depth topic")
-    parser.add_argument("--camera_name", default="wrist_camera", help="its name in the scenario")
+    parser.add_argument("--camera-name", default="wrist_camera", help="its name in the scenario")
     parser.add_argument("--lcm-url", default=channels.LCM_URL)
     args = parser.parse_args()
     try:

@@ -17,7 +17,7 @@ picture = Path(
 picture.parent.mkdir(parents=True, exist_ok=True)
 
 # In metres, in the grasp frame G; what is not said is as on the packaged hand. The simulated hand
-# is made of it, too: `feasigrasp run ReachLinearMocap --scenario_text '{gripper: slim.yaml}'`.
+# is made of it, too: `feasigrasp run ReachLinearMocap --scenario-text '{gripper: slim.yaml}'`.
 hand = picture.with_name("slim.yaml")
 hand.write_text("max_opening: 0.10\nfinger_width: 0.020\nfinger_thickness: 0.010\ntip: 0.030\n")
 

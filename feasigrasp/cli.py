@@ -34,6 +34,8 @@ _REPORT = (
     "write what a folder of results says as Markdown",
 )
 _PACKAGE = Path(__file__).parent
+#: Options that Drake's own simulations spell with ``_``.
+DRAKE_NAMES = ("--scenario_name", "--scenario_file", "--scenario_text")
 
 
 def commands(group: str) -> dict[str, tuple[str, str]]:
@@ -99,8 +101,25 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def command_parser(prog: str, purpose: str) -> argparse.ArgumentParser:
-    """A parser whose ``--help`` shows defaults."""
-    return argparse.ArgumentParser(prog=prog, description=f"{purpose}.", formatter_class=_Help)
+    """A parser whose ``--help`` shows defaults, and that reads options spelled with ``_``, too."""
+    return _Parser(prog=prog, description=f"{purpose}.", formatter_class=_Help)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reads ``--on_table`` as ``--on-table``, with a note on stderr unless it is Drake's name."""
+
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def]
+        words = list(sys.argv[1:] if args is None else args)
+        return super().parse_known_args([self._with_hyphens(word) for word in words], namespace)
+
+    def _with_hyphens(self, word: str) -> str:
+        name, equals, value = word.partition("=")
+        hyphenated = name.replace("_", "-")
+        if hyphenated == name or hyphenated not in self._option_string_actions:
+            return word
+        if name not in DRAKE_NAMES:
+            print(f"note: {name} is now {hyphenated}", file=sys.stderr)
+        return hyphenated + equals + value
 
 
 class _Help(argparse.HelpFormatter):

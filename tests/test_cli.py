@@ -11,6 +11,7 @@ from feasigrasp import __version__, cli
 from feasigrasp.errors import ScenarioError
 
 COMMANDS = [(group, name) for group in cli.GROUPS for name in cli.commands(group)]
+ALL = [*COMMANDS, *((name,) for name in cli.single_commands())]
 
 
 def test_version(capsys):
@@ -99,12 +100,21 @@ def test_the_commands_for_people_are_there():
     ]
 
 
-@pytest.mark.parametrize("command", COMMANDS + [(name,) for name in cli.single_commands()])
-def test_options_show_their_defaults(command):
-    of_group = len(command) == 2
-    module = cli.commands(command[0])[command[1]] if of_group else cli.single_commands()[command[0]]
-    parser = cli.command_parser(" ".join(command), "test")
-    importlib.import_module(module[0]).add_arguments(parser)
+@pytest.fixture(params=ALL, ids=" ".join)
+def parser(request):
+    """The parser of a command."""
+    *group, name = request.param
+    module = (cli.commands(*group) if group else cli.single_commands())[name][0]
+    parser = cli.command_parser(" ".join(request.param), "test")
+    importlib.import_module(module).add_arguments(parser)
+    return parser
+
+
+def test_options_are_spelled_with_hyphens(parser):
+    assert not [option for option in parser._option_string_actions if "_" in option]
+
+
+def test_options_show_their_defaults(parser):
     shown = parser._get_formatter()
     for action in parser._actions:
         if not any(action.default is none for none in (None, False, argparse.SUPPRESS)):
@@ -123,6 +133,33 @@ def test_a_default_is_shown_once_and_as_it_is_given():
     for text in ("some (default: a,b)", "a number (default: 0)", "of it (default: 5%)"):
         assert text in said
     assert said.count("default:") == 4 and "see there" in said
+
+
+@pytest.mark.parametrize(
+    ("option", "note"),
+    [
+        ("--end_frame", "note: --end_frame is now --end-frame\n"),
+        ("--end-frame", ""),
+        ("--scenario_text", ""),  # Drake's name
+    ],
+)
+@pytest.mark.parametrize("assigned", [False, True])
+def test_an_option_may_be_spelled_with_underscores(option, note, assigned, capsys):
+    parser = cli.command_parser("test", "test")
+    for name in ("--end-frame", "--scenario-text"):
+        parser.add_argument(name, dest="value")
+    words = [f"{option}=a_b"] if assigned else [option, "a_b"]
+    assert parser.parse_args(words).value == "a_b"
+    assert capsys.readouterr().err == note
+
+
+def test_a_word_that_is_no_option_is_read_as_it_is(capsys):
+    parser = cli.command_parser("test", "test")
+    parser.add_argument("names", nargs="*")
+    assert parser.parse_args(["--", "--my_file"]).names == ["--my_file"]
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--my_file"])
+    assert "unrecognized arguments: --my_file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -152,7 +189,7 @@ def test_wrong_arguments_are_named(argv, message, capsys):
         (["--controllers", "magic"], "control.controller is 'magic'"),
         (["--mode", "safe,brave"], "control.mode is 'brave'"),
         (["--objects", "teapot"], "'teapot' is neither a built-in object"),
-        (["--scenario_text", "{objct: {}}"], "objct"),
+        (["--scenario-text", "{objct: {}}"], "objct"),
         (["--seed", "-3"], "random_seed is -3"),
     ],
 )

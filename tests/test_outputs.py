@@ -60,7 +60,7 @@ def test_what_is_read_is_not_written_over(tmp_path):
     mesh = tmp_path / "rod.stl"
     mesh.write_text("solid")
     with pytest.raises(OutputError, match=r"--results would overwrite .*rod\.stl, which --object"):
-        outputs.check_outputs({"--results": mesh}, {"--object": str(mesh), "--scenario_file": None})
+        outputs.check_outputs({"--results": mesh}, {"--object": str(mesh), "--scenario-file": None})
     outputs.check_outputs({"--results": tmp_path / "new.json"}, {"--object": "new.json"})
 
 

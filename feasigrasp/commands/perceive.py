@@ -5,7 +5,7 @@ For example::
     feasigrasp perceive --cloud mug.ply --picture out/mug.png --html out/mug.html
 
 The cloud shows one object, in metres, in the camera's frame (the camera in the origin, z forward);
-``--scale``, ``--crop``, ``--on_table``, ``--viewpoint`` and ``--merged`` are for clouds that
+``--scale``, ``--crop``, ``--on-table``, ``--viewpoint`` and ``--merged`` are for clouds that
 differ. ``--sampler`` chooses where grasps come from, as in scenarios.
 """
 
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep what is inside this box [m]",
     )
     parser.add_argument(
-        "--on_table",
+        "--on-table",
         action="store_true",
         help="the cloud shows a table too: keep the largest thing that stands on it",
     )
@@ -142,7 +142,7 @@ def main(args: argparse.Namespace) -> int:
     )
     if args.on_table:
         if viewpoint is None:
-            raise PointCloudError("--on_table needs to know where the camera was: no --merged")
+            raise PointCloudError("--on-table needs to know where the camera was: no --merged")
         points = points[object_on_table(points, viewpoint)]
     perception = perceive(
         points,
@@ -157,7 +157,7 @@ def main(args: argparse.Namespace) -> int:
     if perception.outliers > _MANY * len(points):
         print(
             "  so many were dropped that there may be another object beside this one; keep one "
-            "with --crop or --on_table"
+            "with --crop or --on-table"
         )
     draw_perception(perception, picture, args.cloud.stem)
     write_perception_html(perception, html)

@@ -54,7 +54,7 @@ def add_scenario_name(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         metavar="SCENARIO",
         help=f"its name, see 'feasigrasp scenarios' (default: {DEFAULT_SCENARIO}, or the only one "
-        "of --scenario_file)",
+        "of --scenario-file)",
     )
 
 
@@ -98,9 +98,9 @@ def add_lcm_option(parser: argparse.ArgumentParser) -> None:
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Adds those that choose a scenario, and change it."""
     parser.add_argument(
-        "--scenario_file", type=Path, help="a file of scenarios (default: the packaged ones)"
+        "--scenario-file", type=Path, help="a file of scenarios (default: the packaged ones)"
     )
-    parser.add_argument("--scenario_text", metavar="YAML", help="applied on top of the scenario")
+    parser.add_argument("--scenario-text", metavar="YAML", help="applied on top of the scenario")
     spaces, modes = [*map(str, ControlSpace)], [*map(str, ControlMode)]
     parser.add_argument("--controller", choices=spaces, help=f"its space {_OF_SCENARIO}")
     parser.add_argument("--mode", choices=modes, help=f"what it enforces {_OF_SCENARIO}")
@@ -159,7 +159,7 @@ def main(args: argparse.Namespace) -> int:
 
 def files_read(args: argparse.Namespace) -> dict[str, Path | str | None]:
     """What no output may be written over, by the option that names it."""
-    return {"--scenario_file": args.scenario_file, "--object": args.object}
+    return {"--scenario-file": args.scenario_file, "--object": args.object}
 
 
 def load(args: argparse.Namespace) -> tuple[str, Scenario]:

@@ -14,7 +14,7 @@ from feasigrasp.scenario.schema import Scenario
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument(
-        "--scenario_file", type=Path, help="a file of scenarios (default: the packaged ones)"
+        "--scenario-file", type=Path, help="a file of scenarios (default: the packaged ones)"
     )
 
 

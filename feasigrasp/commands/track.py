@@ -2,7 +2,7 @@
 
 For example::
 
-    feasigrasp track --folder my_recording --on_table --box 250 130 390 300
+    feasigrasp track --folder my_recording --on-table --box 250 130 390 300
 
 The folder is as TUM RGB-D's or BOP's: 16-bit ``depth/*.png``, ``camera.json`` with ``fx``, ``fy``,
 ``cx``, ``cy`` and ``depth_scale`` (millimetres per unit), and, if there are any, ``depth.txt``
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--shape", type=Path, help="cloud (.ply) to write (default: beside the poses)"
     )
     parser.add_argument(
-        "--on_table",
+        "--on-table",
         action="store_true",
         help="the first image shows a table: nothing of it is the object",
     )
@@ -90,7 +90,7 @@ def main(args: argparse.Namespace) -> int:
     if not tracked.any() or shape.gpdf is None:
         raise PointCloudError(
             f"no object was found in the {len(poses)} images of {args.folder}; give a --box about "
-            "it, --on_table if it stands on one, or masks"
+            "it, --on-table if it stands on one, or masks"
         )
     with replacing(poses_file) as file:
         np.savetxt(

@@ -76,15 +76,16 @@ def command_line(args: argparse.Namespace, command: str) -> str:
     """The line that gives a command these arguments, those with a default included.
 
     Args:
-        args: Arguments of the command; an option is spelt as its entry.
+        args: Arguments of the command; an option is spelled as its entry, with ``-`` for ``_``.
         command: Its name, e.g. ``evaluate shape``.
     """
     words = ["feasigrasp", *command.split()]
     for name, value in vars(args).items():
+        option = f"--{name.replace('_', '-')}"
         if value is True:
-            words.append(f"--{name}")
+            words.append(option)
         elif value is not None and value is not False:
-            words += [f"--{name}", ",".join(value) if isinstance(value, list) else str(value)]
+            words += [option, ",".join(value) if isinstance(value, list) else str(value)]
     return shlex.join(words)
 
 

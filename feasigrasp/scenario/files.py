@@ -68,7 +68,7 @@ def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Sc
         is_file = Path(name).suffix in (".yaml", ".yml")
         raise ScenarioError(
             f"no scenario {name!r} in {filename}; it has {', '.join(names)}"
-            f"{'; give a file by --scenario_file' if is_file else nearest(name, names)}"
+            f"{'; give a file by --scenario-file' if is_file else nearest(name, names)}"
         )
     what = f"scenario {name!r} in {filename}"
     stages: list[tuple[str, Scenario]] = []
@@ -129,7 +129,7 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
     try:
         text = Path(filename).read_text()
     except FileNotFoundError as error:
-        raise ScenarioError(f"no scenario file {filename}; check --scenario_file") from error
+        raise ScenarioError(f"no scenario file {filename}; check --scenario-file") from error
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{filename} cannot be read: {error}") from error
     try:

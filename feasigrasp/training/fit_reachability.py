@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--samples", type=positive, default=10_000_000, help="configurations to draw"
     )
     parser.add_argument(
-        "--fit_poses", type=positive, default=3_500_000, help="at most so many poses go into EM"
+        "--fit-poses", type=positive, default=3_500_000, help="at most so many poses go into EM"
     )
     parser.add_argument(
         "--components",
@@ -80,8 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--floor", type=float, default=FLOOR, help="lowest z of that frame [m]")
     parser.add_argument("--arm", choices=("iiwa",), default="iiwa", help="built-in arm")
     parser.add_argument("--plant", type=Path, help="another arm: .dmd.yaml, .urdf, .sdf or .xml")
-    parser.add_argument("--base_frame", help="with --plant: frame that poses are expressed in")
-    parser.add_argument("--end_frame", help="with --plant: frame at the end of the arm")
+    parser.add_argument("--base-frame", help="with --plant: frame that poses are expressed in")
+    parser.add_argument("--end-frame", help="with --plant: frame at the end of the arm")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -244,7 +244,7 @@ def _arm(args: argparse.Namespace) -> tuple[SerialArm, int]:
     if args.plant is None:
         return IiwaArm(), args.jobs
     if not (args.base_frame and args.end_frame):
-        raise ReachabilityError("--plant needs --base_frame and --end_frame")
+        raise ReachabilityError("--plant needs --base-frame and --end-frame")
     from feasigrasp.training.reachability.plant_arm import PlantArm  # Drake takes a second to load
 
     return PlantArm(args.plant, args.base_frame, args.end_frame), 1

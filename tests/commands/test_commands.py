@@ -40,7 +40,7 @@ def asked(*argv):
 def test_options_change_the_scenario():
     name, scenario = asked(
         *("--seed", "5", "ReachLinearMocap", "--object", "mug", "--controller", "joint"),
-        *("--mode", "corrected", "--duration", "0.5", "--scenario_text", "{random_seed: 4}"),
+        *("--mode", "corrected", "--duration", "0.5", "--scenario-text", "{random_seed: 4}"),
     )
     assert name == "ReachLinearMocap" and scenario.random_seed == 5
     assert (scenario.object.model, scenario.simulation_duration) == ("mug", 0.5)
@@ -56,16 +56,16 @@ def test_without_options_a_scenario_is_as_it_is_written():
 
 
 def test_a_file_with_one_scenario_needs_no_name(own_file):
-    name, scenario = asked("--scenario_file", str(own_file))
+    name, scenario = asked("--scenario-file", str(own_file))
     assert name == "Mine" and scenario.random_seed == 7
 
 
 def test_a_file_with_several_asks_for_one(own_file):
     with pytest.raises(ScenarioError, match=r"\d+ scenarios: ReachCircular, .*; name one"):
-        asked("--scenario_file", str(FILE))
+        asked("--scenario-file", str(FILE))
     own_file.write_text("{}")
     with pytest.raises(ScenarioError, match="has no scenario"):
-        asked("--scenario_file", str(own_file))
+        asked("--scenario-file", str(own_file))
 
 
 def test_a_reader_that_goes_away_loses_nothing(tmp_path):
@@ -102,7 +102,7 @@ def test_on_a_terminal_it_says_how_far_it_is(own_file, monkeypatch):
     ours, theirs = pty.openpty()
     with open(theirs, "w") as terminal:
         monkeypatch.setattr(sys, "stdout", terminal)
-        assert cli.main(["run", "--scenario_file", str(own_file), "--duration", "0.1"]) == 0
+        assert cli.main(["run", "--scenario-file", str(own_file), "--duration", "0.1"]) == 0
     said = os.read(ours, 1 << 16).decode()
     os.close(ours)
     before, _, after = said.partition("not held")
@@ -125,9 +125,9 @@ def test_scenarios_are_listed_with_what_they_are(capsys):
 
 
 def test_scenarios_of_a_file_are_listed(own_file, capsys):
-    assert cli.main(["scenarios", "--scenario_file", str(own_file)]) == 0
+    assert cli.main(["scenarios", "--scenario-file", str(own_file)]) == 0
     assert capsys.readouterr().out.startswith("Mine  mustard_bottle at ")
-    assert cli.main(["scenarios", "--scenario_file", "nowhere.yaml"]) == 2
+    assert cli.main(["scenarios", "--scenario-file", "nowhere.yaml"]) == 2
     assert "no scenario file nowhere.yaml" in capsys.readouterr().err
 
 

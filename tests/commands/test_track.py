@@ -69,7 +69,7 @@ def box_about(p_W):
 def test_it_follows_what_the_box_is_about_and_learns_its_shape(recording, tmp_path, capsys):
     poses, shape = tmp_path / "poses.txt", tmp_path / "shape.ply"
     box = map(str, box_about(np.array([0.0, 0.0, 0.04])))
-    argv = ["track", "--folder", str(recording), "--on_table", "--box", *box]
+    argv = ["track", "--folder", str(recording), "--on-table", "--box", *box]
     assert cli.main([*argv, "--poses", str(poses), "--shape", str(shape)]) == 0
     assert f"a pose in {COUNT} of them" in capsys.readouterr().out
     rows = np.loadtxt(poses)
@@ -86,7 +86,7 @@ def test_it_follows_what_the_box_is_about_and_learns_its_shape(recording, tmp_pa
 
 
 def test_what_is_nearest_to_the_camera_is_followed_without_a_box(recording, tmp_path):
-    argv = ["track", "--folder", str(recording), "--on_table"]
+    argv = ["track", "--folder", str(recording), "--on-table"]
     files = [f"--poses={tmp_path / 'p.txt'}", f"--shape={tmp_path / 's.ply'}"]
     assert cli.main([*argv, *files]) == 0
     rows = np.loadtxt(tmp_path / "p.txt")

@@ -253,12 +253,12 @@ def test_the_step_that_is_proposed_is_accepted():
 def test_unknown_scenario_names_the_known_ones():
     with pytest.raises(ScenarioError, match="'ReachSquare'.*ReachCircularMocap, ReachLinearMocap"):
         load_scenario(FILE, "ReachSquare")
-    with pytest.raises(ScenarioError, match="'my.yaml'.*give a file by --scenario_file"):
+    with pytest.raises(ScenarioError, match="'my.yaml'.*give a file by --scenario-file"):
         load_scenario(FILE, "my.yaml")
 
 
 def test_missing_and_broken_files_are_named(tmp_path):
-    with pytest.raises(ScenarioError, match="nowhere.yaml; check --scenario_file"):
+    with pytest.raises(ScenarioError, match="nowhere.yaml; check --scenario-file"):
         load_scenario(tmp_path / "nowhere.yaml", "ReachLinearMocap")
     broken = tmp_path / "broken.yaml"
     broken.write_text("ReachLinearMocap: {motion: [")

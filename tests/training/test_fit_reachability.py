@@ -90,7 +90,7 @@ def test_jobs_do_not_change_the_samples(fitted, tmp_path, monkeypatch):
 
 def test_another_arm_from_its_model_file(tmp_path):
     """A made-up six-axis arm: reached poses against random ones that it does not reach."""
-    arguments = ["--plant", str(URDF), "--base_frame", "base", "--end_frame", "tool"]
+    arguments = ["--plant", str(URDF), "--base-frame", "base", "--end-frame", "tool"]
     arguments += ["--samples", "40000", "--components", "24", "--out", str(tmp_path)]
     assert cli.main(["fit", "reachability", *arguments]) == 0
     space = ReachableSpace.load(tmp_path / "reachable_space.npz")
@@ -115,7 +115,7 @@ def test_evaluation_reports_every_judge_and_goes_on(fitted, tmp_path, capsys, mo
 
     monkeypatch.setattr(reachability, "fit_large_mixture", noted)
     command = ["evaluate", "reachability", "--out", str(tmp_path), "--poses", "400"]
-    command += ["--peer_poses", "3000", "--voxel_draws", "20000", "--jobs", "1"]
+    command += ["--peer-poses", "3000", "--voxel-draws", "20000", "--jobs", "1"]
     command += ["--file", str(fitted / "reachable_space.npz")]
     assert cli.main(command) == 0
     # The paper's mixture sees as many poses as the one that it is compared with.

@@ -118,10 +118,10 @@ def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:
 def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds where scenarios come from, and what is changed in them."""
     default = diagram_path("dynamic.scenarios.yaml").name
-    parser.add_argument("--scenario_file", type=Path, help=f"default: diagrams/{default}")
+    parser.add_argument("--scenario-file", type=Path, help=f"default: diagrams/{default}")
     text = "{object: {friction: 0.4}}"
     help_ = f"YAML applied on top of every scenario, e.g. '{text}'"
-    parser.add_argument("--scenario_text", help=help_)
+    parser.add_argument("--scenario-text", help=help_)
 
 
 def plan(args: argparse.Namespace) -> Plan:

@@ -56,7 +56,7 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
         return
     raise PointCloudError(
         f"{100.0 * share:.0f} % of the cloud is one plane, {across[1]:.2f} m wide, with something "
-        "on it: a table. Segment the object first: cut it out with --on_table "
+        "on it: a table. Segment the object first: cut it out with --on-table "
         "(object_on_table(...)) or --crop (prepare_cloud(crop=...)) above the plane, or keep the "
         "points of its mask"
     )

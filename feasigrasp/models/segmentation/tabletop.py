@@ -47,7 +47,7 @@ def object_on_table(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -
     if len(standing) < _LEAST:
         raise PointCloudError(
             "nothing stands on the largest plane of the cloud; is the object in it? For a cloud of "
-            "the object alone leave --on_table out"
+            "the object alone leave --on-table out"
         )
     pairs = cKDTree(thin[standing]).query_pairs(_JOINED, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(standing),) * 2)

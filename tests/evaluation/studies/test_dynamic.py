@@ -89,7 +89,7 @@ def test_a_controller_of_ones_own_runs_once_and_under_its_name(fake_runs, tmp_pa
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     text = "{parts: {controller: {name: 'my_driver:Mine'}}}"
-    scenario = ("--scenarios", "ReachLinearMocap", "--seeds", "1", "--scenario_text", text)
+    scenario = ("--scenarios", "ReachLinearMocap", "--seeds", "1", "--scenario-text", text)
     assert evaluate(tmp_path / "out", *scenario, "--controllers", "task,joint") == 0
     assert sorted(fake_runs) == [
         f"ReachLinearMocap-{o}-my_driver.Mine-safe-0" for o in ("ball", "mug")
@@ -163,7 +163,7 @@ def test_a_changed_setting_repeats_its_runs(fake_runs, tmp_path):
     arguments = ("--scenarios", "ReachLinearMocap", "--seeds", "1")
     evaluate(tmp_path, *arguments)
     fake_runs.clear()
-    evaluate(tmp_path, *arguments, "--scenario_text", "{object: {friction: 0.3}}")
+    evaluate(tmp_path, *arguments, "--scenario-text", "{object: {friction: 0.3}}")
     assert len(fake_runs) == 4
 
 
@@ -190,7 +190,7 @@ def test_real_runs_in_real_processes(tmp_path):
     text = "{simulation_duration: 0.06}"
     status = evaluate(
         tmp_path, "--objects", "soup_can", "--scenarios", "ReachLinearMocap", "--seeds", "1",
-        "--jobs", "2", "--scenario_text", text,
+        "--jobs", "2", "--scenario-text", text,
     )  # fmt: skip
     assert status == 0
     found = rows_of(tmp_path)

@@ -49,13 +49,13 @@ def test_a_scenario_is_not_named_like_the_runs_of_a_study(tmp_path):
     file = tmp_path / "own.scenarios.yaml"
     text = diagram_path("dynamic.scenarios.yaml").read_text()
     file.write_text(text.replace("ReachLinearMocap:", "Mine-no-score:", 1))
-    own = ("--scenario_file", str(file), "--objects", "mug", "--scenarios", "Mine-no-score")
+    own = ("--scenario-file", str(file), "--objects", "mug", "--scenarios", "Mine-no-score")
     with pytest.raises(ScenarioError, match="Mine-no-score ends in -no-score"):
         planned(*own)
 
 
 def test_ideal_runs_have_perfect_sensors_and_names_of_their_own():
-    some = ("--objects", "mug,ball", "--scenario_text", NOISY)
+    some = ("--objects", "mug,ball", "--scenario-text", NOISY)
     headline, ideal = planned("--study", "mocap", *some), planned("--study", "ideal", *some)
     assert {run.id for run in ideal}.isdisjoint(run.id for run in headline)
     assert {run.name for run in ideal} == {f"{run.name}-ideal" for run in headline}

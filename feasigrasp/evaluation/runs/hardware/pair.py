@@ -76,7 +76,7 @@ def run_pair(
         file, results = Path(folder, "pair.yaml"), Path(folder, "sim.json")
         own = Path(folder, "run.json")
         file.write_text("Pair:\n" + textwrap.indent(scenario_yaml, "  "))
-        both = ["Pair", "--scenario_file", str(file)]
+        both = ["Pair", "--scenario-file", str(file)]
         rated = ["--rate", str(rate), "--results", str(results)]
         driven = ["--hardware", "--lcm-url", control, "--results", str(own)]
         with Path(folder, "words").open("w+") as words:

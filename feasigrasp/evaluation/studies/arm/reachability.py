@@ -50,18 +50,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--poses", type=positive, default=6000, help="random poses to judge")
     parser.add_argument("--file", type=Path, help="reachable space; the shipped one by default")
     parser.add_argument(
-        "--peer_poses",
+        "--peer-poses",
         type=positive,
         default=200_000,
         help="reached poses that flat mixtures are fitted to, a fifth of them held out",
     )
     parser.add_argument(
-        "--paper_poses",
+        "--paper-poses",
         type=positive,
         help="reached poses that the paper's mixture is fitted to (default: as many as ours was)",
     )
     parser.add_argument(
-        "--voxel_draws", type=positive, default=4_000_000, help="configurations in the voxel map"
+        "--voxel-draws", type=positive, default=4_000_000, help="configurations in the voxel map"
     )
 
 
