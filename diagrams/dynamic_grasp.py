@@ -15,7 +15,7 @@ from feasigrasp.commands import run
 def main() -> int:
     """Runs one scenario."""
     parser = command_parser("dynamic_grasp.py", "simulate one grasp of a moving object")
-    parser.add_argument("--scenario-name", help="see 'feasigrasp scenarios'")
+    parser.add_argument("--scenario-name", help="Scenario; see 'feasigrasp scenarios'.")
     run.add_options(parser)
     args = parser.parse_args()
     return exit_status(lambda: run.main(args))

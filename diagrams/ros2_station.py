@@ -76,9 +76,13 @@ def pose(stamped):
 def main() -> int:
     """Translates until ROS is shut down."""
     parser = command_parser("ros2_station.py", (__doc__ or "").partition(".\n")[0])
-    parser.add_argument("--camera", default="/camera/depth/image_rect_raw", help="depth topic")
-    parser.add_argument("--camera-name", default="wrist_camera", help="its name in the scenario")
-    parser.add_argument("--lcm-url", default=channels.LCM_URL)
+    parser.add_argument(
+        "--camera", default="/camera/depth/image_rect_raw", help="Topic of the depth images."
+    )
+    parser.add_argument(
+        "--camera-name", default="wrist_camera", help="Name of the camera in the scenario."
+    )
+    parser.add_argument("--lcm-url", default=channels.LCM_URL, help="Address of the LCM messages.")
     args = parser.parse_args()
     try:
         rclpy, sensors, geometry, standard = (

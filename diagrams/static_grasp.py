@@ -14,7 +14,9 @@ from feasigrasp.commands import run
 def main() -> int:
     """Runs one scenario."""
     parser = command_parser("static_grasp.py", "simulate one grasp of an object at rest")
-    parser.add_argument("--scenario-name", default="Static", help="see 'feasigrasp scenarios'")
+    parser.add_argument(
+        "--scenario-name", default="Static", help="Scenario; see 'feasigrasp scenarios'."
+    )
     run.add_options(parser)
     args = parser.parse_args()
     return exit_status(lambda: run.main(args))

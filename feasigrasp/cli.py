@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from feasigrasp import __version__
 from feasigrasp.errors import FeasigraspError
@@ -22,16 +23,16 @@ from feasigrasp.results.interrupts import STATUS, Unfinished
 
 #: By group: what its commands are for, and the modules that they are, ``*`` being their names.
 GROUPS = {
-    "evaluate": ("measure how well it works", "evaluation/studies/**/*.py"),
-    "bench": ("measure how quick it is", "evaluation/bench/*.py"),
-    "fit": ("fit models to an arm, and to grasps", "training/fit_*.py"),
-    "train": ("train the networks that come with the package", "training/train_*.py"),
+    "evaluate": ("measure how well grasping works", "evaluation/studies/**/*.py"),
+    "bench": ("measure computing times", "evaluation/bench/*.py"),
+    "fit": ("fit models to an arm and to grasps", "training/fit_*.py"),
+    "train": ("train the networks of the package", "training/train_*.py"),
 }
 #: The modules of the commands without a group, likewise, but one that lies elsewhere.
 SINGLES = "commands/*.py"
 _REPORT = (
     "feasigrasp.evaluation.report.markdown_report",
-    "write what a folder of results says as Markdown",
+    "write a folder of results as Markdown",
 )
 _PACKAGE = Path(__file__).parent
 #: Options that Drake's own simulations spell with ``_``.
@@ -102,11 +103,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def command_parser(prog: str, purpose: str) -> argparse.ArgumentParser:
     """A parser whose ``--help`` shows defaults, and that reads options spelled with ``_``, too."""
-    return _Parser(prog=prog, description=f"{purpose}.", formatter_class=_Help)
+    return _Parser(prog=prog, description=sentence(purpose))
 
 
 class _Parser(argparse.ArgumentParser):
     """Reads ``--on_table`` as ``--on-table``, with a note on stderr unless it is Drake's name."""
+
+    def __init__(self, *, add_help: bool = True, **given: Any) -> None:
+        super().__init__(**given, formatter_class=_Help, add_help=False)
+        if add_help:
+            self.add_argument("-h", "--help", action="help", help="Show this help and exit.")
 
     def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def]
         words = list(sys.argv[1:] if args is None else args)
@@ -123,14 +129,19 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Help(argparse.HelpFormatter):
-    """Adds the default of an option where its help does not tell of one."""
+    """Adds the default of an option where its help does not state one."""
 
     def _get_help_string(self, action: argparse.Action) -> str:
         text, default = super()._get_help_string(action) or "", action.default
         none = default is None or default is False or default is argparse.SUPPRESS
-        if none or "default:" in text or not action.option_strings:
+        if none or "Default:" in text or not action.option_strings:
             return text
-        return f"{text} (default: {_shown(default)})"
+        return f"{text} Default: {_shown(default)}."
+
+
+def sentence(purpose: str) -> str:
+    """What a command does, as a sentence."""
+    return f"{purpose[:1].upper()}{purpose[1:]}."
 
 
 def _shown(default: object) -> str:
@@ -166,20 +177,20 @@ def exit_status(work: Callable[[], int]) -> int:
 
 
 def _make_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="feasigrasp", description="Feasible grasping of moving objects."
-    )
-    parser.add_argument("--version", action="version", version=f"feasigrasp {__version__}")
+    parser = command_parser("feasigrasp", "grasp moving objects with an arm, in simulation or real")
+    version = f"feasigrasp {__version__}"
+    parser.add_argument("--version", action="version", version=version, help="Show the version.")
     parser.set_defaults(module=None, parser=parser)
     group_parsers = parser.add_subparsers(metavar="COMMAND")
 
     def add(parsers: argparse._SubParsersAction, name: str, module: str, purpose: str) -> None:  # type: ignore[type-arg]
         # The options, --help included, are those of the module's own parser.
-        command = parsers.add_parser(name, help=purpose, add_help=False)
+        command = parsers.add_parser(name, help=sentence(purpose), add_help=False)
         command.set_defaults(module=module, description=purpose, prog=command.prog)
 
     for group, (purpose, _) in GROUPS.items():
-        group_parser = group_parsers.add_parser(group, help=purpose, description=f"{purpose}.")
+        said = sentence(purpose)
+        group_parser = group_parsers.add_parser(group, help=said, description=said)
         group_parser.set_defaults(parser=group_parser)
         names = group_parser.add_subparsers(metavar="WHAT")
         for name, (module, what) in commands(group).items():

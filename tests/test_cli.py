@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import re
 import subprocess
 import sys
 
@@ -118,21 +119,41 @@ def test_options_show_their_defaults(parser):
     shown = parser._get_formatter()
     for action in parser._actions:
         if not any(action.default is none for none in (None, False, argparse.SUPPRESS)):
-            assert action.help and "default:" in shown._expand_help(action), action.dest
+            assert action.help and "Default: " in shown._expand_help(action), action.dest
+
+
+def is_sentence(text):
+    """Whether a text begins with a capital or a quoted word, and ends with a full stop."""
+    return re.fullmatch(r"[A-Z'][^\n]+[^.]\.", text) is not None
+
+
+def test_help_is_made_of_sentences(parser):
+    shown = parser._get_formatter()
+    for action in parser._actions:
+        text = shown._expand_help(action) if action.help else ""
+        assert is_sentence(text), (action.dest, text)
+
+
+def test_the_list_of_commands_is_made_of_sentences():
+    assert not is_sentence("folder of the results") and not is_sentence("Folder")
+    purposes = [what for what, _ in cli.GROUPS.values()]
+    for found in (*map(cli.commands, cli.GROUPS), cli.single_commands()):
+        purposes += [what for _, what in found.values()]
+    assert all(map(is_sentence, map(cli.sentence, purposes)))
 
 
 def test_a_default_is_shown_once_and_as_it_is_given():
     parser = cli.command_parser("test", "test")
-    parser.add_argument("--names", default=["a", "b"], help="some")
-    parser.add_argument("--seed", type=int, default=0, help="a number")
-    parser.add_argument("--share", default="5%", help="of it")
-    parser.add_argument("--said", default="x", help="this (default: see there)")
-    parser.add_argument("--flag", action="store_true", help="a flag")
-    parser.add_argument("--file", help="a file")
+    parser.add_argument("--names", default=["a", "b"], help="Some.")
+    parser.add_argument("--seed", type=int, default=0, help="A number.")
+    parser.add_argument("--share", default="5%", help="A share.")
+    parser.add_argument("--said", default="x", help="This. Default: see there.")
+    parser.add_argument("--flag", action="store_true", help="A flag.")
+    parser.add_argument("--file", help="A file.")
     said = " ".join(parser.format_help().split())
-    for text in ("some (default: a,b)", "a number (default: 0)", "of it (default: 5%)"):
+    for text in ("Some. Default: a,b.", "A number. Default: 0.", "A share. Default: 5%."):
         assert text in said
-    assert said.count("default:") == 4 and "see there" in said
+    assert said.count("Default:") == 4 and "see there" in said
 
 
 @pytest.mark.parametrize(

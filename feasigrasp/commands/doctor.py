@@ -1,4 +1,4 @@
-"""``feasigrasp doctor``: tell whether everything that is needed is there and works.
+"""``feasigrasp doctor``: check that everything needed is installed and works.
 
 Every line begins with ``ok``, ``problem`` or ``without``; what is missing in a line of the last
 kind is needed for extras only. The exit status is 1 if there is a problem.

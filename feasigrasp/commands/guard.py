@@ -1,4 +1,4 @@
-"""``feasigrasp guard``: command an arm as controllers ask, and brake it when none does.
+"""``feasigrasp guard``: forward a controller's commands to an arm, and brake it when they stop.
 
 It belongs on the computer of the arm's driver, and serves ``feasigrasp run --hardware --no-guard``,
 one after the other. Ctrl-C ends it as soon as the arm rests. See ``docs/hardware.md``.

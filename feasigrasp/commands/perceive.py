@@ -43,23 +43,35 @@ _MANY = 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("--cloud", type=Path, required=True, help=".ply, .pcd, .npy or .npz")
-    parser.add_argument("--picture", type=Path, help="PNG (default: out/perceive/<cloud>.png)")
-    parser.add_argument("--html", type=Path, help="3-D view (default: beside the picture)")
-    parser.add_argument("--scale", type=float, default=1.0, help="from the file's unit to metres")
+    parser.add_argument(
+        "--cloud", type=Path, required=True, help="Cloud: a .ply, .pcd, .npy or .npz file."
+    )
+    parser.add_argument(
+        "--picture",
+        type=Path,
+        help="Write the picture to this PNG. Default: out/perceive/<cloud>.png.",
+    )
+    parser.add_argument(
+        "--html",
+        type=Path,
+        help="Write the 3-D view to this HTML file. Default: beside the picture.",
+    )
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="Unit of the cloud, in metres, e.g. 0.001."
+    )
     parser.add_argument(
         "--crop",
         type=float,
         nargs=6,
         metavar=("XMIN", "XMAX", "YMIN", "YMAX", "ZMIN", "ZMAX"),
-        help="keep what is inside this box [m]",
+        help="Keep the points inside this box, in metres.",
     )
     parser.add_argument(
         "--on-table",
         action="store_true",
-        help="the cloud shows a table too: keep the largest thing that stands on it",
+        help="Keep the largest object that stands on the table in the cloud.",
     )
-    parser.add_argument("--voxel", type=_length, default=0.003, help="resolution [m]")
+    parser.add_argument("--voxel", type=_length, default=0.003, help="Voxel size, in metres.")
     view = parser.add_mutually_exclusive_group()
     view.add_argument(
         "--viewpoint",
@@ -67,25 +79,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=3,
         default=(0.0, 0.0, 0.0),
         metavar=("X", "Y", "Z"),
-        help="where the camera was [m] (default: the origin)",
+        help="Position of the camera, in metres. Default: the origin.",
     )
-    view.add_argument("--merged", action="store_true", help="the cloud shows several sides")
+    view.add_argument(
+        "--merged", action="store_true", help="The cloud is merged from several views."
+    )
     parser.add_argument(
         "--sampler",
         choices=list(SamplerName),
         default=SamplerName.NETWORK,
-        help="where grasps come from",
+        help="Sampler of the grasps.",
     )
-    parser.add_argument("--mass", type=_mass, help="mass of the object [kg], if it is known")
+    parser.add_argument(
+        "--mass",
+        type=_mass,
+        help="Mass of the object, in kilograms. Default: estimated from its volume.",
+    )
     parser.add_argument(
         "--down",
         type=float,
         nargs=3,
         metavar=("X", "Y", "Z"),
-        help="direction of gravity in the cloud's frame (default: the worst for each grasp)",
+        help="Direction of gravity in the cloud's frame. Default: the worst for each grasp.",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="of the samplers antipodal and diffusion"
+        "--seed", type=int, default=0, help="Random seed of the samplers antipodal and diffusion."
     )
 
 

@@ -1,4 +1,4 @@
-"""``feasigrasp run``: simulate one grasp of a moving object, and say how it went.
+"""``feasigrasp run``: simulate one grasp of a moving object, and report its outcome.
 
 It prints whether the object was held, what went on, and the figures of
 ``docs/results_schema.md``; on a terminal one line says meanwhile how far it is.
@@ -38,7 +38,7 @@ from feasigrasp.warm_up import GROUPS, is_warm
 
 #: What runs if nothing else is asked for.
 DEFAULT_SCENARIO = "ReachCircular"
-_OF_SCENARIO = "(default: the scenario's)"
+_OF_SCENARIO = "Default: the scenario's."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,37 +53,41 @@ def add_scenario_name(parser: argparse.ArgumentParser) -> None:
         "scenario_name",
         nargs="?",
         metavar="SCENARIO",
-        help=f"its name, see 'feasigrasp scenarios' (default: {DEFAULT_SCENARIO}, or the only one "
-        "of --scenario-file)",
+        help=f"Scenario; see 'feasigrasp scenarios'. Default: {DEFAULT_SCENARIO}, or the only one "
+        "of --scenario-file.",
     )
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds all arguments but the name of the scenario."""
     add_scenario_options(parser)
-    parser.add_argument("--replay", type=Path, metavar="FILE.html", help="write a replay here")
+    parser.add_argument(
+        "--replay", type=Path, metavar="FILE.html", help="Write a replay to this page."
+    )
     parser.add_argument(
         "--live",
         action="store_true",
-        help="watch it in a browser at real time, with a pause and a slider for the speed",
+        help="Show the run in a browser at real time, with pause and a slider for the speed.",
     )
     parser.add_argument(
         "--ghost",
         choices=[*map(str, ControlMode)],
-        help="the replay shows the arm in this mode as well, translucent; it is simulated too",
+        help="Simulate the arm in this mode too, and show it translucent in the replay.",
     )
-    parser.add_argument("--results", type=Path, metavar="FILE.json", help="write the record here")
-    parser.add_argument("--graphviz", type=Path, metavar="FILE", help="draw the diagram and stop")
+    parser.add_argument(
+        "--results", type=Path, metavar="FILE.json", help="Write the record of the run here."
+    )
+    parser.add_argument("--graphviz", type=Path, metavar="FILE", help="Draw the diagram and stop.")
     parser.add_argument(
         "--hardware",
         action="store_true",
-        help="command an arm by its driver's messages, see docs/hardware.md; what there is to "
-        "grasp, and how it moves, is then not the scenario's to say",
+        help="Command an arm by its driver's messages; see docs/hardware.md. Object and motion of "
+        "the scenario are then not used.",
     )
     parser.add_argument(
         "--no-guard",
         action="store_true",
-        help="with --hardware: 'feasigrasp guard' works already, where the arm's driver does",
+        help="With --hardware: start no guard, since 'feasigrasp guard' runs beside the driver.",
     )
     add_lcm_option(parser)
 
@@ -91,22 +95,30 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def add_lcm_option(parser: argparse.ArgumentParser) -> None:
     """Adds the option that says where messages go."""
     parser.add_argument(
-        "--lcm-url", default=LCM_URL, metavar="URL", help="where the drivers' messages are"
+        "--lcm-url", default=LCM_URL, metavar="URL", help="Address of the drivers' messages."
     )
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Adds those that choose a scenario, and change it."""
     parser.add_argument(
-        "--scenario-file", type=Path, help="a file of scenarios (default: the packaged ones)"
+        "--scenario-file", type=Path, help="File of scenarios. Default: the packaged ones."
     )
-    parser.add_argument("--scenario-text", metavar="YAML", help="applied on top of the scenario")
+    parser.add_argument(
+        "--scenario-text", metavar="YAML", help="YAML applied on top of the scenario."
+    )
     spaces, modes = [*map(str, ControlSpace)], [*map(str, ControlMode)]
-    parser.add_argument("--controller", choices=spaces, help=f"its space {_OF_SCENARIO}")
-    parser.add_argument("--mode", choices=modes, help=f"what it enforces {_OF_SCENARIO}")
-    parser.add_argument("--object", help=f"a built-in object, or a mesh file {_OF_SCENARIO}")
-    parser.add_argument("--seed", type=int, help=f"of all that is random {_OF_SCENARIO}")
-    parser.add_argument("--duration", type=float, help=f"simulated seconds at most {_OF_SCENARIO}")
+    parser.add_argument("--controller", choices=spaces, help=f"Controller. {_OF_SCENARIO}")
+    parser.add_argument(
+        "--mode",
+        choices=modes,
+        help=f"Mode of the controller: 'safe' enforces limits and clearances. {_OF_SCENARIO}",
+    )
+    parser.add_argument("--object", help=f"Built-in object, or a mesh file. {_OF_SCENARIO}")
+    parser.add_argument("--seed", type=int, help=f"Random seed. {_OF_SCENARIO}")
+    parser.add_argument(
+        "--duration", type=float, help=f"Longest simulated time, in seconds. {_OF_SCENARIO}"
+    )
 
 
 def main(args: argparse.Namespace) -> int:

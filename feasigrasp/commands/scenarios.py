@@ -1,4 +1,4 @@
-"""``feasigrasp scenarios``: list the scenarios that there are."""
+"""``feasigrasp scenarios``: list the scenarios."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from feasigrasp.scenario.schema import Scenario
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument(
-        "--scenario-file", type=Path, help="a file of scenarios (default: the packaged ones)"
+        "--scenario-file", type=Path, help="File of scenarios. Default: the packaged ones."
     )
 
 

@@ -1,4 +1,4 @@
-"""``feasigrasp sim``: simulate a cell that knows only its drivers' messages, and judge a run there.
+"""``feasigrasp sim``: simulate a cell behind the messages of its drivers, and judge a run.
 
 The other process is ``feasigrasp run SCENARIO --hardware``. See ``docs/hardware.md``.
 """
@@ -30,12 +30,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_scenario_name(parser)
     add_scenario_options(parser)
-    parser.add_argument("--results", type=Path, metavar="FILE.json", help="write the record here")
+    parser.add_argument(
+        "--results", type=Path, metavar="FILE.json", help="Write the record of the run here."
+    )
     parser.add_argument(
         "--rate",
         type=factor,
         default=1.0,
-        help="simulated seconds per second at most; less gives a slow computer time to control",
+        help="Largest real-time factor: simulated seconds per second. Less gives a slow computer "
+        "time to control.",
     )
     add_lcm_option(parser)
 

@@ -1,4 +1,4 @@
-"""``feasigrasp track``: follow an object through recorded depth images, and learn its shape.
+"""``feasigrasp track``: follow an object through recorded depth images, and merge its shape.
 
 For example::
 
@@ -29,27 +29,33 @@ from feasigrasp.outputs import check_outputs, replacing
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("--folder", type=Path, required=True, help="depth images and camera.json")
     parser.add_argument(
-        "--poses", type=Path, help="text to write (default: out/track/<folder>.txt)"
+        "--folder", type=Path, required=True, help="Folder with depth images and camera.json."
     )
     parser.add_argument(
-        "--shape", type=Path, help="cloud (.ply) to write (default: beside the poses)"
+        "--poses",
+        type=Path,
+        help="Write the poses to this text file. Default: out/track/<folder>.txt.",
+    )
+    parser.add_argument(
+        "--shape",
+        type=Path,
+        help="Write the shape to this cloud (.ply). Default: beside the poses.",
     )
     parser.add_argument(
         "--on-table",
         action="store_true",
-        help="the first image shows a table: nothing of it is the object",
+        help="Exclude the largest plane of the first image, e.g. a table.",
     )
     parser.add_argument(
         "--box",
         type=int,
         nargs=4,
         metavar=("LEFT", "TOP", "RIGHT", "BOTTOM"),
-        help="about the object in the first image [px] (default: what is nearest to the camera)",
+        help="Box about the object in the first image, in pixels. Default: the nearest thing.",
     )
     parser.add_argument(
-        "--rate", type=_rate, default=30.0, help="images per second, if nothing tells their times"
+        "--rate", type=_rate, default=30.0, help="Images per second, for a folder without times."
     )
 
 

@@ -1,4 +1,4 @@
-"""``feasigrasp warm-up``: compile all that runs call, for containers and CI.
+"""``feasigrasp warm-up``: compile the kernels of runs, for containers and CI.
 
 ``feasigrasp run`` does it too, for what it needs itself.
 """
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "controllers",
         nargs="*",
         metavar="CONTROLLER",
-        help=f"for runs with these, of {' and '.join(GROUPS)} (default: all)",
+        help=f"Controllers of the runs to compile for: {' and '.join(GROUPS)}. Default: all.",
     )
 
 

@@ -15,11 +15,13 @@ from feasigrasp.models.objects.rigid_object import RigidObject, builtin_objects,
 
 def add_run_arguments(parser: argparse.ArgumentParser, *, out: str, jobs: bool = True) -> None:
     """Adds ``--out --seed --jobs``, which a command that trains or fits takes as well."""
-    parser.add_argument("--out", type=Path, default=Path(out), help="folder of the results")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the first repeat")
+    parser.add_argument("--out", type=Path, default=Path(out), help="Folder of the results.")
+    parser.add_argument("--seed", type=int, default=0, help="Seed of the first repeat.")
     if jobs:
         cpus = joblib.cpu_count()
-        parser.add_argument("--jobs", type=positive, default=cpus, help="processes at a time")
+        parser.add_argument(
+            "--jobs", type=positive, default=cpus, help="Number of parallel processes."
+        )
 
 
 def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: str | None) -> None:
@@ -34,10 +36,10 @@ def add_common_arguments(parser: argparse.ArgumentParser, *, out: str, objects: 
     parser.add_argument(
         "--objects",
         default=objects,
-        help="'builtin' for all built-in objects, a folder of meshes, or names and mesh files "
-        f"separated by commas (default: {objects or 'see the documentation of the command'})",
+        help="Objects: 'builtin' for all built-in ones, a folder of meshes, or names and mesh "
+        f"files separated by commas. Default: {objects or 'see the page of the command in docs'}.",
     )
-    parser.add_argument("--quick", action="store_true", help="a sample, at most 3 minutes")
+    parser.add_argument("--quick", action="store_true", help="Run a sample, in at most 3 minutes.")
 
 
 def positive(text: str) -> int:

@@ -60,13 +60,13 @@ def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
         "--shard",
         type=Shard.read,
         metavar="I/N",
-        help="do every N-th run only, from the I-th on, for job arrays; the results are in OUT/"
-        "shard-I-of-N, and the same command without --shard puts all of them together",
+        help="Do every N-th run only, from the I-th on, for job arrays. The results are in OUT/"
+        "shard-I-of-N; the same command without --shard merges all of them.",
     )
     parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
-        help="run on the workers of this Dask scheduler, e.g. tcp://host:8786 (docs/cluster.md)",
+        help="Run on this Dask scheduler, e.g. tcp://host:8786; see docs/cluster.md.",
     )
 
 

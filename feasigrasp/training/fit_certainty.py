@@ -1,4 +1,4 @@
-"""``feasigrasp fit certainty``: fit how far field and network are believed.
+"""``feasigrasp fit certainty``: calibrate the success probability of grasps.
 
 Household shapes that no training and no evaluation uses, half of them of the families that no
 training uses, are seen from one to three sides. What field and network say of grasp candidates is
@@ -58,7 +58,7 @@ NAMES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_run_arguments(parser, out="out/fit_certainty")
-    parser.add_argument("--objects", type=positive, default=240, help="household shapes")
+    parser.add_argument("--objects", type=positive, default=240, help="Number of household shapes.")
 
 
 def shape_names(count: int, seed: int) -> list[tuple[str, int]]:

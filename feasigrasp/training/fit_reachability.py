@@ -1,4 +1,4 @@
-"""``feasigrasp fit reachability``: the reachable space of an arm as a Riemannian mixture."""
+"""``feasigrasp fit reachability``: fit a Riemannian mixture to the reachable space of an arm."""
 
 from __future__ import annotations
 
@@ -53,35 +53,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_run_arguments(parser, out="out/fit_reachability")
     parser.add_argument(
-        "--samples", type=positive, default=10_000_000, help="configurations to draw"
+        "--samples", type=positive, default=10_000_000, help="Number of sampled configurations."
     )
     parser.add_argument(
-        "--fit-poses", type=positive, default=3_500_000, help="at most so many poses go into EM"
+        "--fit-poses",
+        type=positive,
+        default=3_500_000,
+        help="Largest number of poses in the EM fit.",
     )
     parser.add_argument(
         "--components",
         default="128",
-        help=f"numbers separated by commas, or 'sweep' for {','.join(map(str, SWEEP))}; the space "
-        "of the last one is written as reachable_space.npz",
+        help=f"Numbers of components, separated by commas; 'sweep' is {','.join(map(str, SWEEP))}. "
+        "The fit with the last one is written as reachable_space.npz.",
     )
     parser.add_argument(
         "--weighting",
         choices=tuple(map(str, Weighting)),
         default=str(Weighting.MANIPULABILITY),
-        help="uniform: the poses of uniform configurations, as the paper; manipulability: thinned "
-        "where the arm is close to singular, which tells reachable poses from others better",
+        help="Weights of the poses. 'uniform': those of uniform configurations, as in the paper; "
+        "'manipulability': fewer poses close to singularities, which classifies better.",
     )
     parser.add_argument(
         "--tool",
         default="flange",
-        help="frame to fit: 'flange', 'gripper' (its grasp frame), or x,y,z[,roll,pitch,yaw] in "
-        "the flange frame [m, degrees]; with --plant, in the end frame",
+        help="Frame to fit: 'flange', 'gripper' (its grasp frame), or x,y,z[,roll,pitch,yaw] in "
+        "the flange frame, in metres and degrees. With --plant: in the end frame.",
     )
-    parser.add_argument("--floor", type=float, default=FLOOR, help="lowest z of that frame [m]")
-    parser.add_argument("--arm", choices=("iiwa",), default="iiwa", help="built-in arm")
-    parser.add_argument("--plant", type=Path, help="another arm: .dmd.yaml, .urdf, .sdf or .xml")
-    parser.add_argument("--base-frame", help="with --plant: frame that poses are expressed in")
-    parser.add_argument("--end-frame", help="with --plant: frame at the end of the arm")
+    parser.add_argument(
+        "--floor", type=float, default=FLOOR, help="Lowest z of that frame, in metres."
+    )
+    parser.add_argument("--arm", choices=("iiwa",), default="iiwa", help="Built-in arm.")
+    parser.add_argument(
+        "--plant", type=Path, help="Another arm: a .dmd.yaml, .urdf, .sdf or .xml file."
+    )
+    parser.add_argument("--base-frame", help="With --plant: frame that poses are expressed in.")
+    parser.add_argument("--end-frame", help="With --plant: frame at the end of the arm.")
 
 
 def main(args: argparse.Namespace) -> int:

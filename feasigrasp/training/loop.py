@@ -52,10 +52,10 @@ def add_loop_arguments(
     parser: argparse.ArgumentParser, *, batch: int, rate: float, of: str
 ) -> None:
     """Adds the arguments that every training takes; ``of`` is what a step has a batch of."""
-    parser.add_argument("--batch", type=positive, default=batch, help=f"{of} of a step")
-    parser.add_argument("--learning-rate", type=float, default=rate, help="at the start")
+    parser.add_argument("--batch", type=positive, default=batch, help=f"Number of {of} of a step.")
+    parser.add_argument("--learning-rate", type=float, default=rate, help="Initial learning rate.")
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    parser.add_argument("--device", default=device, help="where torch computes")
+    parser.add_argument("--device", default=device, help="Device of torch, e.g. cpu or cuda.")
 
 
 def add_evaluation_arguments(
@@ -63,14 +63,14 @@ def add_evaluation_arguments(
 ) -> None:
     """Adds when a training is judged, and when it ends; the arguments are the defaults."""
     length = parser.add_mutually_exclusive_group()
-    length.add_argument("--steps", type=positive, help="length of the training")
-    help_ = f"its length in minutes instead (default: {minutes_})"
+    length.add_argument("--steps", type=positive, help="Number of training steps.")
+    help_ = f"Duration of the training instead, in minutes. Default: {minutes_}."
     length.add_argument("--minutes", type=minutes, help=help_)
     parser.set_defaults(default_minutes=float(minutes_))
-    parser.add_argument("--every", type=positive, default=every, help="steps between evaluations")
-    help_ = "evaluations without better held-out metrics after which it stops"
+    parser.add_argument("--every", type=positive, default=every, help="Steps between evaluations.")
+    help_ = "Number of evaluations without better held-out metrics that ends the training."
     parser.add_argument("--patience", type=positive, default=patience, help=help_)
-    help_ = "examples of an evaluation"
+    help_ = "Number of examples of an evaluation."
     parser.add_argument("--held-out", type=positive, default=held_out, help=help_)
 
 

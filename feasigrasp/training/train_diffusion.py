@@ -45,12 +45,14 @@ _AT_ONCE = 8
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     data = Path("out/sampler_data")
-    parser.add_argument("--data", type=Path, default=data, help="folder of the sampler's shards")
+    parser.add_argument("--data", type=Path, default=data, help="Folder of the training data.")
     add_run_arguments(parser, out="out/train_diffusion")
     add_loop_arguments(parser, batch=8, rate=2e-3, of="clouds")
-    parser.add_argument("--poses", type=positive, default=32, help="hand poses beside each cloud")
+    parser.add_argument(
+        "--poses", type=positive, default=32, help="Number of hand poses of each cloud."
+    )
     add_evaluation_arguments(parser, minutes_=60, every=200, patience=1000, held_out=96)
-    parser.add_argument("--quick", action="store_true", help="on a sample, for a minute")
+    parser.add_argument("--quick", action="store_true", help="Train on a sample, for 1 minute.")
 
 
 class Training(TrainingRun[PoseEnergy]):

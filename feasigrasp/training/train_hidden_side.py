@@ -1,4 +1,4 @@
-"""``feasigrasp train hidden-side``: train what is expected behind what is seen.
+"""``feasigrasp train hidden-side``: train the network that completes the unobserved side.
 
 First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
 to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
@@ -63,12 +63,14 @@ QUICK_OBJECTS, QUICK_STEPS = 64, 40
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_run_arguments(parser, out="out/train_hidden_side")
-    parser.add_argument("--objects", type=positive, default=2048, help="household shapes")
-    parser.add_argument("--views", type=positive, default=12, help="pictures of each")
-    parser.add_argument("--steps", type=positive, default=8000, help="length of the training")
+    parser.add_argument(
+        "--objects", type=positive, default=2048, help="Number of household shapes."
+    )
+    parser.add_argument("--views", type=positive, default=12, help="Depth images of each shape.")
+    parser.add_argument("--steps", type=positive, default=8000, help="Number of training steps.")
     add_loop_arguments(parser, batch=32, rate=2e-3, of="pictures")
     parser.set_defaults(every=EVERY)
-    parser.add_argument("--quick", action="store_true", help="on a sample, for a minute")
+    parser.add_argument("--quick", action="store_true", help="Train on a sample, for 1 minute.")
 
 
 def true_thickness(viewed: ViewedObject, image: ViewImage) -> Array:

@@ -37,17 +37,21 @@ _POINTS = 1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("--preset", choices=list(Preset), default="default", help="which network")
     parser.add_argument(
-        "--data", type=Path, default=Path("out/sampler_data"), help="folder of the shards"
+        "--preset", choices=list(Preset), default="default", help="Network to train."
+    )
+    parser.add_argument(
+        "--data", type=Path, default=Path("out/sampler_data"), help="Folder of the training data."
     )
     add_run_arguments(parser, out="", jobs=False)
     parser.set_defaults(out=None)  # out/train_sampler/PRESET
-    parser.add_argument("--start", type=Path, help="weights to start from instead of random ones")
+    parser.add_argument("--start", type=Path, help="Initial weights, a file. Default: random.")
     add_loop_arguments(parser, batch=16, rate=3e-3, of="clouds")
-    parser.add_argument("--points", type=positive, default=128, help="points of each that count")
+    parser.add_argument(
+        "--points", type=positive, default=128, help="Labelled points of each cloud in the loss."
+    )
     add_evaluation_arguments(parser, minutes_=40, every=200, patience=30, held_out=120)
-    parser.add_argument("--quick", action="store_true", help="on a sample, for a minute")
+    parser.add_argument("--quick", action="store_true", help="Train on a sample, for 1 minute.")
 
 
 class Training(TrainingRun[nn.Module]):

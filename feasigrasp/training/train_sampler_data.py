@@ -31,17 +31,24 @@ SHARD = 8
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_run_arguments(parser, out="out/sampler_data")
-    parser.add_argument("--objects", type=positive, default=1600, help="objects of the stream")
-    parser.add_argument("--inputs", type=positive, default=2, help="examples per object")
     parser.add_argument(
-        "--minutes", type=float, default=float("inf"), help="start no shard after this time"
+        "--objects", type=positive, default=1600, help="Number of generated objects."
+    )
+    parser.add_argument("--inputs", type=positive, default=2, help="Number of examples per object.")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=float("inf"),
+        help="Time after which no shard starts, in minutes.",
     )
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
-        "--meshes", type=Path, help="objects from a folder of meshes or an npz file of them"
+        "--meshes", type=Path, help="Take objects from a folder or an npz file of meshes."
     )
-    source.add_argument("--acronym", type=Path, help="objects and grasps from a folder of ACRONYM")
-    parser.add_argument("--sheet", type=Path, help="only draw some shapes into this PNG")
+    source.add_argument(
+        "--acronym", type=Path, help="Take objects and grasps from a folder of ACRONYM."
+    )
+    parser.add_argument("--sheet", type=Path, help="Draw some shapes into this PNG and stop.")
 
 
 def _write_shard(

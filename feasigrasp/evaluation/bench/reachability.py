@@ -59,7 +59,9 @@ _PEER_SHARE = 0.1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/bench_reachability", objects="builtin")
-    parser.add_argument("--fit", action="store_true", help="run the whole fit too (minutes)")
+    parser.add_argument(
+        "--fit", action="store_true", help="Time the whole fit too, which takes minutes."
+    )
 
 
 def random_grasps(seed: int) -> GraspSet:

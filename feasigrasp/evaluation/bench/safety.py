@@ -1,4 +1,4 @@
-"""``feasigrasp bench safety``: compare ways to keep the arm safe, on the same control ticks.
+"""``feasigrasp bench safety``: compare safety filters on the same control steps.
 
 Two tables. Whole laws (`feasigrasp.evaluation.peers.safety_laws`) get a state and a twist and
 return a joint velocity. Solvers (`feasigrasp.evaluation.peers.safety_solvers`) get the matrices of

@@ -1,4 +1,4 @@
-"""``feasigrasp bench sampler``: time the way from a cloud to grasps, on one thread.
+"""``feasigrasp bench sampler``: time the pipeline from a cloud to grasps, on one thread.
 
 One noisy view of an object, as the depth camera gives it, is smoothed, completed by a field of 512
 points, shown to the network, and its grasps are filtered: `bench.perception_ms` is all of that, the

@@ -1,4 +1,4 @@
-"""``feasigrasp bench soak``: an hour of losing and finding an object, memory and ticks."""
+"""``feasigrasp bench soak``: lose and find an object for an hour; record memory and timing."""
 
 from __future__ import annotations
 
@@ -36,10 +36,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/soak", objects="duck")
     parser.add_argument(
-        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+        "--controllers",
+        type=names,
+        default=["task", "joint"],
+        help="Controllers, separated by commas.",
     )
     parser.add_argument(
-        "--minutes", type=minutes, default=60.0, help="simulated time (default: 60; --quick: 1)"
+        "--minutes",
+        type=minutes,
+        default=60.0,
+        help="Simulated time, in minutes. Default: 60; with --quick 1.",
     )
     add_scenario_arguments(parser)
 

@@ -36,25 +36,25 @@ class ReportError(FeasigraspError, FileNotFoundError):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder with summary.json")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="Folder with summary.json.")
     parser.add_argument(
         "--into",
         type=Path,
         metavar="FILE.md",
-        help="write the report into this document too, between its report lines; figures go to "
-        "the folder images beside it",
+        help="Write the report into this document too, between its report lines. Figures go to "
+        "the folder images beside it.",
     )
     parser.add_argument(
         "--html",
         action="store_true",
-        help="write DIR/report.html too, one page with figures, objects and the worst failures",
+        help="Write DIR/report.html too: one page with figures, objects and the worst failures.",
     )
     parser.add_argument(
         "--replays",
         type=int,
         default=0,
         metavar="N",
-        help="for that page, run N of the worst failures again and record them",
+        help="Number of the worst failures to run again and record for that page.",
     )
 
 

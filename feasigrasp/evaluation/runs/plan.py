@@ -91,26 +91,28 @@ def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:
         default: Its study, or ``all`` of those with one variant.
     """
     choices = [*STUDIES, *(["all"] if default == "all" else [])]
-    help_ = f"part of the evaluation (default: {default})"
-    parser.add_argument("--study", choices=choices, default=default, help=help_)
+    parser.add_argument("--study", choices=choices, default=default, help="Study to run.")
     parser.add_argument(
         "--split",
         type=Split,
         choices=list(Split),
         default=Split.DEVELOPMENT,
-        help=f"test: {TEST_OBJECTS} generated objects of families that nothing was trained on, "
-        f"seeds from {FIRST_TEST_SEED} on (default: development)",
+        help=f"Objects and seeds. 'test': {TEST_OBJECTS} generated objects of held-out families, "
+        f"seeds from {FIRST_TEST_SEED} on.",
     )
     parser.add_argument(
-        "--scenarios", type=names, help="names of scenarios, instead of those of the study"
+        "--scenarios", type=names, help="Scenarios, separated by commas. Default: the study's."
     )
     parser.add_argument(
-        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+        "--controllers",
+        type=names,
+        default=["task", "joint"],
+        help="Controllers, separated by commas.",
     )
     parser.add_argument(
-        "--mode", type=names, help="modes, separated by commas (default: the study's)"
+        "--mode", type=names, help="Modes, separated by commas. Default: the study's."
     )
-    parser.add_argument("--seeds", type=positive, help="repeats, with seeds that count")
+    parser.add_argument("--seeds", type=positive, help="Number of repeats, with consecutive seeds.")
     add_scenario_arguments(parser)
     parser.set_defaults(seed=None)
 
@@ -118,9 +120,11 @@ def add_plan_arguments(parser: argparse.ArgumentParser, default: str) -> None:
 def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds where scenarios come from, and what is changed in them."""
     default = diagram_path("dynamic.scenarios.yaml").name
-    parser.add_argument("--scenario-file", type=Path, help=f"default: diagrams/{default}")
+    parser.add_argument(
+        "--scenario-file", type=Path, help=f"File of scenarios. Default: diagrams/{default}."
+    )
     text = "{object: {friction: 0.4}}"
-    help_ = f"YAML applied on top of every scenario, e.g. '{text}'"
+    help_ = f"YAML applied on top of every scenario, e.g. '{text}'."
     parser.add_argument("--scenario-text", help=help_)
 
 

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate faults``: whatever it meets, it stays safe and says so.
+"""``feasigrasp evaluate faults``: inject faults into every stage, and check limits and messages.
 
 Every fault begins with the run and at several instants that are drawn, with both controllers and
 several objects; before them the same runs without a fault, which tell when the approach is.
@@ -33,10 +33,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/faults", objects="duck,soup_can,small_box")
     parser.add_argument(
-        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+        "--controllers",
+        type=names,
+        default=["task", "joint"],
+        help="Controllers, separated by commas.",
     )
-    parser.add_argument("--faults", type=names, help="names of faults (default: all)")
-    parser.add_argument("--instants", type=positive, default=5, help="drawn beginnings of a fault")
+    parser.add_argument("--faults", type=names, help="Faults, separated by commas. Default: all.")
+    parser.add_argument(
+        "--instants", type=positive, default=5, help="Number of random start times of a fault."
+    )
     add_scenario_arguments(parser)
 
 

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate grasp-labels``: try in simulation what labels call valid.
+"""``feasigrasp evaluate grasp-labels``: simulate the grasps that training labels call valid.
 
 Grasps start at random points of the true surfaces of generated shapes of all families. Half of them
 are valid by the label; the hand of the other half is free as well, but the closing line leaves the
@@ -37,8 +37,12 @@ _WIDE_DEG = 50.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/evaluate_grasp_labels", objects=None)
-    parser.add_argument("--shapes", type=positive, default=3, help="shapes of every family")
-    parser.add_argument("--grasps", type=positive, default=6, help="grasps of every object")
+    parser.add_argument(
+        "--shapes", type=positive, default=3, help="Number of shapes of every family."
+    )
+    parser.add_argument(
+        "--grasps", type=positive, default=6, help="Number of grasps of every object."
+    )
 
 
 def sample_grasps(

@@ -39,7 +39,9 @@ _NARROWEST = np.square([0.05] * 3 + [0.005] * 3)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the options."""
     add_common_arguments(parser, out="out/grasp_targets", objects="builtin")
-    parser.add_argument("--components", type=int, default=4, help="K of the plain mixture")
+    parser.add_argument(
+        "--components", type=int, default=4, help="Number of components of the plain mixture."
+    )
 
 
 def main(args: argparse.Namespace) -> int:

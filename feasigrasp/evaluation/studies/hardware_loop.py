@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate hardware-loop``: grasps over the messages of the real drivers.
+"""``feasigrasp evaluate hardware-loop``: grasp over the drivers' messages, with process faults.
 
 A simulated cell and a controller as two processes: the runs of ``evaluate dynamic --study mocap``,
 and the same with a controller, or a process that perceives or plans for it, that is killed or
@@ -51,16 +51,24 @@ _HEARD = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/hardware", objects=None)
-    parser.add_argument("--seeds", type=positive, default=1, help="repeats of every run")
+    parser.add_argument("--seeds", type=positive, default=1, help="Number of repeats of every run.")
     parser.add_argument(
-        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+        "--controllers",
+        type=names,
+        default=["task", "joint"],
+        help="Controllers, separated by commas.",
     )
     parser.add_argument(
-        "--rate", type=factor, default=1.0, help="simulated seconds per second, at most"
+        "--rate",
+        type=factor,
+        default=1.0,
+        help="Largest real-time factor: simulated seconds per second.",
     )
-    parser.add_argument("--blows", type=positive, default=100, help="kills and stops, all told")
     parser.add_argument(
-        "--networks", type=positive, default=6, help="runs for everything that is wrong with one"
+        "--blows", type=positive, default=100, help="Number of process faults in all runs together."
+    )
+    parser.add_argument(
+        "--networks", type=positive, default=6, help="Number of runs for each network impairment."
     )
     add_scenario_arguments(parser)
     parser.set_defaults(study="mocap", split=Split.DEVELOPMENT, scenarios=None, mode=["safe"])

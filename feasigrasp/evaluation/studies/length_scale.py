@@ -45,7 +45,9 @@ _SAMPLES = 1000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     add_common_arguments(parser, out="out/length_scale", objects="builtin")
-    parser.add_argument("--views", type=positive, default=4, help="views per object, one at a time")
+    parser.add_argument(
+        "--views", type=positive, default=4, help="Number of single views per object."
+    )
 
 
 def study_object(

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate prediction``: compare the predicted motion of objects with the true."""
+"""``feasigrasp evaluate prediction``: compare the predicted with the true motion of objects."""
 
 from __future__ import annotations
 
@@ -49,9 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/prediction", objects="duck")
     parser.add_argument(
-        "--scenarios", type=names, default=names(SCENARIOS), help=f"default: {SCENARIOS}"
+        "--scenarios", type=names, default=names(SCENARIOS), help="Scenarios, separated by commas."
     )
-    parser.add_argument("--seeds", type=positive, default=5, help="repeats, with seeds that count")
+    parser.add_argument(
+        "--seeds", type=positive, default=5, help="Number of repeats, with consecutive seeds."
+    )
 
 
 def motion_errors(

@@ -37,16 +37,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/rollout", objects="duck")
     parser.add_argument(
-        "--scenarios", type=names, default=names(SCENARIOS), help=f"default: {SCENARIOS}"
+        "--scenarios", type=names, default=names(SCENARIOS), help="Scenarios, separated by commas."
     )
     parser.add_argument(
-        "--controllers", type=names, default=["task", "joint"], help="separated by commas"
+        "--controllers",
+        type=names,
+        default=["task", "joint"],
+        help="Controllers, separated by commas.",
     )
-    parser.add_argument("--seeds", type=positive, default=5, help="repeats, with seeds that count")
     parser.add_argument(
-        "--mode", choices=tuple(map(str, ControlMode)), default="safe", help="of control"
+        "--seeds", type=positive, default=5, help="Number of repeats, with consecutive seeds."
     )
-    parser.add_argument("--duration", type=float, help="length of a run [s]; default: three laps")
+    parser.add_argument(
+        "--mode",
+        choices=tuple(map(str, ControlMode)),
+        default="safe",
+        help="Mode of the controller.",
+    )
+    parser.add_argument(
+        "--duration", type=float, help="Duration of a run, in seconds. Default: 3 laps."
+    )
     add_scenario_arguments(parser)
 
 

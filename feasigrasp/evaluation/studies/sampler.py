@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate sampler``: judge grasps of objects that were never trained on.
+"""``feasigrasp evaluate sampler``: judge grasps of held-out objects.
 
 Every object is looked at from random directions by a noisy depth camera, completed as perception
 does it, and the grasps that the samplers offer are judged on the true mesh; some are tried in a
@@ -81,9 +81,14 @@ _ABOUT = ("object", "graspable", "view", "condition", "preset")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/evaluate_sampler", objects=DEFAULT_OBJECTS)
-    parser.add_argument("--views", type=positive, default=VIEWS, help="first views of every object")
     parser.add_argument(
-        "--generated", type=positive, default=GENERATED, help="shapes of the families held out"
+        "--views", type=positive, default=VIEWS, help="Number of first views of every object."
+    )
+    parser.add_argument(
+        "--generated",
+        type=positive,
+        default=GENERATED,
+        help="Number of shapes of the held-out families.",
     )
 
 

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate segmentation``: judge the first mask of objects, found by depth alone.
+"""``feasigrasp evaluate segmentation``: compare the first mask, by depth alone, with the true one.
 
 A command that was interrupted goes on after its last object.
 """
@@ -31,9 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/segmentation", objects=OBJECTS)
     parser.add_argument(
-        "--scenarios", type=names, default=names(SCENARIOS), help=f"default: {SCENARIOS}"
+        "--scenarios", type=names, default=names(SCENARIOS), help="Scenarios, separated by commas."
     )
-    parser.add_argument("--seeds", type=positive, default=3, help="starts of each object")
+    parser.add_argument(
+        "--seeds", type=positive, default=3, help="Number of starts of each object."
+    )
 
 
 def first_masks(name: str, path: str, scenarios: list[str], seeds: int, seed: int) -> list[Record]:

@@ -63,7 +63,9 @@ FIGURES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/evaluate_shape", objects="builtin")
-    parser.add_argument("--views", type=positive, default=4, help="first views of every object")
+    parser.add_argument(
+        "--views", type=positive, default=4, help="Number of first views of every object."
+    )
 
 
 def evaluate_object(name: str, path: str, views: int, seed: int) -> list[Record]:

@@ -51,19 +51,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--protocols",
         type=names,
         default=list(PROTOCOLS),
-        help=f"some of {', '.join(PROTOCOLS)}, separated by commas",
+        help="Protocols, separated by commas.",
     )
-    parser.add_argument("--trials", type=positive, default=10, help="of every object")
+    parser.add_argument(
+        "--trials", type=positive, default=10, help="Number of trials of every object."
+    )
     parser.add_argument(
         "--ablation",
         action="store_true",
-        help="also each sampler alone, with the filter, and with reachability as well",
+        help="Run each sampler alone, with the filter, and with reachability as well.",
     )
     parser.add_argument(
         "--controller",
         choices=[*map(str, ControlSpace)],
         default=str(ControlSpace.TASK),
-        help="its space",
+        help="Controller.",
     )
     add_scenario_arguments(parser)
     add_worker_arguments(parser)

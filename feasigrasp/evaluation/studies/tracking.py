@@ -69,9 +69,11 @@ FIGURES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/tracking", objects=OBJECTS)
-    parser.add_argument("--seeds", type=positive, default=3, help="recordings of every object")
     parser.add_argument(
-        "--kinds", type=names, default=list(KINDS), help=f"default: {','.join(KINDS)}"
+        "--seeds", type=positive, default=3, help="Number of recordings of every object."
+    )
+    parser.add_argument(
+        "--kinds", type=names, default=list(KINDS), help="Kinds of recordings, separated by commas."
     )
 
 

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate capability``: draw what the arm reaches, as slices and in 3-D.
+"""``feasigrasp evaluate capability``: draw the workspace of the arm, in slices and in 3-D.
 
 At every point of a slice, the same set of random orientations of the flange is tried: the share
 that exact inverse kinematics reaches, the share that the reachable-space mixture takes for
@@ -30,11 +30,18 @@ HEIGHT = 0.5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/capability", objects="builtin")
-    parser.add_argument("--file", type=Path, help="reachable space; the shipped one by default")
     parser.add_argument(
-        "--orientations", type=positive, default=96, help="orientations of the flange per point"
+        "--file", type=Path, help="Reachable space, an npz file. Default: the packaged one."
     )
-    parser.add_argument("--spacing", type=float, default=0.04, help="between points of a slice [m]")
+    parser.add_argument(
+        "--orientations",
+        type=positive,
+        default=96,
+        help="Number of orientations of the flange per point.",
+    )
+    parser.add_argument(
+        "--spacing", type=float, default=0.04, help="Distance between points of a slice, in metres."
+    )
 
 
 def main(args: argparse.Namespace) -> int:

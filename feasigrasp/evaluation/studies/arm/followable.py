@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate followable``: which hand poses at a quick object an arm can keep up with.
+"""``feasigrasp evaluate followable``: measure which hand poses at a fast object an arm can follow.
 
 What of the curve of success over speed is the arm: whoever grasps an object while it moves has a
 hand that keeps up with it while the fingers close. Objects move as in ``evaluate dynamic --study
@@ -41,9 +41,13 @@ _INSTANTS = 13
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/followable", objects="builtin")
-    parser.add_argument("--hands", type=positive, default=100, help="orientations of the hand")
-    parser.add_argument("--moments", type=positive, default=100, help="of a run, to begin at")
-    help_ = "for which they keep up [s]; 0.1 for settling, the rest for the fingers"
+    parser.add_argument(
+        "--hands", type=positive, default=100, help="Number of orientations of the hand."
+    )
+    parser.add_argument(
+        "--moments", type=positive, default=100, help="Number of start times within a run."
+    )
+    help_ = "Time that the arm keeps up, in seconds: 0.1 to settle, the rest to close the fingers."
     parser.add_argument("--time", type=factor, default=0.6, help=help_)
 
 

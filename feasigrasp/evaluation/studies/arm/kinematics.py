@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate kinematics``: compare the arm's kinematics with Drake and with itself.
+"""``feasigrasp evaluate kinematics``: compare the arm's kinematics with Drake's.
 
 Forward kinematics, Jacobian and self-collision are compared with Drake's plant and collision
 checker, inverse kinematics with forward kinematics, and the three sources of inverse kinematics

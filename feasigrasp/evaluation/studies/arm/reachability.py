@@ -47,21 +47,28 @@ LABELS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_common_arguments(parser, out="out/reachability", objects="builtin")
-    parser.add_argument("--poses", type=positive, default=6000, help="random poses to judge")
-    parser.add_argument("--file", type=Path, help="reachable space; the shipped one by default")
+    parser.add_argument(
+        "--poses", type=positive, default=6000, help="Number of random poses to classify."
+    )
+    parser.add_argument(
+        "--file", type=Path, help="Reachable space, an npz file. Default: the packaged one."
+    )
     parser.add_argument(
         "--peer-poses",
         type=positive,
         default=200_000,
-        help="reached poses that flat mixtures are fitted to, a fifth of them held out",
+        help="Number of reached poses for the fits of flat mixtures; one fifth is held out.",
     )
     parser.add_argument(
         "--paper-poses",
         type=positive,
-        help="reached poses that the paper's mixture is fitted to (default: as many as ours was)",
+        help="Number of reached poses for the fit of the paper's mixture. Default: as for ours.",
     )
     parser.add_argument(
-        "--voxel-draws", type=positive, default=4_000_000, help="configurations in the voxel map"
+        "--voxel-draws",
+        type=positive,
+        default=4_000_000,
+        help="Number of configurations in the voxel map.",
     )
 
 

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate mixture-figures``: draw a mixture of grasps, and a hand that climbs it.
+"""``feasigrasp evaluate mixture-figures``: draw a mixture of grasps, and a hand's ascent on it.
 
 The paper's figure 6 (Choi & Figueroa, arXiv 2311.02576) from our own grasps: what the sampler
 proposes and the filter leaves in grey, the means of a mixture with four components in red, and in
@@ -68,7 +68,9 @@ class Climb:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     add_common_arguments(parser, out="out/mixture_figures", objects="mug")
-    parser.add_argument("--components", type=int, default=4, help="K of the mixture")
+    parser.add_argument(
+        "--components", type=int, default=4, help="Number of components of the mixture."
+    )
 
 
 def main(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""``feasigrasp evaluate shape-figures``: draw what the distance field does, from our own data.
+"""``feasigrasp evaluate shape-figures``: draw the distance field of completed objects.
 
 Two pictures as in Choi & Figueroa (arXiv 2311.02576): the distance along a line through an object,
 before and after refinement, beside the true one; and the completed surface coloured by its
