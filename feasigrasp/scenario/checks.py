@@ -21,7 +21,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.limits import CHOICES, LIMITS
-from feasigrasp.scenario.parts import check_parts
+from feasigrasp.scenario.parts import Part, check_parts
 from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.sampling import camera_errors
 from feasigrasp.scenario.schema import ControlConfig, Scenario, Segmentation
@@ -51,6 +51,7 @@ def check_scenario(scenario: Scenario) -> None:
             _check_number(path, index, value)
     _check_gripper(scenario)
     check_parts(scenario.parts)
+    check_segmentation(scenario, own=Part.SEGMENTATION in scenario.parts)
     check_faults(scenario.faults)
     _check_steps(scenario)
     _check_vectors(scenario)
@@ -132,6 +133,23 @@ def _check_choices(scenario: Scenario) -> None:
             raise ScenarioError(
                 f"{key} is {choice!r}; choose one of {', '.join(allowed)}{nearest(choice, allowed)}"
             )
+
+
+def check_segmentation(scenario: Scenario, *, own: bool) -> None:
+    """Checks that a segmentation of one's own has a place.
+
+    Args:
+        scenario: The scenario.
+        own: Whether there is one.
+
+    Raises:
+        ScenarioError: The label image of the simulation says which pixels show the object.
+    """
+    if own and scenario.perception.segmentation != Segmentation.DEPTH:
+        raise ScenarioError(
+            "parts.segmentation is not used while perception.segmentation is labels; give "
+            "perception: {segmentation: depth}, whose place it takes"
+        )
 
 
 def _check_company(scenario: Scenario) -> None:

@@ -20,6 +20,7 @@ class Part(StrEnum):
     CONTROLLER = "controller"  # the reachability
     TRACKER = "tracker"  # the scenario's tracker
     PERCEPTION = "perception"  # the scenario's perception
+    SEGMENTATION = "segmentation"  # the camera that is looked through
     MOTION = "motion"  # the motion that the scenario describes
 
 

@@ -14,12 +14,14 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.checks import check_segmentation
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import looks_for_itself, make_part, make_station
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
 from feasigrasp.systems.stages.cell import Cell, given
 from feasigrasp.systems.stages.control import add_control
 from feasigrasp.systems.stages.measurement import add_measurement, add_status
@@ -81,6 +83,7 @@ def make_dynamic_grasp(
     controller: LeafSystem | None = None,
     tracker: LeafSystem | None = None,
     perception: LeafSystem | None = None,
+    segmentation: MaskFn | None = None,
     station: Diagram | None = None,
     connect: Connect | None = None,
 ) -> DynamicGrasp:
@@ -124,6 +127,8 @@ def make_dynamic_grasp(
             capture system measures), ``stamp`` and those of `FieldTracker` it is given those that
             it has.
         perception: A system with the ports of `PointCloudToGPDF`.
+        segmentation: From colors (height, width, 3), depths (height, width) [m] and time [s] to the
+            mask of the object, see `MaskSegmentation`; with ``segmentation: depth``.
         station: A cell with the ports of `Station`; the scenario's, simulated, unless given. One
             that is not simulated, such as `HardwareStation`, has no ports of truth: then nothing
             that measures it is built.
@@ -139,13 +144,14 @@ def make_dynamic_grasp(
     builder = DiagramBuilder()
     station = builder.AddNamedSystem("station", station or make_station(scenario))
     check_cell(station.plant, gripper, hand_error=hand_error)
-    cell = Cell(builder, scenario, gripper, station)
+    cell = Cell(builder, scenario, gripper, station, segmentation)
+    check_segmentation(scenario, own=cell.masked)
     _add_tracker(cell, tracker or make_part(Part.TRACKER, scenario, reachability))
     if cell.remote:
-        if sampler or perception:
+        if sampler or perception or segmentation:
             raise ScenarioError(
-                "perception.execution: processes builds sampler and perception elsewhere; name "
-                "them in parts, or give perception: {execution: inline}"
+                "perception.execution: processes builds sampler, perception and segmentation "
+                "elsewhere; name them in parts, or give perception: {execution: inline}"
             )
         # A fault of the mask has no place over there.
         tracks = not tracker and not scenario.faults and looks_for_itself(scenario)

@@ -55,6 +55,7 @@ from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
+from feasigrasp.systems.segmentation.mask_segmentation import MaskFn, MaskSegmentation
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_boxes import cell_boxes
@@ -106,12 +107,23 @@ def station_config(scenario: Scenario) -> StationConfig:
 
 
 def make_foreground_segmentation(
-    scenario: Scenario, gripper: ParallelGripper, name: str = ""
-) -> ForegroundSegmentation:
-    """The segmentation of a camera's images by their depth, by default of perception's."""
+    scenario: Scenario, gripper: ParallelGripper, name: str = "", mask: MaskFn | None = None
+) -> LeafSystem:
+    """The segmentation of a camera's images, by default of perception's.
+
+    It is by ``mask``, by the mask that the scenario names, or else by depth.
+
+    Raises:
+        ScenarioError: The mask that the scenario names cannot be made.
+    """
     # A perfect camera's pixels are told apart no more finely than those of a real one.
     camera = make_camera(scenario, name, without_noise=DepthNoise())
     bodies = KnownBodies(gripper, cell_boxes(station_config(scenario)))
+    own = scenario.parts.get(Part.SEGMENTATION)
+    if own is not None and mask is None:
+        mask = make_named(Part.SEGMENTATION, own, camera)
+    if mask is not None:
+        return MaskSegmentation(mask, camera, bodies)
     return ForegroundSegmentation(camera, bodies, scenario.carrier.hue)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from feasigrasp.evaluation.protocols.ablations import without_ablation
 from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
 from feasigrasp.models.objects.tracker_config import TrackerConfig, TrackerKind
+from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import largest_speed
 from feasigrasp.scenario.schema import Scenario, Segmentation
 
@@ -50,7 +51,7 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
         "camera": _common(runs, _camera),
         "perception_latency_s": _common(runs, lambda s: s.perception.latency),
         "tracking": _common(runs, lambda s: _tracking(s.tracker)),
-        "segmentation": _common(runs, lambda s: _SEGMENTATION[s.perception.segmentation]),
+        "segmentation": _common(runs, _segmentation),
         "object_frame": _common(runs, lambda s: _FRAME[s.tracker.kind]),
         "friction": _common(runs, lambda s: s.object.friction),
         "mass": _common(runs, _mass),
@@ -59,6 +60,11 @@ def conditions(plan: Plan, split: str) -> dict[str, Any]:
         "left_out": plan.left_out,
         "seeds": sorted({planned.scenario.random_seed for planned in runs}),
     }
+
+
+def _segmentation(scenario: Scenario) -> str:
+    own = scenario.parts.get(Part.SEGMENTATION)
+    return _SEGMENTATION[scenario.perception.segmentation] if own is None else own.name
 
 
 def _common(runs: Sequence[PlannedRun], read: Callable[[Scenario], Any]) -> Any:

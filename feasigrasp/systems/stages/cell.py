@@ -11,20 +11,26 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, Sy
 from pydrake.systems.primitives import PassThrough
 
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.schema import Execution, Scenario
 from feasigrasp.systems.faults.injection import FaultInjection
+from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
 from feasigrasp.systems.stages.delay import Delay
 from feasigrasp.systems.station.station import Station
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """The robot cell, the builder that holds it, and the systems that are in it by now."""
+    """The robot cell, the builder that holds it, and the systems that are in it by now.
+
+    ``mask`` is the function that segments images; None for what the scenario says.
+    """
 
     builder: DiagramBuilder
     scenario: Scenario
     gripper: ParallelGripper
     station: Station
+    mask: MaskFn | None = None
 
     def port(self, name: str) -> OutputPort | None:
         """The station's output of that name, if it has one."""
@@ -39,6 +45,11 @@ class Cell:
     def simulated(self) -> bool:
         """Whether the cell is simulated, and its time with it."""
         return isinstance(self.station, Station)
+
+    @property
+    def masked(self) -> bool:
+        """Whether a mask function segments images."""
+        return self.mask is not None or Part.SEGMENTATION in self.scenario.parts
 
     @property
     def remote(self) -> bool:
@@ -83,6 +94,11 @@ class Cell:
                     inputs[name] = source.GetOutputPort(name)
         for name, output in inputs.items():
             self.builder.Connect(output, system.GetInputPort(name))
+
+
+def accepted(system: System, **ports: OutputPort) -> dict[str, OutputPort]:
+    """Those of the ports that a system has an input for."""
+    return {name: port for name, port in ports.items() if system.HasInputPort(name)}
 
 
 def given(**ports: OutputPort | None) -> dict[str, OutputPort]:

@@ -16,7 +16,7 @@ from feasigrasp.systems.from_scenario import (
     make_scene,
 )
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
-from feasigrasp.systems.stages.cell import Cell, given
+from feasigrasp.systems.stages.cell import Cell, accepted, given
 from feasigrasp.systems.stages.remote import remote_scene, remote_tracker
 from feasigrasp.systems.station.pose_at import PoseAt
 
@@ -46,7 +46,7 @@ def add_perception(
     cloud = cell.faults.cloud(cloud, labels, camera_pose, label)
     if config.segmentation == Segmentation.DEPTH:
         no_scene = [Label.OBJECT, Label.ROBOT, Label.UNCLEAR, Label.CARRIER]
-        foreground = make_foreground_segmentation(cell.scenario, cell.gripper)
+        foreground = make_foreground_segmentation(cell.scenario, cell.gripper, mask=cell.mask)
         labels = cell.builder.AddNamedSystem("foreground", foreground).get_output_port()
         segment = make_object_pixels(cell.scenario)
     else:
@@ -62,8 +62,7 @@ def add_perception(
             "image_time": cell.port(f"{config.camera}.stamp"),
         }
         there = given(camera_pose=camera_pose, **image)
-        looked_at = {name: port for name, port in there.items() if tracker.HasInputPort(name)}
-        cell.connect(tracker, segmentation, field, **looked_at)
+        cell.connect(tracker, segmentation, field, **accepted(tracker, **there))
     else:
         stamp = cell.port(f"{config.camera}.stamp") if cell.remote else None
         seen = given(camera_pose=camera_pose, object_pose=seen_pose, stamp=stamp)
@@ -78,14 +77,15 @@ def add_perception(
             gpdf=gpdf,
             color_image=_color_image(cell, config.camera),
         )
-        cell.connect(foreground, tracker, object_pose=seen_pose, **seen)
+        cell.connect(foreground, tracker, **accepted(foreground, object_pose=seen_pose, **seen))
         second = _second_images(cell)
         if second and tracker.HasInputPort("second_point_cloud") and not tracks_elsewhere:
             _add_second_camera(cell, object_pose=seen_pose, gpdf=gpdf, **second)
         if tracks_elsewhere:
             elsewhere = remote_tracker(cell)
             there = {f"second_{name}": port for name, port in second.items()}
-            cell.add("remote_tracker", elsewhere, field, **seen, **there, **given(**image))
+            images = accepted(elsewhere, **seen, **there, **given(**image))
+            cell.add("remote_tracker", elsewhere, field, **images)
             cell.connect(elsewhere, **given(stamp=cell.port(f"{config.camera}.stamp")))
             cell.connect(tracker, elsewhere)
     if sampler is not None:
@@ -130,14 +130,9 @@ def _add_second_camera(
     name, tracker = cell.scenario.perception.second_camera, cell["tracker"]
     gripper = cell.port("gripper.state_measured")
     images = {"point_cloud": point_cloud, "camera_pose": camera_pose}
-    foreground = cell.add(
-        "second_foreground",
-        make_foreground_segmentation(cell.scenario, cell.gripper, name),
-        tracker,
-        **images,
-        **inputs,
-        **given(gripper_state=gripper),
-    )
+    foreground = make_foreground_segmentation(cell.scenario, cell.gripper, name, cell.mask)
+    there = accepted(foreground, **images, **inputs, **given(gripper_state=gripper))
+    cell.add("second_foreground", foreground, tracker, **there)
     segmentation = cell.add(
         "second_segmentation",
         make_object_pixels(cell.scenario, name),
@@ -154,15 +149,21 @@ def _add_second_camera(
 
 
 def _color_image(cell: Cell, camera: str) -> OutputPort | None:
-    """A camera's colour image, where what carries the object is told by its hue.
+    """A camera's colour image, where a mask function or a carrier's hue needs it.
 
     Raises:
         ScenarioError: The cell has none.
     """
     hue = cell.scenario.carrier.hue
-    if hue is None:
+    if hue is None and not cell.masked:
         return None
     port = cell.port(f"{camera}.color_image")
+    if port is None and cell.masked:
+        raise ScenarioError(
+            f"parts.segmentation looks at colors, but {camera} of this cell sends none; have the "
+            "camera's driver send the masks, with perception: {segmentation: labels}, see "
+            "docs/hardware.md"
+        )
     if port is None:
         raise ScenarioError(
             f"carrier.hue is {hue:g}, but {camera} of this cell sends no colour image; leave it out"

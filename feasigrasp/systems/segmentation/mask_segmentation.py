@@ -1,0 +1,112 @@
+"""Labels the pixels of a camera by a mask function, a network's for example."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+from pydrake.perception import PointCloud
+from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
+
+from feasigrasp.errors import CameraError, ScenarioError
+from feasigrasp.models.arrays import Mask
+from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.segmentation.foreground import Label
+from feasigrasp.models.segmentation.known_bodies import ROBOT, UNSEEN, KnownBodies
+from feasigrasp.systems.ports import declare_input, declare_output
+
+#: Which pixels show the object, shape (height, width): from the colours (height, width, 3) as
+#: uint8, the depths (height, width) [m], infinite where nothing was measured, and the time [s].
+MaskFn = Callable[[NDArray[np.uint8], NDArray[np.float32], float], Mask]
+
+
+class MaskSegmentation(LeafSystem):
+    """Labels the pixels of a camera: the object by a mask function, the robot by its joints.
+
+    .. pydrake_system::
+
+        name: MaskSegmentation
+        input_ports:
+        - point_cloud
+        - camera_pose
+        - position
+        - gripper_state
+        - color_image
+        output_ports:
+        - label_image
+
+    The ports are those of the same name of `ForegroundSegmentation`, whose place it takes.
+    ``label_image`` holds a `Label` for each pixel: `Label.OBJECT` where the mask is true and the
+    pixel shows nothing of the robot.
+    """
+
+    def __init__(self, mask: MaskFn, camera: Camera, bodies: KnownBodies) -> None:
+        """A segmentation of the images of a camera.
+
+        Args:
+            mask: The function. It is called once for each image that is looked at, in the order of
+                time. It must not change the arrays that it is given.
+            camera: The camera.
+            bodies: The robot and its cell.
+
+        Raises:
+            ScenarioError: The mask cannot be called; later, a `CameraError` if what it returns is
+                no mask of the image.
+        """
+        super().__init__()
+        if not callable(mask):
+            raise ScenarioError(
+                f"the segmentation is a {type(mask).__name__}; give a callable (color, depth, time)"
+                " -> mask"
+            )
+        self._mask, self._camera, self._bodies = mask, camera, bodies
+        self._cloud = declare_input(self, "point_cloud", PointCloud())
+        self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._gripper = self.DeclareVectorInputPort("gripper_state", 2)
+        self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
+        declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
+
+    def _calc(self, context: Context) -> ImageLabel16I:
+        camera, shape = self._camera, (self._camera.height, self._camera.width)
+        points = self._cloud.Eval(context).xyzs().T
+        color = self._color.Eval(context).data[:, :, :3]
+        if (len(points), color.shape[:2]) != (camera.width * camera.height, shape):
+            raise CameraError(
+                f"MaskSegmentation: {len(points)} points and an image of {color.shape[1]} x "
+                f"{color.shape[0]} pixels, but the camera has {camera.width} x {camera.height}"
+            )
+        X_WC = self._camera_pose.Eval(context).GetAsMatrix4()
+        q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
+        kinds = self._bodies.kinds(points, X_WC, q, opening, camera.depth_noise).reshape(shape)
+        seen = kinds != UNSEEN
+        depth = np.full(shape, np.inf, dtype=np.float32)
+        depth[seen] = (points[seen.ravel()] - X_WC[:3, 3]) @ X_WC[:3, 2]
+        mask = checked_mask(self._mask(color, depth, context.get_time()), shape, self._mask)
+        labels = np.where(mask, np.int16(Label.OBJECT), np.int16(Label.SURROUNDINGS))
+        labels[kinds == ROBOT] = Label.ROBOT
+        image = ImageLabel16I(camera.width, camera.height)
+        image.mutable_data[:, :, 0] = labels
+        return image
+
+
+def checked_mask(mask: Any, shape: tuple[int, int], made_by: object) -> Mask:
+    """What a mask function returned, if it is a mask of an image of that shape.
+
+    Raises:
+        CameraError: It is none.
+    """
+    if isinstance(mask, np.ndarray) and mask.shape == shape and mask.dtype == bool:
+        return mask
+    what = type(mask).__name__
+    if isinstance(mask, np.ndarray):
+        what = f"an array of {mask.dtype} of shape {mask.shape}"
+    raise CameraError(
+        f"the segmentation {made_by!r} returned {what}; have it return a bool array of shape "
+        f"{shape}, height and width of the image, true where the object is"
+    )
