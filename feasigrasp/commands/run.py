@@ -77,6 +77,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--results", type=Path, metavar="FILE.json", help="Write the record of the run here."
     )
+    parser.add_argument(
+        "--log",
+        type=Path,
+        metavar="FILE.npz",
+        help="Write joints, commands, poses and the chosen grasp here, at every tick of the "
+        "control; see docs/results_schema.md.",
+    )
     parser.add_argument("--graphviz", type=Path, metavar="FILE", help="Draw the diagram and stop.")
     parser.add_argument(
         "--hardware",
@@ -123,7 +130,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
-    outputs = {name: getattr(args, name) for name in ("replay", "results", "graphviz")}
+    outputs = {name: getattr(args, name) for name in ("replay", "results", "log", "graphviz")}
     check_outputs({f"--{name}": file for name, file in outputs.items()}, files_read(args))
     name, scenario = load(args)
     print_notes(load_scenario_object(scenario))
@@ -149,24 +156,34 @@ def main(args: argparse.Namespace) -> int:
     kept = partial(keep, results=args.results, line=line)
     try:
         if args.hardware:
-            record = run_hardware(
+            result = run_hardware(
                 scenario,
                 name,
                 lcm_url=args.lcm_url,
                 own_guard=not args.no_guard,
+                log=args.log is not None,
                 keep=kept,
                 line=line,
             )
         else:
             ghost = ControlMode(args.ghost) if args.ghost else None
-            record = run(
-                scenario, name, replay=args.replay, keep=kept, line=line, live=live, ghost=ghost
-            ).record
+            result = run(
+                scenario,
+                name,
+                log=args.log is not None,
+                replay=args.replay,
+                keep=kept,
+                line=line,
+                live=live,
+                ghost=ghost,
+            )
     finally:
         line.clear()
-    for filename in filter(None, (args.results, args.replay)):
+    if args.log is not None:
+        result.write_log(args.log)
+    for filename in filter(None, (args.results, args.replay, args.log)):
         print(f"wrote {filename}")
-    return {None: 0, INTERRUPTED: STATUS}.get(record["error"], 1)
+    return {None: 0, INTERRUPTED: STATUS}.get(result.record["error"], 1)
 
 
 def files_read(args: argparse.Namespace) -> dict[str, Path | str | None]:

@@ -76,6 +76,7 @@ class GraspController(LeafSystem):
         - plan
         output_ports:
         - commanded_velocity
+        - chosen_grasp
 
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
@@ -89,6 +90,9 @@ class GraspController(LeafSystem):
     arm keeps the object in its image in that mode, as long as there is a ``gpdf``; while there is a
     ``sought``, a `Sought` or None, it looks for that instead, and while there is a ``look_from``,
     a configuration (7,) or None, it goes there to see the object from another side.
+
+    ``chosen_grasp`` is V16, the grasp that the hand goes for as a matrix X_OG, row by row, and NaN
+    where it goes for no one grasp; see `chosen`.
 
     Where ``plan`` is connected, it is the memory, and `update` is left to whoever tells it, such as
     a controller of the same kind in another process.
@@ -176,6 +180,7 @@ class GraspController(LeafSystem):
         self._memory = PeriodicState(self, memory, period, self._updated)
         self._lookout = PeriodicState(self, None, period, self._look_out)
         self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
+        self.DeclareVectorOutputPort("chosen_grasp", 16, self._calc_chosen, self.memory_tickets)
 
     @cached_property
     def safety(self) -> Safety | None:
@@ -201,6 +206,14 @@ class GraspController(LeafSystem):
             inputs: What is known now.
         """
         raise NotImplementedError
+
+    def chosen(self, memory: Any) -> Array | None:
+        """The grasp X_OG (4, 4) [m] that the hand goes for, for logs; None for no one grasp.
+
+        Args:
+            memory: What the last `update` returned.
+        """
+        return None
 
     def memory(self, context: Context) -> Any:
         """What the last `update` returned, here or where the ``plan`` comes from."""
@@ -352,3 +365,7 @@ class GraspController(LeafSystem):
             J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)[1]
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)
+
+    def _calc_chosen(self, context: Context, output) -> None:
+        X_OG = self.chosen(self.memory(context))
+        output.SetFromVector(np.full(16, np.nan) if X_OG is None else np.ravel(X_OG))

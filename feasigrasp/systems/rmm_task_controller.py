@@ -62,6 +62,10 @@ class RMMTaskController(GraspController):
             *(inputs.time, inputs.q, ahead, self.reachability, choice), committed=inputs.committed
         )
 
+    def chosen(self, memory: TaskMemory) -> Array | None:
+        """The grasp of the choice; None in a mode that enforces nothing, which follows them all."""
+        return memory.choice.X_OG if memory.choice else None
+
     def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:
         """Towards the grasp that was chosen; if nothing is enforced, up the density of all."""
         if self.safety is not None:

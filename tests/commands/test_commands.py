@@ -88,13 +88,21 @@ def test_it_runs_in_an_empty_folder(tmp_path, monkeypatch, capfd):
     """No terminal: the verdict comes first, and there is no line to write over."""
     monkeypatch.chdir(tmp_path)
     options = ("--duration", "0.1", "--object", "soup_can", "--results", "out/r.json")
+    options += ("--log", "out/log.npz")
     assert cli.main(["run", "ReachLinearMocap", *options]) == 0
     said = capfd.readouterr().out
     lines = said.splitlines()
-    assert lines[0].startswith("not held: no") and lines[-1] == "wrote out/r.json"
+    assert lines[0].startswith("not held: no")
+    assert lines[-2:] == ["wrote out/r.json", "wrote out/log.npz"]
     assert "\r" not in said and "\x1b" not in said
     record = json.loads((tmp_path / "out" / "r.json").read_text())
     assert record["scenario"] == "ReachLinearMocap" and record["object"] == "soup_can"
+    with np.load("out/log.npz") as log:  # without pickle, which it refuses by default
+        assert {name: log[name].shape for name in ("time", "q", "X_WO")} == {
+            "time": (21,),
+            "q": (21, 7),
+            "X_WO": (21, 4, 4),
+        }
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 

@@ -48,7 +48,7 @@ def test_either_controller_can_replace_the_other(ports):
         "tracking": None,
         "plan": None,
     }
-    assert outputs == {"commanded_velocity": 7}
+    assert outputs == {"commanded_velocity": 7, "chosen_grasp": 16}
 
 
 @every

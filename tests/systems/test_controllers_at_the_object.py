@@ -66,7 +66,7 @@ def closed_loop(make, motion, duration, grasps, *, q=HOME, gpdf=None):
     builder.Connect(target.GetOutputPort("velocity"), controller.GetInputPort("object_velocity"))
     field = builder.AddSystem(ConstantValueSource(Value[object](gpdf)))
     builder.Connect(field.get_output_port(), controller.GetInputPort("gpdf"))
-    builder.Connect(controller.get_output_port(), arm.get_input_port())
+    builder.Connect(controller.GetOutputPort("commanded_velocity"), arm.get_input_port())
     logger = LogVectorOutput(arm.get_output_port(), builder, 0.05)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)

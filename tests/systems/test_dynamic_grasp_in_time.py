@@ -86,7 +86,9 @@ def arm_positions(config, duration):
             .copy()
         )
         command.append(
-            controller.get_output_port().Eval(controller.GetMyContextFromRoot(root)).copy()
+            controller.GetOutputPort("commanded_velocity")
+            .Eval(controller.GetMyContextFromRoot(root))
+            .copy()
         )
     return np.array(q), np.array(command), diagram, simulator.get_context()
 

@@ -54,7 +54,7 @@ def test_solutions_are_found_exactly_once_per_period(monkeypatch, period):
     monkeypatch.setattr(JointSpaceControl, "update", counting)
     for k in range(1, 80):
         simulator.AdvanceTo(0.005 * k)
-        dut.get_output_port().Eval(context)
+        dut.GetOutputPort("commanded_velocity").Eval(context)
     np.testing.assert_allclose(times, np.arange(0.0, 0.395, period), atol=1e-9)
 
 
@@ -69,7 +69,9 @@ def test_before_its_first_update_it_stops():
         object_pose=X_WO,
         object_velocity=SpatialVelocity.Zero(),
     )
-    np.testing.assert_array_equal(dut.get_output_port().Eval(context), np.zeros(7))
+    np.testing.assert_array_equal(
+        dut.GetOutputPort("commanded_velocity").Eval(context), np.zeros(7)
+    )
 
 
 @pytest.mark.parametrize("mode", ["safe", "paper"])
@@ -86,7 +88,7 @@ def test_it_heads_for_the_only_grasp(mode):
         object_velocity=SpatialVelocity.Zero(),
     )
     simulator.AdvanceTo(0.001)
-    qd = dut.get_output_port().Eval(context)
+    qd = dut.GetOutputPort("commanded_velocity").Eval(context)
     before = forward_kinematics(HOME, REACH.gripper.X_FG)
     after = forward_kinematics(HOME + 1e-4 * qd, REACH.gripper.X_FG)
     direction = (after - before)[:3, 3]
@@ -112,7 +114,7 @@ def test_solutions_follow_the_object_between_updates():
     # Two seconds: the object moves 10 cm, the arm with it, and into the configuration it prefers.
     for k in range(1, 401):
         moved = RigidTransform(X_WO.rotation(), X_WO.translation() + speed[3:] * 0.005 * k)
-        q = q + 0.005 * dut.get_output_port().Eval(context)
+        q = q + 0.005 * dut.GetOutputPort("commanded_velocity").Eval(context)
         fixed(dut, simulator, position=q, object_pose=moved)
     hand = forward_kinematics(q, REACH.gripper.X_FG)
     target = moved.GetAsMatrix4() @ at_grasp.X_OG[0]

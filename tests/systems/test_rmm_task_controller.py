@@ -64,7 +64,7 @@ class Bench:
         return self.dut.memory(self.context).mixture
 
     def command(self):
-        return self.dut.get_output_port().Eval(self.context).copy()
+        return self.dut.GetOutputPort("commanded_velocity").Eval(self.context).copy()
 
 
 @pytest.mark.parametrize("mode", ["safe", "paper"])
@@ -209,7 +209,7 @@ def test_refits_cause_no_jump_in_a_loop_with_the_drive():
     builder.Connect(grasps.get_output_port(), controller.GetInputPort("grasps"))
     builder.Connect(pose.get_output_port(), controller.GetInputPort("object_pose"))
     builder.Connect(twist.get_output_port(), controller.GetInputPort("object_velocity"))
-    builder.Connect(controller.get_output_port(), drive.GetInputPort("velocity"))
+    builder.Connect(controller.GetOutputPort("commanded_velocity"), drive.GetInputPort("velocity"))
     builder.Connect(
         drive.GetOutputPort("desired_velocity"), controller.GetInputPort("desired_velocity")
     )
@@ -223,7 +223,7 @@ def test_refits_cause_no_jump_in_a_loop_with_the_drive():
     diagram.GetInputPort("sets").FixValue(context, AbstractValue.Make(GraspSet.empty()))
     simulator.Initialize()
     state = drive.GetOutputPort("desired_state")
-    command, last, moved = controller.get_output_port(), np.zeros(7), 0.0
+    command, last, moved = controller.GetOutputPort("commanded_velocity"), np.zeros(7), 0.0
     for tick in range(200):
         if tick % 20 == 0:
             hold.SetAbstractState(0, two_clusters(seed=tick))

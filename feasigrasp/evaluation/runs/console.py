@@ -143,8 +143,15 @@ def verdict(record: Mapping[str, Any]) -> str:
     if held is None:
         share = "" if tracked is None else f" (at a grasp {tracked:.0f} % of the time)"
         return f"followed, with an open gripper{share}"
-    cause = Cause(metrics["cause"])
-    return f"not held: {_words(cause)}{_because(cause, record)}"
+    return f"not held: {cause_in_words(record)}"
+
+
+def cause_in_words(record: Mapping[str, Any]) -> str | None:
+    """Why an object was not held; None if it was, or was not to be."""
+    if record["metrics"]["cause"] is None:
+        return None
+    cause = Cause(record["metrics"]["cause"])
+    return _words(cause) + _because(cause, record)
 
 
 def _because(cause: Cause, record: Mapping[str, Any]) -> str:

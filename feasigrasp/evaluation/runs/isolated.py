@@ -263,7 +263,7 @@ def _run_to_file(
         sender.send(sent[0])
 
     try:
-        run(scenario, name, replay=replay, keep=send)
+        run(scenario, name, log=False, replay=replay, keep=send)
     except Exception as error:
         traceback.print_exc()
         if not sent:

@@ -9,10 +9,12 @@ import traceback
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
@@ -24,7 +26,7 @@ from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics, t
 from feasigrasp.evaluation.metrics.robot_twin import robot_twin
 from feasigrasp.evaluation.metrics.run_metrics import METRICS, not_held, summarize
 from feasigrasp.evaluation.metrics.tick_times import TickTimes
-from feasigrasp.evaluation.runs.console import StatusLine, progress
+from feasigrasp.evaluation.runs.console import StatusLine, cause_in_words, progress, verdict
 from feasigrasp.evaluation.runs.replay import (
     FRAMES_PER_SECOND,
     start_recording,
@@ -35,11 +37,12 @@ from feasigrasp.evaluation.views.ghost import ghost_of, show_ghost
 from feasigrasp.evaluation.views.live import LiveView
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
-from feasigrasp.models.control.status import Status
+from feasigrasp.models.control.status import Status, StatusCode
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread
+from feasigrasp.outputs import replacing
 from feasigrasp.results.interrupts import postponed_interrupt
 from feasigrasp.results.provenance import git_revision, machine, versions
 from feasigrasp.scenario.files import dump_scenario
@@ -48,6 +51,7 @@ from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
+from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
 from feasigrasp.systems.remote.remote_stage import end_processes
 from feasigrasp.systems.station.hand import cell_directives
 
@@ -58,30 +62,70 @@ FALLEN = -1.0
 
 
 @dataclass(frozen=True, eq=False)
-class RunResult:
-    """One run.
+class Result:
+    """One run, and how it went.
 
     Attributes:
         record: What the result file holds; ``docs/results_schema.md`` defines it.
-        times: Sample times [s], shape (n,).
-        samples: Samples, one row per entry of ``SAMPLE_NAMES``, shape (s, n).
+        log: Arrays by name, the ``time`` (n,) [s] and n samples of each of the others, which the
+            same page defines; empty if nothing was logged.
+        times: Sample times of the metrics [s], shape (m,).
+        samples: Their samples, one row per entry of ``SAMPLE_NAMES``, shape (s, m).
     """
 
     record: dict[str, Any]
+    log: dict[str, NDArray[np.generic]]
     times: Array
     samples: Array
+
+    @property
+    def held(self) -> bool | None:
+        """Whether the object was held to the end; None where the gripper was not to close."""
+        return self.metrics["grasp_held"]
+
+    @property
+    def cause(self) -> str | None:
+        """Why the object was not held, in words; None if it was, or was not to be."""
+        return cause_in_words(self.record)
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """The figures of the run by name, see ``docs/results_schema.md``."""
+        return self.record["metrics"]
+
+    @property
+    def status(self) -> tuple[Status, ...]:
+        """What went on: each status with the time when it began."""
+        return tuple(Status(t, StatusCode(code), said) for t, code, said in self.record["status"])
+
+    def write_log(self, filename: str | Path) -> None:
+        """Writes the log as a compressed .npz, which ``np.load`` reads without pickle.
+
+        Raises:
+            OutputError: It cannot be written.
+        """
+        arrays: dict[str, Any] = self.log
+        with replacing(filename) as file:
+            np.savez_compressed(file, **arrays)
+
+    def __repr__(self) -> str:
+        """The verdict, and what ran, in one line."""
+        what = (self.record[key] for key in ("scenario", "object"))
+        named = ", ".join((*filter(None, what), f"seed {self.record['seed']}"))
+        return f"<Result: {verdict(self.record)} ({named})>"
 
 
 def run(
     scenario: Scenario,
     name: str = "",
     *,
+    log: bool = True,
     replay: Path | None = None,
     keep: Callable[[dict[str, Any]], None] = lambda record: None,
     line: StatusLine | None = None,
     live: LiveView | None = None,
     ghost: ControlMode | None = None,
-) -> RunResult:
+) -> Result:
     """Simulates a scenario until its grasp is over or its duration has passed.
 
     A solver failure of the simulation ends the run, and so do Ctrl-C and whatever a part of one's
@@ -90,6 +134,7 @@ def run(
     Args:
         scenario: What to run.
         name: Its name, for the record.
+        log: Whether the result has a log, of 150 kB for a simulated second.
         replay: Where to write a self-contained HTML replay.
         keep: Gets the record as soon as there is one, before the replay is written.
         line: Where to say how far the run is.
@@ -108,7 +153,8 @@ def run(
         error = None
         with postponed_interrupt() as interrupted:
             built = time.perf_counter()
-            diagram = make_dynamic_grasp(scenario, meshcat)
+            connect = partial(add_run_log, period=scenario.control.period) if log else None
+            diagram = make_dynamic_grasp(scenario, meshcat, connect=connect)
             tick_times = TickTimes(diagram.GetSubsystemByName("controller"))
             simulator = Simulator(diagram)
             ApplySimulatorConfig(scenario.simulator_config, simulator)
@@ -153,7 +199,7 @@ def run(
         say(f"writing {replay}")
         camera = diagram.GetSubsystemByName("camera_pictures")
         write_replay(meshcat, replay, history, camera.pictures, ghost or "")
-    return RunResult(record, times, samples)
+    return Result(record, read_run_log(diagram, context) if log else {}, times, samples)
 
 
 def _what_failed(failure: Exception) -> str:

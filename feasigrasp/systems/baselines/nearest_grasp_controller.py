@@ -48,6 +48,10 @@ class NearestGraspController(GraspController):
         X_OG = inputs.grasps.X_OG
         return nearest_grasp(memory, inputs.q, X_OG, inputs.X_WO, self.reachability)
 
+    def chosen(self, memory: NearestGrasp) -> Array | None:
+        """The grasp that is followed."""
+        return memory.X_OG if memory else None
+
     def velocity(self, memory: NearestGrasp, inputs: ControllerInputs) -> Array:
         """Towards the grasp."""
         qd = nearest_grasp_velocity(

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram
 from feasigrasp.errors import HardwareError
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.dynamic_grasp import Connect, make_dynamic_grasp
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.intake import Intake
 from feasigrasp.systems.hardware.station import HardwareStation
@@ -32,12 +32,13 @@ class ControlLoop:
         image_to_grasps: From an image to its grasps, each time that there were other ones [s].
     """
 
-    def __init__(self, scenario: Scenario, lcm: DrakeLcm) -> None:
+    def __init__(self, scenario: Scenario, lcm: DrakeLcm, connect: Connect | None = None) -> None:
         """Builds the pipeline, and waits for the processes of perception to be there.
 
         Args:
             scenario: What to run; of its object and motion nothing is used.
             lcm: The bus that the drivers are on.
+            connect: Adds systems and logs, see `make_dynamic_grasp`.
 
         Raises:
             WorkerError: One of them does not start.
@@ -46,7 +47,7 @@ class ControlLoop:
         # The diagram has a bus of its own, to which the intake hands on what may be used.
         inbox = DrakeLcm("memq://")
         self._station = HardwareStation(scenario, inbox, lcm)
-        self.diagram: Diagram = make_dynamic_grasp(scenario, station=self._station)
+        self.diagram: Diagram = make_dynamic_grasp(scenario, station=self._station, connect=connect)
         self.simulator = Simulator(self.diagram)
         self._remote = remote_stages(self.diagram)
         for stage in self._remote:

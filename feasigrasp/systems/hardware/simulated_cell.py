@@ -127,6 +127,7 @@ def _add_arm(builder: DiagramBuilder, station: Station, lcm: LcmInterfaceSystem)
     for name, port in (
         ("position_commanded", driver.GetOutputPort("position")),
         ("position_measured", measured),
+        ("velocity_estimated", station.GetOutputPort("iiwa.velocity_estimated")),
         ("torque_commanded", drive_torque),
         ("torque_measured", drive_torque),
         ("torque_external", torque),

@@ -63,6 +63,7 @@ class HardwareStation(Diagram):
         - gripper.position
         output_ports:
         - iiwa.position_measured
+        - iiwa.velocity_estimated
         - iiwa.torque_external
         - gripper.state_measured
         - object.pose
@@ -76,7 +77,8 @@ class HardwareStation(Diagram):
         - <camera>.stamp
 
     Of ``iiwa.desired_state`` (V14) the positions are sent, and nothing else: to the guard, which
-    commands the arm. ``iiwa.torque_external`` is V7 [Nm], as the driver estimates it.
+    commands the arm. ``iiwa.velocity_estimated`` V7 [rad/s] and ``iiwa.torque_external`` V7 [Nm]
+    are as the driver estimates them.
     ``object.pose`` is a measurement, made at ``object.stamp``. ``<camera>.pose`` X_WC follows from
     the measured joints at the instant of the image, ``<camera>.position`` (V7); that instant is
     ``<camera>.stamp``. ``<camera>.pose_now`` is where the camera is by ``iiwa.position_measured``.
@@ -140,7 +142,8 @@ class HardwareStation(Diagram):
         builder.Connect(messages, status.get_input_port())
         position = status.GetOutputPort("position_measured")
         builder.ExportOutput(position, "iiwa.position_measured")
-        builder.ExportOutput(status.GetOutputPort("torque_external"), "iiwa.torque_external")
+        for port in ("velocity_estimated", "torque_external"):
+            builder.ExportOutput(status.GetOutputPort(port), f"iiwa.{port}")
 
         desired = builder.AddNamedSystem("desired_position", Demultiplexer([IIWA_7.joints] * 2))
         builder.ExportInput(desired.get_input_port(), "iiwa.desired_state")

@@ -59,6 +59,7 @@ class Station(Diagram):
         - object.hold
         output_ports:
         - iiwa.position_measured
+        - iiwa.velocity_estimated
         - iiwa.state_estimated
         - iiwa.torque_measured
         - iiwa.torque_external
@@ -74,7 +75,8 @@ class Station(Diagram):
         - query_object
 
     ``iiwa.desired_state`` and ``iiwa.state_estimated`` are V14 (positions [rad], velocities
-    [rad/s]), ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm], and
+    [rad/s]), ``iiwa.position_measured`` and ``iiwa.velocity_estimated`` the halves of the latter.
+    ``iiwa.torque_measured`` is V7, what the motors of the weightless arm give [Nm], and
     ``iiwa.torque_external`` V7, what contact does to the joints, which the real arm estimates [Nm];
     ``gripper.position`` is the distance between the pads [m] and
     ``gripper.state_measured`` that distance and its rate; ``object.hold`` is 1 while the object is
@@ -155,6 +157,7 @@ class Station(Diagram):
         position = builder.AddNamedSystem("iiwa_position", Demultiplexer([IIWA_7.joints] * 2))
         builder.Connect(state, position.get_input_port())
         builder.ExportOutput(position.get_output_port(0), "iiwa.position_measured")
+        builder.ExportOutput(position.get_output_port(1), "iiwa.velocity_estimated")
         builder.ExportOutput(state, "iiwa.state_estimated")
         builder.ExportOutput(plant.get_net_actuation_output_port(iiwa), "iiwa.torque_measured")
         contact = plant.get_generalized_contact_forces_output_port(iiwa)

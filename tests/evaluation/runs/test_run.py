@@ -74,6 +74,31 @@ def test_the_same_seed_gives_the_same_samples_bit_for_bit():
     assert metrics[0] == metrics[1]
 
 
+def test_a_log_changes_nothing_and_holds_the_run():
+    with_log, without = (
+        run(short("ReachCircularMocap", duration=0.3), log=log) for log in (True, False)
+    )
+    np.testing.assert_array_equal(with_log.samples, without.samples)
+    assert without.log == {}
+    height = SAMPLE_NAMES.index("p_WO_z")
+    every = with_log.log["X_WO_true"][::4, 2, 3]
+    np.testing.assert_allclose(every, with_log.samples[height], atol=1e-12)
+
+
+def test_a_result_says_how_it_went():
+    result = run(short("ReachLinearMocap"), "ReachLinearMocap")
+    assert result.held is False and result.metrics is result.record["metrics"]
+    assert result.cause.startswith("no")  # no grasp yet
+    assert repr(result) == (
+        f"<Result: not held: {result.cause} (ReachLinearMocap, soup_can, seed 3)>"
+    )
+    said = [[status.time, status.code, status.detail] for status in result.status]
+    assert said == result.record["status"]
+    followed = run(short("PaperLinear"))
+    assert followed.held is None and followed.cause is None
+    assert repr(followed).startswith("<Result: followed, with an open gripper")
+
+
 def test_another_seed_gives_another_run():
     starts = [run(short("ReachLinearMocap", duration=0.02, seed=k)).samples[:, 0] for k in (3, 4)]
     moved = SAMPLE_NAMES.index("p_WO_y")

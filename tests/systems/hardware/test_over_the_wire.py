@@ -17,6 +17,7 @@ from feasigrasp.systems.hardware.control_loop import ControlLoop
 from feasigrasp.systems.hardware.guard import Guard
 from feasigrasp.systems.hardware.simulated_cell import make_simulated_cell
 from feasigrasp.systems.hardware.station import HardwareStation
+from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
 
 #: Ports of a simulated cell that say what no sensor would.
 TRUTH = {"object.velocity", "contact_results", "query_object", "object.hold"}
@@ -33,7 +34,7 @@ def wire():
     )
     lcm, sent = DrakeLcm("memq://"), {}
     simulator = Simulator(make_simulated_cell(scenario, lcm))
-    loop, guard = ControlLoop(scenario, lcm), Guard(lcm)
+    loop, guard = ControlLoop(scenario, lcm, add_run_log), Guard(lcm)
     station = simulator.get_system().GetSubsystemByName("station")
     listening = lcm.SubscribeAllChannels(
         lambda channel, data: sent.setdefault(channel, []).append((time, data))
@@ -120,6 +121,18 @@ def test_the_same_ports_as_a_simulated_station(wire, documented_ports):
     assert names == {
         name.replace("<camera>", "wrist_camera") for name in documented_ports(type(station))[1]
     }
+
+
+def test_the_log_has_what_drivers_say_and_no_truth(wire):
+    log = read_run_log(wire[2].diagram, wire[2].simulator.get_context())
+    assert np.isnan(log["X_WO_true"]).all() and np.isfinite(log["X_WO"][-1]).all()
+    requested = commands(wire, channels.IIWA_REQUEST)[1]
+    off = np.abs(requested - log["q_sent"][1:, None]).max(axis=2).min(axis=1)
+    assert len(off) > 200 and off.max() < 1e-12
+    # The velocities are the driver's estimates: positions differ by what they say.
+    moved = np.diff(log["q"], axis=0) / channels.IIWA_PERIOD
+    np.testing.assert_allclose(log["qd"][1:], moved, atol=0.02)
+    assert np.abs(log["qd"]).max() > 0.1
 
 
 def test_rates_are_those_of_the_drivers(wire):

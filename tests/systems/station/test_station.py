@@ -26,6 +26,7 @@ def test_ports_are_those_of_the_docstring(seeing, ports, documented_ports):
     sizes = {name: size for name, size in outputs.items() if size is not None}
     assert sizes == {
         "iiwa.position_measured": 7,
+        "iiwa.velocity_estimated": 7,
         "iiwa.state_estimated": 14,
         "iiwa.torque_measured": 7,
         "iiwa.torque_external": 7,

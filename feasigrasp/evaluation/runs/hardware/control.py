@@ -6,6 +6,7 @@ import gc
 import multiprocessing
 import time
 from collections.abc import Callable
+from functools import partial
 from multiprocessing.synchronize import Event
 from typing import Any
 
@@ -15,7 +16,7 @@ from pydrake.lcm import DrakeLcm
 from feasigrasp.errors import HardwareError
 from feasigrasp.evaluation.metrics.run_metrics import METRICS
 from feasigrasp.evaluation.runs.console import StatusLine, progress
-from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, status_history
+from feasigrasp.evaluation.runs.run import INTERRUPTED, Result, crash_record, status_history
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.one_thread import one_thread
 from feasigrasp.results.interrupts import postponed_interrupt
@@ -23,6 +24,8 @@ from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop
 from feasigrasp.systems.hardware.priority import CONTROL, real_time
+from feasigrasp.systems.metrics import SAMPLE_NAMES
+from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
 from feasigrasp.systems.remote.remote_stage import end_processes
 
 #: How long to wait for the guard, or the driver's first message, and then for each message [s].
@@ -37,9 +40,10 @@ def run_hardware(
     *,
     lcm_url: str = channels.LCM_URL,
     own_guard: bool = True,
+    log: bool = True,
     keep: Callable[[dict[str, Any]], None] = lambda record: None,
     line: StatusLine | None = None,
-) -> dict[str, Any]:
+) -> Result:
     """Grasps on the drivers' messages until the grasp is over or the scenario's time has passed.
 
     A guard, in a process of its own, commands the arm; when this one asks for nothing any more,
@@ -50,12 +54,13 @@ def run_hardware(
         name: Its name, for the record.
         lcm_url: Where the drivers are.
         own_guard: Whether to start the guard; else one serves already, see `guard`.
+        log: Whether the result has a log.
         keep: Gets the record.
         line: Where to say how far the run is.
 
     Returns:
-        A record whose metrics are None: what happened, only who sees the cell can tell. Its
-        ``error`` says if there is no driver, or no guard.
+        A result without samples, with a record whose metrics are None: what happened, only who sees
+        the cell can tell. Its ``error`` says if there is no driver, or no guard.
 
     Raises:
         HardwareError: There is no such bus, or somebody commands the arm already.
@@ -70,7 +75,8 @@ def run_hardware(
         lcm = channels.open_lcm(lcm_url)
         if own_guard:
             guard.refuse_if_commanded(lcm)
-        loop, commands = ControlLoop(scenario, lcm), _Commands(lcm)
+        connect = partial(add_run_log, period=scenario.control.period) if log else None
+        loop, commands = ControlLoop(scenario, lcm, connect), _Commands(lcm)
         # What is alive by now stays: not worth traversing again, least of all between two ticks.
         gc.freeze()
         watch = _OwnGuard(lcm_url) if own_guard else None
@@ -113,7 +119,8 @@ def run_hardware(
         "image_to_grasps_count": len(latencies),
     }
     keep(record)
-    return record
+    logged = read_run_log(loop.diagram, context) if log else {}
+    return Result(record, logged, np.zeros(0), np.zeros((len(SAMPLE_NAMES), 0)))
 
 
 class _OwnGuard:

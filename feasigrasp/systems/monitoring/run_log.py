@@ -1,0 +1,151 @@
+"""The log of a run: what arm, object and grasp did, at the control rate."""
+
+from __future__ import annotations
+
+from math import prod
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, InputPort, LeafSystem
+from pydrake.systems.primitives import LogVectorOutput
+
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.systems.dynamic_grasp import Subsystems
+from feasigrasp.systems.ports import declare_input, optional
+from feasigrasp.systems.station.station import Station
+
+#: The arrays of a log beside ``time``, and the shape of a sample; docs/results_schema.md defines
+#: them.
+FIELDS: dict[str, tuple[int, ...]] = {
+    "q": (IIWA_7.joints,),
+    "qd": (IIWA_7.joints,),
+    "qd_commanded": (IIWA_7.joints,),
+    "q_sent": (IIWA_7.joints,),
+    "qd_sent": (IIWA_7.joints,),
+    "opening": (1,),
+    "opening_sent": (1,),
+    "X_WO": (4, 4),
+    "X_WO_true": (4, 4),
+    "phase": (1,),
+    "X_OG": (4, 4),
+}
+_NO_POSE = np.full((4, 4), np.nan)
+
+
+class RunLog(LeafSystem):
+    """Puts what is logged of a run into one vector.
+
+    .. pydrake_system::
+
+        name: RunLog
+        input_ports:
+        - position
+        - velocity
+        - commanded_velocity
+        - desired_state
+        - gripper_state
+        - gripper_position
+        - object_pose
+        - true_pose
+        - phase
+        - grasps
+        - chosen_grasp
+        output_ports:
+        - sample
+
+    ``position`` V7 [rad] and ``velocity`` V7 [rad/s] are the arm's; ``commanded_velocity`` is the
+    controller's, ``desired_state`` the V14 of the drive; ``gripper_state`` V2 is the distance
+    between the pads [m] and its rate, ``gripper_position`` V1 the commanded distance.
+    ``object_pose`` is the tracked pose, ``true_pose`` the true one, which only a simulation has.
+    ``phase`` is a `Phase`, ``grasps`` what the controller is given and ``chosen_grasp`` V16 the one
+    that it goes for. ``true_pose`` and ``chosen_grasp`` are optional. ``sample`` holds `FIELDS`.
+    """
+
+    def __init__(self) -> None:
+        """A system without state."""
+        super().__init__()
+        n = IIWA_7.joints
+        self._arm = [
+            self.DeclareVectorInputPort(name, size)
+            for name, size in (
+                *(("position", n), ("velocity", n), ("commanded_velocity", n)),
+                *(("desired_state", 2 * n), ("gripper_state", 2), ("gripper_position", 1)),
+            )
+        ]
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._true_pose = declare_input(self, "true_pose", RigidTransform())
+        self._phase = self.DeclareVectorInputPort("phase", 1)
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._chosen = self.DeclareVectorInputPort("chosen_grasp", _NO_POSE.size)
+        size = sum(map(prod, FIELDS.values()))
+        self.DeclareVectorOutputPort("sample", size, self._calc)
+
+    def _calc(self, context: Context, output) -> None:
+        *arm, gripper, opening_sent = (port.Eval(context) for port in self._arm)
+        poses = (_matrix(port, context) for port in (self._pose, self._true_pose))
+        phase = self._phase.Eval(context)
+        parts = [*arm, gripper[:1], opening_sent, *poses, phase, self._grasp(context, phase[0])]
+        output.SetFromVector(np.concatenate([np.ravel(part) for part in parts]))
+
+    def _grasp(self, context: Context, phase: float) -> NDArray[np.float64]:
+        """The grasp that the hand has committed to, or else goes for; NaN if there is none."""
+        if phase > Phase.APPROACH:
+            committed: GraspSet = self._grasps.Eval(context)
+            return committed.X_OG[0]
+        chosen: NDArray[np.float64] | None = optional(self._chosen, context)
+        return _NO_POSE if chosen is None else chosen
+
+
+def _matrix(port: InputPort, context: Context) -> NDArray[np.float64]:
+    pose: RigidTransform | None = optional(port, context)
+    return _NO_POSE if pose is None else pose.GetAsMatrix4()
+
+
+def add_run_log(builder: DiagramBuilder, subsystems: Subsystems, period: float = 0.005) -> None:
+    """Adds the log of a run to a diagram: a ``connect`` of `make_dynamic_grasp`.
+
+    Args:
+        builder: The builder of the diagram.
+        subsystems: Its systems.
+        period: Time between samples [s]; by default that of the control in packaged scenarios.
+    """
+    station, tracker, sequencer = subsystems.station, subsystems.tracker, subsystems.sequencer
+    log = builder.AddNamedSystem("run_log", RunLog())
+    inputs = {
+        "position": station.GetOutputPort("iiwa.position_measured"),
+        "velocity": station.GetOutputPort("iiwa.velocity_estimated"),
+        "commanded_velocity": subsystems.controller.GetOutputPort("commanded_velocity"),
+        "desired_state": subsystems.drive.GetOutputPort("desired_state"),
+        "gripper_state": station.GetOutputPort("gripper.state_measured"),
+        "object_pose": tracker.GetOutputPort("object_pose"),
+        **{name: sequencer.GetOutputPort(name) for name in ("gripper_position", "phase", "grasps")},
+    }
+    if subsystems.controller.HasOutputPort("chosen_grasp"):
+        inputs["chosen_grasp"] = subsystems.controller.GetOutputPort("chosen_grasp")
+    if builder.HasSubsystemNamed("true_frame"):
+        inputs["true_pose"] = builder.GetSubsystemByName("true_frame").get_output_port()
+    elif isinstance(station, Station):
+        inputs["true_pose"] = station.GetOutputPort("object.pose")
+    for name, port in inputs.items():
+        builder.Connect(port, log.GetInputPort(name))
+    LogVectorOutput(log.get_output_port(), builder, period).set_name("log(run)")
+
+
+def read_run_log(diagram: Diagram, context: Context) -> dict[str, NDArray[np.generic]]:
+    """What `add_run_log` has logged: ``time`` (n,) [s], and `FIELDS` with n samples each.
+
+    Args:
+        diagram: The diagram.
+        context: Its context, at the end of the run.
+    """
+    log = diagram.GetSubsystemByName("log(run)").FindLog(context)
+    arrays: dict[str, NDArray[np.generic]] = {"time": log.sample_times().copy()}
+    data, start = log.data().T, 0
+    for name, shape in FIELDS.items():
+        stop = start + prod(shape)
+        arrays[name] = data[:, start:stop].reshape(-1, *(() if shape == (1,) else shape)).copy()
+        start = stop
+    return arrays | {"phase": arrays["phase"].astype(np.int8)}
