@@ -12,7 +12,6 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps import AntipodalSampler
 from feasigrasp.models.reach import Reachability
 from feasigrasp.models.robot import pose_and_jacobian
-from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import load_scenario
 from feasigrasp.systems import GraspController, make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_NAMES
@@ -42,8 +41,7 @@ class FirstGrasp(GraspController):
         return self.enforced(np.linalg.pinv(J_WH, rcond=0.02) @ V_WT, inputs)
 
 
-file = diagram_path("dynamic.scenarios.yaml")
-scenario = load_scenario(file, "ReachLinearMocap", "{object: {model: mustard_bottle}}")
+scenario = load_scenario("ReachLinearMocap", "{object: {model: mustard_bottle}}")
 own: dict[str, Any] = {"sampler": narrowest, "controller": FirstGrasp(Reachability())}
 figure, ax = plt.subplots(figsize=(7, 3.6))
 for name, parts in {"ours": {}, "own sampler and controller": own}.items():

@@ -12,7 +12,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import load_scenario
 from feasigrasp.systems import make_dynamic_grasp
 
@@ -47,7 +46,7 @@ class LastTwoPoses(LeafSystem):
         output.set_value(SpatialVelocity(change / self._period))
 
 
-scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap")
+scenario = load_scenario("ReachLinearMocap")
 for name, tracker in {"ours": None, "the last two poses": LastTwoPoses()}.items():
     diagram = make_dynamic_grasp(scenario, tracker=tracker)
     simulator = Simulator(diagram)

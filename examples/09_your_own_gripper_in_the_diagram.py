@@ -7,7 +7,6 @@ import matplotlib.pyplot as plt
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import load_scenario
 from feasigrasp.systems import make_dynamic_grasp
 
@@ -22,7 +21,7 @@ hand = picture.with_name("slim.yaml")
 hand.write_text("max_opening: 0.10\nfinger_width: 0.020\nfinger_thickness: 0.010\ntip: 0.030\n")
 
 text = f"{{gripper: {hand}, object: {{model: mustard_bottle}}}}"
-scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap", text)
+scenario = load_scenario("ReachLinearMocap", text)
 sinks: list[VectorLogSink] = []
 
 

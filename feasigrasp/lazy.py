@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 
 TYPE_CHECKING = False  # importing typing would take longer than all the rest of a face
@@ -10,8 +11,12 @@ if TYPE_CHECKING:
     from typing import Any
 
 
-def hand_on(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """A module-level ``__getattr__`` (PEP 562) that imports what a package hands on.
+def hand_on(
+    package: str, modules: Mapping[str, str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Module-level ``__getattr__`` and ``__dir__`` (PEP 562) of a package with lazy public names.
+
+    A notebook completes by ``__dir__``: the package's ``__all__``, of which nothing is loaded.
 
     Args:
         package: ``__name__`` of the package.
@@ -23,4 +28,8 @@ def hand_on(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return getattr(import_module(f"{package}.{modules[name]}"), name)
 
-    return load
+    def names() -> list[str]:
+        public: list[str] = sys.modules[package].__all__
+        return sorted(public)
+
+    return load, names

@@ -1,89 +1,89 @@
-"""Every block of Python in README and docs runs, in an empty folder."""
+"""README and docs do what they show: every block of Python runs by itself, every command parses."""
 
-import re
+import shlex
+from importlib import import_module
 from pathlib import Path
 
-import numpy as np
-import open3d as o3d
 import pytest
 import yaml
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
 
-from feasigrasp.models.grasps.antipodal import AntipodalSampler
+from feasigrasp import cli
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_company, make_motion
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from tools.run_readme import blocks, commands
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-PAGES = [
-    page
-    for page in [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
-    # Its blocks are whole scripts, which `test_examples.py` runs.
-    if page.name != "examples.md" and "```python" in page.read_text()
+PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+#: Page and number of each block of Python; those of examples.md are what `test_examples.py` runs.
+SNIPPETS = [
+    pytest.param(text, id=f"{page.name}-{number}")
+    for page in PAGES
+    if page.name != "examples.md"
+    for number, (language, text) in enumerate(blocks(page))
+    if language == "python"
+]
+COMMANDS = [
+    pytest.param(line, id=f"{page.name}: {line[:60]}")
+    for page in PAGES
+    for language, text in blocks(page)
+    if language == ""
+    for line in commands(text)
 ]
 
 
-def blocks(page: Path, language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
-
-
-@pytest.fixture
-def given(tmp_path, monkeypatch):
-    """Names that the pages take as given: a robot's state, a field, a scenario, a cloud's file."""
+@pytest.mark.parametrize("code", SNIPPETS)
+def test_a_block_runs_by_itself(code, tmp_path, monkeypatch):
+    """Verbatim, in an empty namespace and an empty folder but for a user's cloud, mug.ply."""
     monkeypatch.chdir(tmp_path)
-    mug = load_object("mug").mesh
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(mug.sample(20_000, seed=0)))
-    _, seen = cloud.hidden_point_removal([0.3, -0.35, 0.25], radius=50.0)
-    cloud = cloud.select_by_index(seen).translate([-0.3, 0.35, -0.25])  # from the camera
-    o3d.io.write_point_cloud("mug.ply", cloud)
-    gripper, q = ParallelGripper(), np.array([0.1, -0.8, 0.2, -1.5, 0.1, 1.4, 0.0])
-    scenario = load_scenario(diagram_path("dynamic.scenarios.yaml"), "ReachLinearMocap")
-    scenario.simulation_duration = 0.1
-    field = fit_gpdf(mug.sample(400, seed=0))
-    return {
-        "DiagramBuilder": DiagramBuilder,
-        "LogVectorOutput": LogVectorOutput,
-        "MyController": RMMTaskController,
-        "Reachability": Reachability,
-        "Simulator": Simulator,
-        "J": pose_and_jacobian(q, gripper.X_FG)[1],
-        "V": np.zeros(6),
-        "X_WF": forward_kinematics(q)[None],
-        "field": field,
-        "gpdf": field,
-        "grid": None,
-        "gripper": gripper,
-        "my_sampler": AntipodalSampler(),
-        "q": q,
-        "qd_last": np.zeros(7),
-        "qd_preferred": np.ones(7),
-        "reachability": Reachability(gripper),
-        "scenario": scenario,
-    }
+    if "mug.ply" in code:
+        (tmp_path / "mug.ply").write_bytes(cloud_of_a_mug())
+    exec(compile(code, "block", "exec"), {"__name__": "__main__"})
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
-def test_the_code_of_a_page_runs(page, given, capsys):
-    for number, code in enumerate(blocks(page, "python")):
-        exec(compile(code, f"{page.name}, block {number}", "exec"), given)
-    if page.name == "README.md":
-        assert len(given["grasps"]) > 0
-        assert "grasps; dropped" in capsys.readouterr().out
-    if page.name == "safety.md":
-        assert given["qd"].shape == (7,) and np.any(given["qd"] != 0.0)
+def cloud_of_a_mug() -> bytes:
+    """What a camera sees of a mug, as a file, in the camera's frame [m]."""
+    mesh = load_object("mug").mesh
+    points = mesh.sample(20_000, seed=0)
+    ahead = points[points[:, 1] < 0.0] @ [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
+    rows = "\n".join(" ".join(f"{x:.5f}" for x in point) for point in ahead + [0.0, 0.0, 0.45])
+    head = ["ply", "format ascii 1.0", f"element vertex {len(ahead)}"]
+    head += [*(f"property float {axis}" for axis in "xyz"), "end_header", ""]
+    return ("\n".join(head) + rows + "\n").encode()
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_a_command_parses(line):
+    """By the parser of the command itself."""
+    parse(line)
+
+
+def parse(line: str) -> None:
+    """Parses a command line as `cli.main` does; a wrong one exits."""
+    words = shlex.split(line, comments=True)
+    words = words[words.index("feasigrasp") + 1 :]
+    chosen, rest = cli._make_parser().parse_known_args(words)
+    assert chosen.module is not None, line
+    parser = cli.command_parser(chosen.prog, chosen.description)
+    import_module(chosen.module).add_arguments(parser)
+    parser.parse_args(rest)
+
+
+def test_the_checks_can_fail():
+    for wrong in ("feasigrasp run --sed 3", "feasigrasp evaluate dynamc", "feasigrasp perceiv"):
+        with pytest.raises(SystemExit):
+            parse(wrong)
+    assert commands("feasigrasp run A \\\n  --seed 1\nA=1 feasigrasp doctor\nmake demo\n") == [
+        "feasigrasp run A    --seed 1",
+        "A=1 feasigrasp doctor",
+    ]
+    assert len(SNIPPETS) > 10 and len(COMMANDS) > 50
 
 
 def test_scenario_of_the_page_is_valid(tmp_path):
     file = tmp_path / "own.scenarios.yaml"
-    text, beside = blocks(REPOSITORY / "docs" / "scenarios.md", "yaml")
+    page = REPOSITORY / "docs" / "scenarios.md"
+    text, beside = (text for language, text in blocks(page) if language == "yaml")
     file.write_text(text)
     (name,) = yaml.load(text, Loader=yaml.BaseLoader)
     scenario = load_scenario(file, name)

@@ -10,11 +10,14 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import nearest
+from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.keys import check_keys, compose
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
 
+#: The file of the packaged scenarios.
+PACKAGED = "dynamic.scenarios.yaml"
 #: What Drake's reader raises; it takes much for granted.
 _YAML_ERRORS = (
     RuntimeError,
@@ -50,32 +53,38 @@ def only_scenario(filename: str | Path) -> str:
     return names[0]
 
 
-def load_scenario(filename: str | Path, name: str, *overrides: str | None) -> Scenario:
-    """Reads one scenario of a file; what it leaves to the control mode is filled in.
+def load_scenario(scenario: str | Path, *texts: str | None) -> Scenario:
+    """Reads one scenario; what it leaves to the control mode is filled in.
+
+    A packaged one by its name, or one of a file::
+
+        load_scenario("ReachLinear")
+        load_scenario("ReachLinear", "{object: {model: mug}}")
+        load_scenario("own.scenarios.yaml", "Mine", "{object: {model: mug}}")
 
     Args:
-        filename: YAML file that maps names to scenarios.
-        name: Which one.
-        *overrides: YAML texts that are applied on top, one after the other, e.g.
-            ``"{object: {model: mug}}"``. Maps are merged; ``"{camera_noise: {}}"`` empties one.
+        scenario: Name of a packaged scenario, as ``feasigrasp scenarios`` lists them. Or a YAML
+            file that maps names to scenarios: a ``Path``, or a text that ends in .yaml or .yml.
+        *texts: Behind a file the name of the scenario. Then YAML texts that are applied on top, one
+            after the other; None for none. Maps are merged; ``"{camera_noise: {}}"`` empties one.
 
     Raises:
         ScenarioError: Unknown file, scenario, key or value.
     """
+    filename, name, *overrides = _place(scenario, *texts)
     nodes = _nodes(filename)
     names = _names(nodes)
     if name not in names:
-        is_file = Path(name).suffix in (".yaml", ".yml")
         raise ScenarioError(
             f"no scenario {name!r} in {filename}; it has {', '.join(names)}"
-            f"{'; give a file by --scenario-file' if is_file else nearest(name, names)}"
+            f"{'; give a file by --scenario-file' if _is_file(name) else nearest(name, names)}"
         )
     what = f"scenario {name!r} in {filename}"
     stages: list[tuple[str, Scenario]] = []
     try:
         check_keys(nodes[name], Scenario)
         stages.append((what, _load(Scenario(), filename=str(filename), child_name=name)))
-        for text in filter(None, overrides):
+        for text in overrides:
             what = f"scenario {name!r} as changed by {_shortened(text)}"
             stages.append((what, _parse(text, stages[-1][1])))
     except ScenarioError as error:
@@ -109,6 +118,18 @@ def parse_scenario(text: str) -> Scenario:
     except ScenarioError as error:
         raise ScenarioError(f"not a scenario: {error}") from error
     return scenario
+
+
+def _place(scenario: str | Path, *texts: str | None) -> tuple[str, ...]:
+    """File and name of a scenario, and what is applied on top; arguments as `load_scenario`."""
+    if not _is_file(scenario):
+        return (str(diagram_path(PACKAGED)), str(scenario), *filter(None, texts))
+    name = only_scenario(scenario) if not texts else str(texts[0])
+    return (str(scenario), name, *filter(None, texts[1:]))
+
+
+def _is_file(scenario: str | Path) -> bool:
+    return isinstance(scenario, Path) or str(scenario).endswith((".yaml", ".yml"))
 
 
 def _wrong_with(scenario: Scenario) -> str | None:

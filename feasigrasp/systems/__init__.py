@@ -3,6 +3,7 @@
 from feasigrasp.lazy import TYPE_CHECKING, hand_on
 
 if TYPE_CHECKING:
+    from feasigrasp.systems.controller_inputs import ControllerInputs
     from feasigrasp.systems.dynamic_grasp import DynamicGrasp, Subsystems, make_dynamic_grasp
     from feasigrasp.systems.gp_joint_controller import GPJointController
     from feasigrasp.systems.grasp_controller import GraspController
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from feasigrasp.systems.velocity_drive import VelocityDrive
 
 __all__ = [
+    "ControllerInputs",
     "DynamicGrasp",
     "GPJointController",
     "GraspController",
@@ -37,7 +39,7 @@ __all__ = [
     "make_dynamic_grasp",
 ]
 
-__getattr__ = hand_on(
+__getattr__, __dir__ = hand_on(
     __name__,
     {
         "Station": "station.station",
@@ -52,6 +54,7 @@ __getattr__ = hand_on(
         "VelocityDrive": "velocity_drive",
         "ObjectTracker": "object_tracker",
         "Metrics": "metrics",
+        "ControllerInputs": "controller_inputs",
         "GraspController": "grasp_controller",
         "DynamicGrasp": "dynamic_grasp",
         "Subsystems": "dynamic_grasp",

@@ -1,4 +1,4 @@
-"""What a controller of the arm knows at one instant."""
+"""The inputs of a controller of the arm at one instant."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from feasigrasp.systems.ports import optional
 
 
 class ControllerInputs:
-    """What a controller knows at one instant.
+    """The inputs of a `GraspController` at one instant: what `update` and `velocity` are given.
 
-    Every entry is read from its port when it is asked for: at control rate a port that nobody needs
+    Every property reads its port when it is asked for: at control rate a port that nobody needs
     costs as much as the law itself.
     """
 
     __slots__ = ("_context", "_controller")
 
     def __init__(self, controller: Any, context: Context) -> None:
-        """The inputs of a `GraspController` in a context."""
+        """The inputs of a controller in a context."""
         self._controller, self._context = controller, context
 
     @property

@@ -22,4 +22,4 @@ __all__ = [
     "perceive",
 ]
 
-__getattr__ = hand_on(__name__, {"NetworkSampler": "network_sampler"})
+__getattr__, __dir__ = hand_on(__name__, {"NetworkSampler": "network_sampler"})
