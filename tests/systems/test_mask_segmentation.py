@@ -107,6 +107,17 @@ def test_what_is_no_mask_of_the_image_is_refused(mask, message, fixed_context):
         dut.get_output_port().Eval(context)
 
 
+def test_a_wrong_mask_is_told_by_the_name_of_its_function_or_class(fixed_context):
+    class Network:
+        def __call__(self, color, depth, time):
+            return color
+
+    for mask, name in ((Network(), "Network"), (Network().__call__, "Network.__call__")):
+        dut, context = context_of(mask, fixed_context)
+        with pytest.raises(CameraError, match=rf"{__name__}\..*{name} returned an array of uint8"):
+            dut.get_output_port().Eval(context)
+
+
 def test_an_image_of_another_size_is_refused(fixed_context):
     dut, context = context_of(lambda *image: None, fixed_context, width=32)
     with pytest.raises(CameraError, match="image of 32 x 48 pixels, but the camera has 64 x 48"):

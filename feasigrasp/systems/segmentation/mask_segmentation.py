@@ -95,7 +95,7 @@ class MaskSegmentation(LeafSystem):
         return image
 
 
-def checked_mask(mask: Any, shape: tuple[int, int], made_by: object) -> Mask:
+def checked_mask(mask: Any, shape: tuple[int, int], made_by: Any) -> Mask:
     """What a mask function returned, if it is a mask of an image of that shape.
 
     Raises:
@@ -106,7 +106,9 @@ def checked_mask(mask: Any, shape: tuple[int, int], made_by: object) -> Mask:
     what = type(mask).__name__
     if isinstance(mask, np.ndarray):
         what = f"an array of {mask.dtype} of shape {mask.shape}"
+    named = made_by if hasattr(made_by, "__qualname__") else type(made_by)
     raise CameraError(
-        f"the segmentation {made_by!r} returned {what}; have it return a bool array of shape "
-        f"{shape}, height and width of the image, true where the object is"
+        f"the segmentation {named.__module__}.{named.__qualname__} returned {what}; have it "
+        f"return a bool array of shape {shape}, height and width of the image, true where the "
+        "object is"
     )
