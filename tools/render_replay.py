@@ -16,7 +16,7 @@ from feasigrasp.evaluation.runs.replay import screenshot
 
 #: Moves the animation to a time as soon as it is there, and hides the controls.
 _SEEK = """
-<style>.dg {{ display: none !important; }}</style>
+<style>.dg, #grasp-bar {{ display: none !important; }}</style>
 <script>
   setInterval(() => {{
     const animator = viewer.animator;

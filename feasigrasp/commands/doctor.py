@@ -50,6 +50,12 @@ camera = DepthRenderCamera(core, DepthRange(0.1, 3.0))
 image = query.RenderDepthImage(camera, scene_graph.world_frame_id(), RigidTransform())
 print("depth", float(image.data[16, 16, 0]))
 """
+#: Runs a packaged scenario by the wrist camera for 0.2 s, as a user would.
+_RUN = """
+from feasigrasp.cli import main
+
+raise SystemExit(main(["run", "ReachLinear", "--duration", "0.2"]))
+"""
 
 
 class Health(StrEnum):
@@ -203,6 +209,26 @@ def files() -> Iterator[Finding]:
         yield Finding(Health.PROBLEM, f"{error}: {mend}")
 
 
+def scenario() -> Iterator[Finding]:
+    """Whether a scenario of the package can be built and simulated, in a process of its own."""
+    from feasigrasp.warm_up import is_warm
+
+    if not is_warm({"task"}):
+        print("note: trying a scenario compiles for minutes, once", file=sys.stderr)
+    done = subprocess.run([sys.executable, "-c", _RUN], capture_output=True, text=True)
+    if done.returncode == 0:
+        yield Finding(Health.OK, "scenario: ReachLinear runs for 0.2 s, camera included")
+        return
+    lines = done.stderr.strip().splitlines()[-1:] or done.stdout.strip().splitlines()[:1]
+    why = lines[0] if lines else f"status {done.returncode}"
+    drake = next((entry for entry in requires("feasigrasp") or [] if entry.startswith("drake")), "")
+    yield Finding(
+        Health.PROBLEM,
+        f"scenario: ReachLinear does not run ({why}): pip install --force-reinstall '{drake}', or "
+        "see 'feasigrasp run ReachLinear --duration 0.2' for all of it",
+    )
+
+
 def browser() -> Iterator[Finding]:
     """Whether there is a browser that takes pictures of replays."""
     from feasigrasp.evaluation.runs import replay
@@ -253,6 +279,7 @@ LOOKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     solids,
     compiled_code,
     files,
+    scenario,
     browser,
     messages,
 )

@@ -151,7 +151,9 @@ def main(args: argparse.Namespace) -> int:
         compile_ahead(groups)
     live = LiveView(quiet_meshcat()) if args.live else None
     if live is not None:
-        print(f"watch it at {live.meshcat.web_url()}", flush=True)
+        print(
+            f"open {live.server.url} in a browser; the run starts there, or with Enter", flush=True
+        )
     line = StatusLine()
     kept = partial(keep, results=args.results, line=line)
     try:
@@ -183,6 +185,8 @@ def main(args: argparse.Namespace) -> int:
         result.write_log(args.log)
     for filename in filter(None, (args.results, args.replay, args.log)):
         print(f"wrote {filename}")
+    if live is not None and result.record["error"] != INTERRUPTED:
+        live.stay()
     return {None: 0, INTERRUPTED: STATUS}.get(result.record["error"], 1)
 
 

@@ -25,7 +25,14 @@ def test_this_installation_is_well(capsys):
     assert out.endswith("all is well\n") and "problem " not in out
     for name in ("drake", "numba", "torch"):
         assert f"ok       {name} {metadata.version(name)}\n" in out
-    for word in ("rendering", "threads", "compiled code", "ik_flow.npz", "manifold3d", "scenarios"):
+    for word in (
+        "rendering",
+        "threads",
+        "compiled code",
+        "ik_flow.npz",
+        "manifold3d",
+        "scenario: ",
+    ):
         assert word in out
 
 
@@ -122,3 +129,25 @@ def test_without_a_browser_there_are_no_pictures(monkeypatch):
     assert found(doctor.browser) == Finding(
         Health.OK, f"browser for pictures of replays: {sys.executable}"
     )
+
+
+@pytest.mark.parametrize(
+    ("before", "says"),
+    [
+        ("import pydrake.systems.analysis as a; del a.ApplySimulatorConfig", "cannot import name"),
+        (
+            "import feasigrasp.systems.dynamic_grasp as d\n"
+            "def broken(*_): raise TypeError('no publish_every_time_step')\n"
+            "d.make_camera = d.add_station = d.DiagramBuilder = broken",
+            "no publish_every_time_step",
+        ),
+        ("import sys; print('broke off (solver)'); sys.exit(1)", "broke off (solver)"),
+        ("import os; os.abort()", "status -6"),
+    ],
+)
+def test_a_scenario_that_does_not_run_is_told_in_one_line_with_a_mend(before, says, monkeypatch):
+    monkeypatch.setattr(doctor, "_RUN", before + doctor._RUN)
+    finding = found(doctor.scenario)
+    assert finding.health is Health.PROBLEM
+    assert says in finding.text and "\n" not in finding.text
+    assert "pip install --force-reinstall 'drake" in finding.text

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import logging
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
-from string import Template
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from feasigrasp.errors import FeasigraspError
+from feasigrasp.evaluation.views.overlay import replay_overlay
 from feasigrasp.models.control.status import Status
 from feasigrasp.outputs import write_text
 from feasigrasp.systems.monitoring.camera_pictures import Picture
@@ -38,7 +35,7 @@ def quiet_meshcat() -> Meshcat:
     level = drake_log.level
     drake_log.setLevel(logging.WARNING)  # do not announce an address that nobody needs
     try:
-        return Meshcat(MeshcatParams(host="localhost", port=0))
+        return Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
     finally:
         drake_log.setLevel(level)
 
@@ -64,14 +61,14 @@ def write_replay(
     Args:
         meshcat: It has recorded.
         filename: The file.
-        history: What a line at the foot of the page says, and from when on. With it comes a legend;
-            without it there is nothing but the recording.
+        history: What a line at the foot of the page says, and from when on. With it come a legend
+            and a bar that plays; without it there is nothing but the recording.
         pictures: What an inset shows beside it.
         ghost: Mode of the translucent arm, if there is one.
     """
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    write_html(meshcat, filename, _overlay(history, pictures, ghost) if history else "")
+    write_html(meshcat, filename, replay_overlay(history, pictures, ghost) if history else "")
 
 
 def write_html(meshcat: Meshcat, filename: Path, extra: str = "") -> None:
@@ -79,25 +76,6 @@ def write_html(meshcat: Meshcat, filename: Path, extra: str = "") -> None:
     page = meshcat.StaticHtml()
     end = page.rindex("</body>")
     write_text(filename, page[:end] + extra + page[end:])
-
-
-def _overlay(history: Sequence[Status], pictures: Sequence[Picture], ghost: str) -> str:
-    """HTML of legend, status and picture at the time that is being played.
-
-    Meshcat knows the time that it plays, but has no text of its own.
-    """
-    statuses = [[s.time, str(s.code).replace("_", " "), s.detail] for s in history]
-    shown = [[picture.time, base64.b64encode(picture.jpeg).decode()] for picture in pictures]
-    page = resources.files("feasigrasp.evaluation.runs").joinpath("replay_overlay.html")
-    row = f'<div><i class="ghost"></i>the arm in mode {ghost}</div>' if ghost else ""
-    return Template(page.read_text()).substitute(
-        statuses=_script(statuses), pictures=_script(shown), ghost=row
-    )
-
-
-def _script(value: object) -> str:
-    """JSON that cannot end the script that it stands in."""
-    return json.dumps(value).replace("</", "<\\/")
 
 
 def browser() -> str | None:

@@ -164,6 +164,9 @@ def run(
             simulator.set_monitor(_Monitor(watched_run, interrupted, line, live))
             if interrupted.is_set():
                 raise KeyboardInterrupt  # there is nothing yet
+            if live is not None:
+                say(f"waiting for a browser at {live.server.url}; Enter starts without")
+                live.wait_for_browser(interrupted)
             started = time.perf_counter()
             say("starting the simulation")
             try:
@@ -337,6 +340,7 @@ class _Monitor:
         self._sequencer = diagram.GetSubsystemByName("sequencer")
         self._status = diagram.GetSubsystemByName("status")
         self._station = diagram.GetSubsystemByName("station")
+        self._camera = diagram.GetSubsystemByName("camera_pictures") if live else None
         self._object_pose = self._station.GetOutputPort("object.pose")
         self._next = 0.0
         self._began = time.perf_counter()
@@ -350,8 +354,7 @@ class _Monitor:
         if time < self._next:
             return EventStatus.DidNothing()
         self._next = time + 0.5 * SAMPLE_PERIOD
-        if self._line is not None:
-            self._say(self._line, context)
+        self._say(context)
         state = self._sequencer.state(self._sequencer.GetMyContextFromRoot(context))
         # One sample later than the end, so that the log shows it.
         if state.phase == Phase.DONE and time >= state.since + SAMPLE_PERIOD:
@@ -362,7 +365,15 @@ class _Monitor:
             return EventStatus.ReachedTermination(self._station, "the object has fallen")
         return EventStatus.DidNothing()
 
-    def _say(self, line: StatusLine, context: Context) -> None:
-        wall = time.perf_counter() - self._began
+    def _say(self, context: Context) -> None:
+        if self._line is None and self._live is None:
+            return
         history = self._status.history(self._status.GetMyContextFromRoot(context))
-        line.show(progress(context.get_time(), wall, history), patient=True)
+        if self._line is not None:
+            wall = time.perf_counter() - self._began
+            self._line.show(progress(context.get_time(), wall, history), patient=True)
+        if self._live is not None and self._camera is not None:
+            status, picture = (
+                entries[-1] if entries else None for entries in (history, self._camera.pictures)
+            )
+            self._live.server.show(context.get_time(), status, picture)

@@ -8,11 +8,14 @@ from html.parser import HTMLParser
 
 import numpy as np
 from PIL import Image
+from pydrake.geometry import Box
+from pydrake.math import RigidTransform
 
 from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.models.control.status import Status, StatusCode
 from feasigrasp.systems.monitoring.camera_pictures import Picture, jpeg
 from feasigrasp.systems.monitoring.grasp_visualizer import INVENTED, REACHABLE, SEEN
+from tests.browser import visit
 
 HISTORY = (
     Status(0.0, StatusCode.NOTHING_SEEN, "no view of the object yet"),
@@ -75,15 +78,78 @@ def test_legend_has_the_colours_of_what_is_drawn(tmp_path):
     write_replay(start_recording(), tmp_path / "replay.html", HISTORY)
     page = (tmp_path / "replay.html").read_text()
     drawn = {
-        "seen": SEEN,
-        "guessed": INVENTED,
-        "reach": [REACHABLE.r(), REACHABLE.g(), REACHABLE.b()],
+        "observed surface": SEEN,
+        "completed surface": INVENTED,
+        "reachable grasps": [REACHABLE.r(), REACHABLE.g(), REACHABLE.b()],
     }
     for word, color in drawn.items():
-        (value,) = re.findall(rf'background: #(\w{{6}})"></i>[\w ,]*{word}<', page)
+        (value,) = re.findall(rf'background: #(\w{{6}})"></i>{word}<', page)
         assert np.allclose(list(bytes.fromhex(value)), 255.0 * np.asarray(color), atol=2.0)
 
 
 def test_without_statuses_there_is_no_line(tmp_path):
     write_replay(start_recording(), tmp_path / "replay.html")
     assert "const statuses" not in (tmp_path / "replay.html").read_text()
+
+
+#: A page of which no picture is taken has no frames of its own.
+FRAMES = """<!DOCTYPE html><script>
+  window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 20);
+</script>"""
+#: What somebody does with the bar; every step notes the bodies' times and what the button offers.
+USE = """
+<script>
+  const wait = (seconds) => new Promise((done) => setTimeout(done, 1e3 * seconds));
+  const notes = [];
+  const note = async (what) => {
+    await wait(0.2);  // the button is set every now and then
+    notes.push([what, animator.actions.map((action) => action.time), button.textContent,
+      document.getElementById("grasp-status").textContent]);
+  };
+  const space = () => document.dispatchEvent(new KeyboardEvent("keydown", { key: " " }));
+  const scrub = (time) => {
+    slider.value = time;
+    slider.dispatchEvent(new Event("input"));
+  };
+  (async () => {
+    while (animator.actions.length === 0) await wait(0.05);
+    await note("plays");
+    scrub(1.8);
+    await note("scrubbed");
+    await note("stands");
+    space();
+    while (timeShown() >= 1.8) await wait(0.05);
+    await note("begins anew");
+    button.click();
+    await note("paused");
+    await note("still");
+    document.title = JSON.stringify(notes);
+  })();
+</script>
+"""
+
+
+def test_bar_plays_pauses_scrubs_and_loops_all_bodies_together(tmp_path):
+    """One body moves for 2 s, the other for 1 s, after which it stands until both begin anew."""
+    meshcat = start_recording()
+    for name, last in (("long", 2.0), ("short", 1.0)):
+        meshcat.SetObject(name, Box(0.1, 0.1, 0.1))
+        for time in np.linspace(0.0, last, 9):
+            meshcat.SetTransform(name, RigidTransform([0.0, 0.0, time]), time)
+    page = tmp_path / "replay.html"
+    write_replay(meshcat, page, HISTORY)
+    page.write_text(FRAMES + page.read_text().replace("</body>", USE + "</body>"))
+    notes, _ = visit(page.as_uri(), tmp_path, seconds=20.0)
+    times = {what: sorted(at) for what, at, *_ in notes}
+    offers = {what: offer for what, _, offer, _ in notes}
+    assert times["scrubbed"] == times["stands"] == [1.0, 1.8]
+    short, long = times["begins anew"]
+    assert short == long < 1.0
+    assert times["paused"] == times["still"]
+    assert offers == {
+        **dict.fromkeys(("plays", "begins anew"), "pause"),
+        **dict.fromkeys(("scrubbed", "stands", "paused", "still"), "play"),
+    }
+    said = {what: words for what, *_, words in notes}
+    assert said["stands"] == '1.8 s: no grasp (too "wide" </script><b>)'
+    assert "no view of the object yet" in said["begins anew"]
