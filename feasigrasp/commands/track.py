@@ -13,6 +13,7 @@ object is needed. The object's poses are written as TUM's trajectories are, its 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,13 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.evaluation.tracking.depth_folder import DepthFolder, read_depth_folder
 from feasigrasp.evaluation.tracking.unaided import UnaidedTracker
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.clouds.table import check_no_table
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.outputs import check_outputs, replacing
+
+#: Lengths that are plausible [m]: at least three voxels of a field (3 mm each), and at most
+#: twice the longest built-in object (the hammer, 0.24 m).
+SMALLEST, LARGEST = 0.01, 0.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,18 +74,50 @@ def _rate(text: str) -> float:
     return rate
 
 
+def check_size(points: Array, gpdf: Gpdf) -> None:
+    """Refuses a first view that is mostly a table, and notes a size that objects hardly have.
+
+    Args:
+        points: The observed surface, shape (n, 3) [m].
+        gpdf: Its field.
+
+    Raises:
+        PointCloudError: It shows a table.
+    """
+    try:
+        check_no_table(points, None)
+    except PointCloudError as error:
+        raise PointCloudError(
+            f"{str(error).partition(': a table')[0]}: a table. Give --on-table, a --box about the "
+            "object, or masks"
+        ) from error
+    size = float(np.ptp(gpdf.completion.points, axis=0).max())
+    if not SMALLEST < size < LARGEST:
+        print(
+            f"note: the object is {100.0 * size:.1f} cm long at first; if it is not, give a --box "
+            "about it, masks, or --on-table, and check depth_scale in camera.json",
+            file=sys.stderr,
+        )
+
+
 def followed(recording: DepthFolder, tracker: UnaidedTracker) -> tuple[UnaidedTracker, Array]:
     """Plays a recording.
 
     Returns:
         The tracker at the end; and X_WO of the images that gave a pose, NaN for the others, shape
         (n, 4, 4).
+
+    Raises:
+        PointCloudError: The first view of the object shows a table.
     """
-    poses = np.full((len(recording.files), 4, 4), np.nan)
+    poses, checked = np.full((len(recording.files), 4, 4), np.nan), False
     for k in tqdm(range(len(recording.files)), unit="image", desc="tracking"):
         time = float(recording.times[k])
         tracker = tracker.looked(recording.depth(k), recording.X_WC[k], time, recording.mask(k))
-        track = tracker.tracker.track
+        shape, track = tracker.tracker.shape, tracker.tracker.track
+        if shape.gpdf is not None and not checked:
+            check_size(shape.cloud.points, shape.gpdf)
+            checked = True
         if track.estimate is not None and track.measured_at == time:
             poses[k] = track.estimate.X_WO
     return tracker, poses

@@ -1,6 +1,7 @@
 """``feasigrasp track``: a recorded folder of depth images, as somebody with a camera has one."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from feasigrasp import cli
+from feasigrasp.commands.track import check_size
 from feasigrasp.errors import InputError
 from feasigrasp.evaluation.tracking.depth_folder import read_depth_folder
 from feasigrasp.models.clouds.files import read_cloud
@@ -137,3 +139,20 @@ def test_what_is_wrong_with_a_folder_is_said(recording, tmp_path, spoil, said):
 def test_an_empty_folder_is_refused_in_one_line(tmp_path, capsys):
     assert cli.main(["track", "--folder", str(tmp_path)]) == 2
     assert "there are no depth images" in capsys.readouterr().err
+
+
+def test_a_table_that_is_taken_for_the_object_is_named_with_the_mend(recording, tmp_path, capsys):
+    argv = ["track", "--folder", str(recording), "--poses", str(tmp_path / "p.txt")]
+    assert cli.main(argv) == 2
+    said = capsys.readouterr().err
+    assert "is one plane" in said and "--on-table" in said and "--box" in said
+    assert not (tmp_path / "p.txt").exists()
+
+
+@pytest.mark.parametrize(("scale", "noted"), [(0.05, True), (1.0, False), (10.0, True)])
+def test_a_size_that_no_object_has_is_noted(scale, noted, capsys):
+    points = scale * np.random.default_rng(0).standard_normal((500, 3)) * 0.02
+    check_size(points, SimpleNamespace(completion=SimpleNamespace(points=points)))
+    said = capsys.readouterr().err
+    length = 100.0 * np.ptp(points, axis=0).max()
+    assert (f"{length:.1f} cm" in said and "depth_scale" in said) == noted
