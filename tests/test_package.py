@@ -27,7 +27,7 @@ ORDER = (
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),
-    ("models.faults",),
+    ("models.faults", "recordings"),
     ("models.ik", "models.shape", "models.segmentation"),
     ("models.tracking",),
     ("models.grasps.network",),
@@ -254,7 +254,8 @@ def test_every_import_is_a_declared_dependency(repository):
     # What makes training data, runs on a cluster or compares with peers may need more; it says
     # what to install.
     extra = project["optional-dependencies"]
-    entries = [*project["dependencies"], *extra["train"], *extra["cluster"], *extra["peers"]]
+    optional = ("train", "cluster", "peers", "realsense")
+    entries = [*project["dependencies"], *(entry for name in optional for entry in extra[name])]
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in entries}
     module_of = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
     module_of["small-gicp"] = "small_gicp"

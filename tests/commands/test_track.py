@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from feasigrasp import cli
 from feasigrasp.commands.track import check_size
 from feasigrasp.errors import InputError
-from feasigrasp.evaluation.tracking.depth_folder import read_depth_folder
 from feasigrasp.models.clouds.files import read_cloud
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.raycasting import Raycaster
+from feasigrasp.recordings.folder import read_depth_folder
 from tests.object_views import CAMERA, FOCAL, HEIGHT, WIDTH, camera_at
 from tests.tracked_block import MESH, SURFACE
 
@@ -129,7 +129,7 @@ def test_what_is_wrong_with_a_folder_is_said(recording, tmp_path, spoil, said):
     (tmp_path / "depth").mkdir()
     for name in ("camera.json", "groundtruth.txt"):
         (tmp_path / name).write_text((recording / name).read_text())
-    Image.fromarray(np.zeros((4, 4), dtype=np.uint16)).save(tmp_path / "depth" / "1.0.png")
+    Image.fromarray(np.zeros((HEIGHT, WIDTH), dtype=np.uint16)).save(tmp_path / "depth" / "1.0.png")
     (tmp_path / "depth.txt").write_text("1000.0 depth/1.0.png")
     spoil(tmp_path)
     with pytest.raises(InputError, match=said):

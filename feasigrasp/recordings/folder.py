@@ -3,14 +3,11 @@
 ::
 
     depth/*.png      16-bit depth images
-    camera.json      fx, fy, cx, cy [px] and depth_scale, millimetres per unit (BOP)
+    camera.json      fx, fy, cx, cy [px] and depth_scale, see `feasigrasp.recordings.camera_file`
     depth.txt        optional, "time file" line by line (TUM); else the files' names are times if
                      they are numbers with a point, as TUM's are, or the images come at a rate
     mask/*.png       optional, of the same names: other than zero where the object is
     groundtruth.txt  optional, "time tx ty tz qx qy qz qw" of the camera (TUM); else it stands still
-
-In ``camera.json`` may also be ``near`` [m], the least depth that is measured, and ``baseline`` [m]
-of a stereo camera, which say how far its depth is believed.
 """
 
 from __future__ import annotations
@@ -19,19 +16,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from feasigrasp.errors import CameraError, InputError
-from feasigrasp.inputs import read_json
+from feasigrasp.errors import InputError
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.geometry import se3
+from feasigrasp.recordings.camera_file import read_camera
+from feasigrasp.recordings.images import check_size, check_unit, read_depth, read_mask
 
-#: Least depth that is measured, unless the folder says so [m].
-_NEAR = 0.1
 #: A pose of the camera is that of an image that was taken no farther from it in time [s].
 _SAME_TIME = 0.02
 
@@ -62,7 +55,9 @@ class DepthFolder(Frozen):
         Raises:
             InputError: It cannot be read, or has another size than the first.
         """
-        return self.unit * self._image(self.files[k]).astype(float)
+        depth = read_depth(self.files[k], self.unit)
+        check_size(self.files[k], depth.shape, (self.camera.height, self.camera.width))
+        return depth
 
     def mask(self, k: int) -> Mask | None:
         """The object's pixels in image k, if there is a mask of it, shape (height, width).
@@ -71,16 +66,8 @@ class DepthFolder(Frozen):
             InputError: It cannot be read, or has another size than the depth.
         """
         file = self.masks.get(self.files[k].stem)
-        return None if file is None else self._image(file) > 0
-
-    def _image(self, file: Path) -> NDArray[np.integer]:
-        image = _read_image(file)
-        if image.shape != (self.camera.height, self.camera.width):
-            raise InputError(
-                f"{file} has {image.shape[1]} x {image.shape[0]} pixels, but the first image "
-                f"{self.camera.width} x {self.camera.height}"
-            )
-        return image
+        shape = self.camera.height, self.camera.width
+        return None if file is None else read_mask(file, shape)
 
 
 def read_depth_folder(folder: str | Path, rate: float = 30.0) -> DepthFolder:
@@ -91,35 +78,23 @@ def read_depth_folder(folder: str | Path, rate: float = 30.0) -> DepthFolder:
         rate: Images per second, where nothing says when they were taken.
 
     Raises:
-        InputError: Something is missing or cannot be read.
-        CameraError: The camera has no focal length.
+        InputError: Something is missing or cannot be read, or the depths are in another unit.
+        CameraError: The camera is not that of the images.
     """
     root = Path(folder)
     if not root.is_dir():
         raise InputError(f"there is no folder {root}")
     files, times = _stamped(root, rate)
-    height, width = _read_image(files[0]).shape
-    content = read_json(root / "camera.json")
-    try:
-        fx, fy, cx, cy = (float(content[name]) for name in ("fx", "fy", "cx", "cy"))
-        scale, near, baseline = (
-            float(content.get(name, usual))
-            for name, usual in (
-                ("depth_scale", 1.0),
-                ("near", _NEAR),
-                ("baseline", DepthNoise.baseline),
-            )
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(
-            f"{root / 'camera.json'}: {error!r}; give the numbers fx, fy, cx, cy [px] and "
-            "depth_scale [mm per unit]"
-        ) from error
-    if not (min(fx, fy, scale) > 0.0 and np.isfinite([fx, fy, cx, cy, scale, near]).all()):
-        raise CameraError(f"{root / 'camera.json'}: give positive fx, fy and depth_scale")
-    camera = Camera((fx, fy, cx, cy), width, height, near, DepthNoise(baseline=baseline).axial(fx))
+    info = read_camera(root / "camera.json")
+    for file in files:
+        depth = read_depth(file, info.unit)
+        if depth.any():
+            break
+    check_unit(file, depth, info.unit)
+    height, width = depth.shape
+    camera = info.camera(width, height)
     masks = {file.stem: file for file in sorted((root / "mask").glob("*.png"))}
-    return DepthFolder(camera, files, times, 1e-3 * scale, _camera_poses(root, times), masks)
+    return DepthFolder(camera, files, times, info.unit, _camera_poses(root, times), masks)
 
 
 def _stamped(root: Path, rate: float) -> tuple[list[Path], Array]:
@@ -168,18 +143,6 @@ def _lines(file: Path) -> list[str]:
     except (OSError, ValueError) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
     return [line for line in lines if line.strip() and not line.startswith("#")]
-
-
-def _read_image(file: Path) -> NDArray[np.integer]:
-    """A picture of one channel, shape (h, w)."""
-    try:
-        with Image.open(file) as image:
-            pixels = np.asarray(image)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InputError(f"{file} is no whole picture ({error})") from error
-    if pixels.ndim != 2:
-        raise InputError(f"{file} has {pixels.shape[-1]} channels; a depth image or mask has one")
-    return pixels
 
 
 def _is_number(text: str) -> bool:

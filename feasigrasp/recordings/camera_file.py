@@ -1,0 +1,129 @@
+"""The file ``camera.json`` beside depth images: intrinsics and unit, in the keys of BOP.
+
+::
+
+    fx, fy, cx, cy   focal lengths and principal point, for whole-numbered pixels [px]
+    depth_scale      millimetres per unit of the images; 1 if it is not there
+    width, height    optional: size of the images [px]
+    near             optional: least depth that is measured [m]
+    baseline         optional: distance between the imagers of a stereo camera [m]
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from feasigrasp.errors import CameraError, InputError
+from feasigrasp.inputs import read_json
+from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+
+#: Bounds of focal length over image width: fields of view from 3 to 136 degrees. The widest depth
+#: camera in use, the Azure Kinect, has 120; normalized intrinsics are below it.
+_FOCAL_SHARE = 0.2, 20.0
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """Intrinsics, unit and range of a depth camera.
+
+    Attributes:
+        intrinsics: fx, fy, cx, cy for whole-numbered pixels [px].
+        unit: Metres per unit of its images; millimetres by default.
+        size: Width and height of its images [px], if they are given.
+        near: Least depth that it measures [m].
+        baseline: Distance between its two imagers [m]; by default that of a RealSense D435.
+        source: What errors call it.
+    """
+
+    intrinsics: tuple[float, float, float, float]
+    unit: float = 1e-3
+    size: tuple[int, int] | None = None
+    near: float = 0.1
+    baseline: float = DepthNoise.baseline
+    source: str = "the camera"
+
+    def __post_init__(self) -> None:
+        """Checks the figures.
+
+        Raises:
+            CameraError: A focal length, the unit or the baseline is not positive, or not finite.
+        """
+        positive = *self.intrinsics[:2], self.unit, self.baseline
+        if not (
+            min(positive) > 0.0 and np.isfinite([*positive, *self.intrinsics, self.near]).all()
+        ):
+            raise CameraError(f"{self.source}: give positive fx, fy, depth_scale and baseline")
+
+    def camera(self, width: int, height: int) -> Camera:
+        """The camera of images of that size.
+
+        Raises:
+            CameraError: The intrinsics are those of images of another size.
+        """
+        fx, fy, cx, cy = self.intrinsics
+        given = f"{self.source}: fx, fy, cx, cy = {fx:g}, {fy:g}, {cx:g}, {cy:g}"
+        if self.size not in (None, (width, height)):
+            raise CameraError(
+                f"{self.source} is of images of {self.size[0]} x {self.size[1]} pixels, this one "
+                f"has {width} x {height}; give the camera file of this size"
+            )
+        low, high = (share * width for share in _FOCAL_SHARE)
+        inside = -0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5
+        if not (low < fx < high and low < fy < high and inside):
+            raise CameraError(
+                f"{given} are no intrinsics of {width} x {height} pixels; give those of this "
+                "image size, in pixels"
+            )
+        noise = DepthNoise(baseline=self.baseline).axial(fx)
+        return Camera(self.intrinsics, width, height, self.near, noise)
+
+    def to_json(self) -> str:
+        """The content of its ``camera.json``."""
+        content = dict(zip(("fx", "fy", "cx", "cy"), self.intrinsics, strict=True))
+        content |= {"depth_scale": round(1e3 * self.unit, 6)}
+        content |= {} if self.size is None else {"width": self.size[0], "height": self.size[1]}
+        return json.dumps(content | {"near": self.near, "baseline": self.baseline}, indent=1) + "\n"
+
+
+def read_camera(given: str | Path) -> CameraInfo:
+    """Reads a camera file, or intrinsics that are given as text.
+
+    Args:
+        given: A file, see above; or ``fx,fy,cx,cy`` [px], of images in millimetres.
+
+    Raises:
+        InputError: There is no such file, or it lacks something.
+        CameraError: See `CameraInfo`.
+    """
+    try:
+        fx, fy, cx, cy = (float(number) for number in str(given).split(","))
+    except ValueError:
+        return _read_file(Path(given))
+    return CameraInfo((fx, fy, cx, cy), source=f"intrinsics {given}")
+
+
+def _read_file(file: Path) -> CameraInfo:
+    if not file.is_file():
+        raise InputError(f"there is no file {file}; give camera.json, or the numbers fx,fy,cx,cy")
+    content = read_json(file)
+    try:
+        fx, fy, cx, cy = (float(content[name]) for name in ("fx", "fy", "cx", "cy"))
+        size = (int(content["width"]), int(content["height"])) if "width" in content else None
+        scale, near, baseline = (
+            float(content.get(name, usual))
+            for name, usual in (
+                ("depth_scale", 1.0),
+                ("near", CameraInfo.near),
+                ("baseline", CameraInfo.baseline),
+            )
+        )
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"{file}: {error!r}; give the numbers fx, fy, cx, cy [px] and depth_scale [mm per unit]"
+        ) from error
+    return CameraInfo((fx, fy, cx, cy), 1e-3 * scale, size, near, baseline, str(file))
