@@ -1,12 +1,16 @@
-"""``feasigrasp perceive``: complete an object from a real cloud and find grasps, without a robot.
+"""``feasigrasp perceive``: complete an object from a cloud or depth image and find grasps.
 
 For example::
 
+    feasigrasp perceive --sample --grasps grasps.json
+    feasigrasp perceive --depth depth/000000.png --on-table --grasps grasps.json
     feasigrasp perceive --cloud mug.ply --picture out/mug.png --html out/mug.html
 
-The cloud shows one object, in metres, in the camera's frame (the camera in the origin, z forward);
-``--scale``, ``--crop``, ``--on-table``, ``--viewpoint`` and ``--merged`` are for clouds that
-differ. ``--sampler`` chooses where grasps come from, as in scenarios.
+A depth image is a 16-bit PNG, with ``--intrinsics`` or a ``camera.json`` beside it or one folder
+up, as `feasigrasp record` writes it; ``--mask`` shows the object in it. A cloud shows one object,
+in metres, in the camera's frame (the camera in the origin, z forward); ``--scale``, ``--crop``,
+``--on-table``, ``--viewpoint`` and ``--merged`` are for clouds that differ. ``--sampler`` chooses
+where grasps come from, as in scenarios.
 """
 
 from __future__ import annotations
@@ -25,6 +29,9 @@ from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.segmentation.tabletop import object_on_table
 from feasigrasp.outputs import check_outputs
+from feasigrasp.recordings.capture import camera_file_of, captured_points
+from feasigrasp.resources import model_path
+from feasigrasp.results.grasps_file import check_suffix, write_grasps
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
 REASONS: dict[str, str] = {
@@ -43,13 +50,35 @@ _MANY = 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--cloud", type=Path, help="Cloud: a .ply, .pcd, .npy or .npz file.")
+    source.add_argument("--depth", type=Path, help="Depth image: a 16-bit PNG.")
+    source.add_argument(
+        "--sample", action="store_true", help="The depth image of a mug that comes with feasigrasp."
+    )
     parser.add_argument(
-        "--cloud", type=Path, required=True, help="Cloud: a .ply, .pcd, .npy or .npz file."
+        "--intrinsics",
+        metavar="FX,FY,CX,CY|FILE",
+        help="Intrinsics of the depth image, in pixels, or its camera.json. Default: the "
+        "camera.json beside it, or one folder up.",
+    )
+    parser.add_argument(
+        "--mask", type=Path, help="Mask of the depth image: not zero where the object is."
+    )
+    parser.add_argument(
+        "--box",
+        type=int,
+        nargs=4,
+        metavar=("LEFT", "TOP", "RIGHT", "BOTTOM"),
+        help="Keep the pixels of the depth image inside this box, in pixels.",
+    )
+    parser.add_argument(
+        "--grasps", type=Path, help="Write poses, widths and scores to this JSON file."
     )
     parser.add_argument(
         "--picture",
         type=Path,
-        help="Write the picture to this PNG. Default: out/perceive/<cloud>.png.",
+        help="Write the picture to this PNG. Default: out/perceive/<input>.png.",
     )
     parser.add_argument(
         "--html",
@@ -57,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="Write the 3-D view to this HTML file. Default: beside the picture.",
     )
     parser.add_argument(
-        "--scale", type=float, default=1.0, help="Unit of the cloud, in metres, e.g. 0.001."
+        "--scale", type=float, help="Unit of the cloud, in metres, e.g. 0.001. Default: 1."
     )
     parser.add_argument(
         "--crop",
@@ -77,7 +106,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--viewpoint",
         type=float,
         nargs=3,
-        default=(0.0, 0.0, 0.0),
         metavar=("X", "Y", "Z"),
         help="Position of the camera, in metres. Default: the origin.",
     )
@@ -147,16 +175,44 @@ def print_table(name: str, perception: Perception) -> None:
         print(f"{1e3 * gripper.max_opening:.0f} mm)")
 
 
-def main(args: argparse.Namespace) -> int:
-    """Runs the command."""
-    viewpoint = None if args.merged else args.viewpoint
-    picture = args.picture or Path("out/perceive") / f"{args.cloud.stem}.png"
-    html = args.html or picture.with_suffix(".html")
+def _check_options(args: argparse.Namespace) -> None:
+    """Refuses options that say nothing of what is given."""
+    of_cloud = {"--scale": args.scale, "--viewpoint": args.viewpoint, "--merged": args.merged}
+    of_depth = {"--intrinsics": args.intrinsics, "--mask": args.mask, "--box": args.box}
+    others, what = (of_cloud, "--cloud") if args.cloud is None else (of_depth, "--depth")
+    for option, value in others.items():
+        if value not in (None, False):
+            raise FeasigraspError(f"{option} goes with {what} only; leave it out")
+    if args.on_table and (args.mask or args.sample):
+        raise FeasigraspError("--on-table needs to see the table, which a mask leaves out")
     if args.seed < 0:
         raise FeasigraspError(f"--seed {args.seed}: give a number from 0 on")
-    check_outputs({"--picture": picture, "--html": html}, {"--cloud": args.cloud})
+    check_suffix("--grasps", args.grasps)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    _check_options(args)
+    if args.sample:
+        args.depth, args.mask = (
+            model_path("capture", kind, "mug.png") for kind in ("depth", "mask")
+        )
+    source = args.depth or args.cloud
+    picture = args.picture or Path("out/perceive") / f"{source.stem}.png"
+    html = args.html or picture.with_suffix(".html")
+    check_outputs(
+        {"--picture": picture, "--html": html, "--grasps": args.grasps},
+        {"--cloud": args.cloud, "--depth": args.depth, "--mask": args.mask},
+    )
+    viewpoint = None if args.merged else args.viewpoint or (0.0, 0.0, 0.0)
+    if args.depth is None:
+        points = read_cloud(args.cloud)
+    else:
+        camera = args.intrinsics or camera_file_of(args.depth)
+        points = captured_points(args.depth, camera, args.mask, args.box)
+    scale = 1.0 if args.scale is None else args.scale
     points = prepare_cloud(
-        read_cloud(args.cloud), scale=args.scale, crop=args.crop, viewpoint=viewpoint
+        points, scale=scale, crop=args.crop, viewpoint=viewpoint, scene=args.on_table
     )
     if args.on_table:
         if viewpoint is None:
@@ -171,13 +227,17 @@ def main(args: argparse.Namespace) -> int:
         mass=args.mass,
         down=args.down,
     )
-    print_table(args.cloud.name, perception)
+    print_table(source.name, perception)
     if perception.outliers > _MANY * len(points):
         print(
             "  so many were dropped that there may be another object beside this one; keep one "
             "with --crop or --on-table"
         )
-    draw_perception(perception, picture, args.cloud.stem)
+    if args.grasps is not None:
+        frame = "cloud" if args.merged or args.viewpoint else "camera"
+        write_grasps(args.grasps, perception.grasps, frame, source)
+        print(f"  wrote {args.grasps}")
+    draw_perception(perception, picture, source.stem)
     write_perception_html(perception, html)
     print(f"  wrote {picture} and {html}")
     return 0

@@ -109,6 +109,7 @@ def prepare_cloud(
     scale: float = 1.0,
     crop: Sequence[float] | None = None,
     viewpoint: Sequence[float] | None = (0.0, 0.0, 0.0),
+    scene: bool = False,
 ) -> Array:
     """Brings a cloud to metres and cuts the object out, or says what is wrong with it.
 
@@ -118,6 +119,8 @@ def prepare_cloud(
         crop: Box to keep: least and greatest x, then y, then z [m].
         viewpoint: Where the camera was [m], in the cloud's frame; None if the cloud merges views
             from several sides.
+        scene: Whether it shows more than the object, which is cut out afterwards: then it may be
+            wider than an object.
 
     Returns:
         Points of the object, shape (n, 3) [m].
@@ -137,19 +140,19 @@ def prepare_cloud(
     if len(cloud) < MIN_POINTS:
         inside = "" if crop is None else f" inside --crop {' '.join(f'{c:g}' for c in crop)}"
         raise PointCloudError(f"{len(cloud)} points{inside}; an object needs at least {MIN_POINTS}")
-    _check_extent(cloud)
+    _check_extent(cloud, _MILLIMETRES if scene else MAX_EXTENT)
     if viewpoint is not None:
         _check_viewpoint(cloud, np.asarray(viewpoint, dtype=float))
     return cloud
 
 
-def _check_extent(cloud: Array) -> None:
+def _check_extent(cloud: Array, most: float) -> None:
     extent = float(np.ptp(cloud, axis=0).max())
     if extent > _MILLIMETRES:
         raise PointCloudError(
             f"the cloud is {extent:.0f} wide: it is in millimetres, not metres; pass --scale 0.001"
         )
-    if extent > MAX_EXTENT:
+    if extent > most:
         raise PointCloudError(
             f"the cloud is {extent:.1f} m wide: it holds more than one object; cut that out with "
             "--crop (or is it in centimetres: --scale 0.01)"
