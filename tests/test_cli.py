@@ -96,7 +96,8 @@ def test_a_command_without_a_group_has_its_help_too(name, capsys):
 
 def test_the_commands_for_people_are_there():
     assert list(cli.single_commands()) == [
-        *("doctor", "guard", "objects", "perceive", "run", "scenarios", "sim", "track", "warm-up"),
+        *("doctor", "guard", "objects", "perceive", "record", "run", "scenarios", "sim", "track"),
+        "warm-up",
         "report",
     ]
 

@@ -4,11 +4,14 @@ import shlex
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from feasigrasp import cli
+from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp.results.grasps_file import write_grasps
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_company, make_motion
 from tools.run_readme import blocks, commands
@@ -34,10 +37,13 @@ COMMANDS = [
 
 @pytest.mark.parametrize("code", SNIPPETS)
 def test_a_block_runs_by_itself(code, tmp_path, monkeypatch):
-    """Verbatim, in an empty namespace and an empty folder but for a user's cloud, mug.ply."""
+    """Verbatim, in an empty namespace and an empty folder but for a user's own files."""
     monkeypatch.chdir(tmp_path)
     if "mug.ply" in code:
         (tmp_path / "mug.ply").write_bytes(cloud_of_a_mug())
+    if "grasps.json" in code:
+        one = GraspSet(np.eye(4), [0.05], [0.9])
+        write_grasps(tmp_path / "grasps.json", one, "camera", Path("mug.ply"))
     exec(compile(code, "block", "exec"), {"__name__": "__main__"})
 
 

@@ -1,0 +1,71 @@
+"""``feasigrasp record``: record depth and color images of a RealSense.
+
+For example::
+
+    feasigrasp record --out my_recording --seconds 10
+    feasigrasp perceive --depth my_recording/depth/000000.png --on-table --grasps grasps.json
+
+Ctrl-C ends it, too. `feasigrasp track` and `feasigrasp perceive` read the folder. It needs
+pyrealsense2 (``pip install pyrealsense2``).
+"""
+
+from __future__ import annotations
+
+import argparse
+from math import inf
+from pathlib import Path
+
+from tqdm import tqdm
+
+from feasigrasp.errors import HardwareError
+from feasigrasp.recordings.realsense import realsense
+from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, recorded
+from feasigrasp.results.arguments import factor, positive
+from feasigrasp.results.interrupts import postponed_interrupt
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the command."""
+    parser.add_argument("--out", type=Path, required=True, help="Folder to write to.")
+    parser.add_argument("--frames", type=positive, help="Number of images. Default: until Ctrl-C.")
+    parser.add_argument(
+        "--seconds", type=factor, default=inf, help="Duration, in seconds. Default: until Ctrl-C."
+    )
+    parser.add_argument(
+        "--size", type=_size, default="640x480", help="Width and height of the images, in pixels."
+    )
+    parser.add_argument("--rate", type=positive, default=30, help="Images per second.")
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Reads a size such as 640x480 from the command line."""
+    width, _, height = text.partition("x")
+    return positive(width), positive(height)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Runs the command."""
+    check_new_recording(args.out)
+    first: DepthFrame | None = None
+    count, broken = 0, None
+    width, height = args.size
+    with realsense(width, height, args.rate) as (camera, images), postponed_interrupt() as asked:
+        written = recorded(args.out, camera, images)
+        try:
+            for frame in tqdm(written, total=args.frames, unit="image", desc="recording"):
+                first, count = first or frame, count + 1
+                duration, missed = frame.time - first.time, frame.number - first.number + 1 - count
+                if asked.is_set() or count == args.frames or duration >= args.seconds:
+                    break
+        except HardwareError as error:
+            if count == 0:
+                raise
+            broken = error
+    more = f"; {missed} more were missed" if missed > 0 else ""
+    print(f"{args.out}: {count} images in {duration:.1f} s{more}")
+    if broken is not None:
+        print(f"  it ended early: {broken}; what was recorded is whole")
+    image = args.out / "depth" / "000000.png"
+    print(f"  grasps: feasigrasp perceive --depth {image} --on-table --grasps grasps.json")
+    print(f"  track:  feasigrasp track --folder {args.out} --on-table")
+    return 0 if broken is None else 1
