@@ -299,7 +299,7 @@ def _default_plant() -> MultibodyPlantConfig:
 
 
 def _default_simulator() -> SimulatorConfig:
-    return SimulatorConfig(max_step_size=0.01, publish_every_time_step=False)
+    return SimulatorConfig(max_step_size=0.01)
 
 
 @dc.dataclass

@@ -21,7 +21,7 @@ from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import optional
+from feasigrasp.systems.ports import evaluate, optional
 
 
 class ControllerInputs:
@@ -143,4 +143,5 @@ class ControllerInputs:
 
     def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
         safe = self._controller.mode is ControlMode.SAFE
-        return entry.Eval(self._context) if safe else None
+        grid: ObstacleGrid | None = evaluate(entry, self._context) if safe else None
+        return grid

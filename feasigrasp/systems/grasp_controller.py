@@ -45,7 +45,7 @@ from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.scene_field import fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, optional
+from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, evaluate, optional
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
 _REHEARSAL_STEP = 0.04
@@ -174,7 +174,7 @@ class GraspController(LeafSystem):
         self._surface = declare_cache(
             self,
             "surface that the hand keeps off",
-            lambda context: ControllerInputs(self, context).kept_off(whole.Eval(context)),
+            lambda context: ControllerInputs(self, context).kept_off(evaluate(whole, context)),
             {at.ticket() for at in (whole, self._position, self._grasps, self._pose)},
         )
         self._memory = PeriodicState(self, memory, period, self._updated)

@@ -15,7 +15,13 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.matching import GraspHistory, recheck_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, declare_output
+from feasigrasp.systems.ports import (
+    PeriodicState,
+    declare_cache,
+    declare_input,
+    declare_output,
+    evaluate,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +99,14 @@ class GraspSampler(LeafSystem):
         history: GraspHistory = self._now.Eval(context)
         time = context.get_time()
         if self._rests(before) and time >= before.time + self._rest - 1e-9:
-            history = self._followed(history, self._gpdf.Eval(context))
+            history = self._followed(history, evaluate(self._gpdf, context))
         return before if history is before.history else _Sampled(history, time)
 
     def _calc_history(self, context: Context) -> GraspHistory:
         before: _Sampled = self._before.Eval(context)
         if self._rests(before):
             return before.history  # the next field is taken in an update
-        return self._followed(before.history, self._gpdf.Eval(context))
+        return self._followed(before.history, evaluate(self._gpdf, context))
 
     def _rests(self, sampled: _Sampled) -> bool:
         return self._rest > 0.0 and sampled.history.gpdf is not None

@@ -198,7 +198,7 @@ class GripperSequencer(LeafSystem):
         state = self.state(context)
         X_WO = self._pose.Eval(context).GetAsMatrix4()
         V_WO = self._velocity.Eval(context).get_coeffs()
-        motion = self._motion.Eval(context) if self._motion.HasValue(context) else None
+        motion = optional(self._motion, context)
         if state.phase == Phase.APPROACH and (self._doubt(context) or self._coasting(context)):
             X_WO = np.full((4, 4), np.nan)  # nothing to close the fingers on
         return state.advanced(
@@ -269,8 +269,9 @@ class GripperSequencer(LeafSystem):
         return attempt.usable(grasps)
 
     def _calc_gpdf(self, context: Context) -> Gpdf | None:
-        passed = self.state(context).grasp is None and self._gpdf.HasValue(context)
-        return self._gpdf.Eval(context) if passed else None
+        committed = self.state(context).grasp is not None
+        gpdf: Gpdf | None = None if committed else optional(self._gpdf, context)
+        return gpdf
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         return RigidTransform(self._target(context)[0])

@@ -24,7 +24,7 @@ from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import PerceptionConfig
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
 
 #: A view contradicts the earlier ones beyond this share, see `FusedCloud.contradicted`.
 MAX_CONTRADICTION = 0.3
@@ -216,7 +216,7 @@ class PointCloudToGPDF(LeafSystem):
             fault, detail = ViewFault.ONE_DEPTH, f"{len(points_O)} points"
         if fault is not None:
             return seen.without(fault, detail)
-        outline = self._outline.Eval(context) if self._outline.HasValue(context) else None
+        outline: Outline | None = optional(self._outline, context)
         if outline is not None:
             outline = outline.turned((X_OW @ X_WC).rotation().matrix())
         contradicted = seen.cloud.contradicted(kept, p_OC, outline) > MAX_CONTRADICTION

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from enum import Enum
+from typing import Any, Literal
 
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
@@ -20,14 +21,34 @@ from pydrake.systems.framework import (
 Calc = Callable[[Context], Any]
 
 
-def declare_input(system: LeafSystem, name: str, model: Any = None) -> InputPort:
-    """An input port for values of the type of ``model``; None for any Python object."""
-    return system.DeclareAbstractInputPort(name, AbstractValue.Make(model))
+class Nothing(Enum):
+    """What a port or state of Python objects holds instead of None, which Drake 1.58 refuses."""
+
+    NOTHING = "nothing"
+
+    def __bool__(self) -> Literal[False]:
+        """False, as of None."""
+        return False
+
+
+def to_value(value: Any) -> AbstractValue:
+    """An abstract value of the type of ``value``; with None, one for any Python object."""
+    return AbstractValue.Make(_stored(value))
+
+
+def evaluate(source: InputPort | OutputPort | CacheEntry, context: Context) -> Any:
+    """The value of a port or cache entry; None where it holds `Nothing`."""
+    return _read(source.Eval(context))
 
 
 def optional(port: InputPort, context: Context) -> Any:
-    """The value of an input port; None if nothing is connected to it."""
-    return port.Eval(context) if port.HasValue(context) else None
+    """As `evaluate`; None also if nothing is connected to the input port."""
+    return evaluate(port, context) if port.HasValue(context) else None
+
+
+def declare_input(system: LeafSystem, name: str, model: Any = None) -> InputPort:
+    """An input port for values of the type of ``model``; None for any Python object."""
+    return system.DeclareAbstractInputPort(name, to_value(model))
 
 
 def declare_output(
@@ -42,7 +63,7 @@ def declare_output(
 
     Without ``prerequisites`` it depends on everything.
     """
-    allocate = AbstractValue.Make(model).Clone
+    allocate = to_value(model).Clone
     tickets = prerequisites or {system.all_sources_ticket()}
     return system.DeclareAbstractOutputPort(name, allocate, _setting(calc), tickets)
 
@@ -51,7 +72,7 @@ def declare_cache(
     system: LeafSystem, name: str, calc: Calc, prerequisites: set[DependencyTicket]
 ) -> CacheEntry:
     """A cache entry with the Python object that ``calc`` returns."""
-    producer = ValueProducer(AbstractValue.Make(None).Clone, _setting(calc))
+    producer = ValueProducer(to_value(None).Clone, _setting(calc))
     return system.DeclareCacheEntry(name, producer, prerequisites)
 
 
@@ -63,17 +84,17 @@ class PeriodicState:
 
     def __init__(self, system: LeafSystem, initial: Any, period: float, update: Calc) -> None:
         """Declares the state; ``update`` returns what it is from then on."""
-        index = system.DeclareAbstractState(AbstractValue.Make(initial))
+        index = system.DeclareAbstractState(to_value(initial))
         self._index, self._ticket = int(index), system.abstract_state_ticket(index)
 
         def advance(context: Context, state: State) -> None:
-            state.get_mutable_abstract_state(self._index).set_value(update(context))
+            state.get_mutable_abstract_state(self._index).set_value(_stored(update(context)))
 
         system.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, advance)
 
     def Eval(self, context: Context) -> Any:
         """The object at present."""
-        return context.get_abstract_state(self._index).get_value()
+        return _read(context.get_abstract_state(self._index).get_value())
 
     def ticket(self) -> DependencyTicket:
         """Says that something depends on it."""
@@ -81,4 +102,12 @@ class PeriodicState:
 
 
 def _setting(calc: Calc) -> Callable[[Context, AbstractValue], None]:
-    return lambda context, value: value.set_value(calc(context))
+    return lambda context, value: value.set_value(_stored(calc(context)))
+
+
+def _stored(value: Any) -> Any:
+    return Nothing.NOTHING if value is None else value
+
+
+def _read(value: Any) -> Any:
+    return None if value is Nothing.NOTHING else value

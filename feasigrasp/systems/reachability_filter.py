@@ -18,6 +18,7 @@ from feasigrasp.systems.ports import (
     declare_cache,
     declare_input,
     declare_output,
+    optional,
 )
 
 
@@ -107,6 +108,6 @@ class ReachabilityFilter(LeafSystem):
             self._horizon,
             twins=self._twins,
             way_in=self._way_in,
-            motion=self._motion.Eval(context) if self._motion.HasValue(context) else None,
+            motion=optional(self._motion, context),
             kept_before=self._kept_before.Eval(context),
         )

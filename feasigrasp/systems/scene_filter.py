@@ -10,7 +10,7 @@ from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.scene_clear import scene_clear, unseen_clear
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import SceneField
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, evaluate
 
 
 class SceneFilter(LeafSystem):
@@ -53,7 +53,7 @@ class SceneFilter(LeafSystem):
 
     def _calc(self, context: Context) -> GraspSet:
         grasps: GraspSet = self._grasps.Eval(context)
-        scene: SceneField | None = self._scene.Eval(context)
+        scene: SceneField | None = evaluate(self._scene, context)
         if scene is None or len(grasps) == 0:
             return grasps
         X_WO = self._pose.Eval(context).GetAsMatrix4()

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.faults.control import PerceptionLate
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, evaluate
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class LateField(LeafSystem):
         declare_output(self, "gpdf", self._calc, {self._input.ticket(), self._post.ticket()})
 
     def _deliver(self, context: Context) -> _Post:
-        time, gpdf = context.get_time(), self._input.Eval(context)
+        time, gpdf = context.get_time(), evaluate(self._input, context)
         post: _Post = self._post.Eval(context)
         if not self._fault.active(time):
             return _Post()
@@ -65,5 +65,5 @@ class LateField(LeafSystem):
 
     def _calc(self, context: Context) -> Gpdf | None:
         post: _Post = self._post.Eval(context)
-        gpdf: Gpdf | None = post.arrived if post.late else self._input.Eval(context)
+        gpdf: Gpdf | None = post.arrived if post.late else evaluate(self._input, context)
         return gpdf

@@ -23,7 +23,7 @@ from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
 
 #: Time between looks at the situation [s].
 PERIOD = 0.1
@@ -175,9 +175,8 @@ class StatusMonitor(LeafSystem):
             Situation(
                 phase=phase,
                 tracking=tracking,
-                sought=self._sought.HasValue(context) and self._sought.Eval(context) is not None,
-                looking=self._look_from.HasValue(context)
-                and self._look_from.Eval(context) is not None,
+                sought=optional(self._sought, context) is not None,
+                looking=optional(self._look_from, context) is not None,
                 contradicted=perceived.contradicted,
                 lapsed=self._lapsed.HasValue(context) and self._lapsed.Eval(context)[0] > 0.0,
                 seen=perceived.gpdf is not None,
@@ -209,7 +208,7 @@ class StatusMonitor(LeafSystem):
 
     def _unseen(self, context: Context) -> float:
         """Distance of the arm to space that may belong to obstacles but was never seen [m]."""
-        scene = self._scene.Eval(context) if self._scene.HasValue(context) else None
+        scene = optional(self._scene, context)
         if scene is None:
             return np.inf
         center = self._balls.placed(self._position.Eval(context))

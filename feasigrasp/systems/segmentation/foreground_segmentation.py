@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
@@ -18,7 +17,7 @@ from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, segment
 from feasigrasp.models.segmentation.hue import of_hue
 from feasigrasp.models.segmentation.known_bodies import CARRIER, FREE, KnownBodies
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, evaluate, to_value
 
 
 class ForegroundSegmentation(LeafSystem):
@@ -72,7 +71,7 @@ class ForegroundSegmentation(LeafSystem):
         self._gpdf = declare_input(self, "gpdf")
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         # Time and view at the start, which tells what has moved since; None before.
-        self._first = self.DeclareAbstractState(AbstractValue.Make(None))
+        self._first = self.DeclareAbstractState(to_value((None, None)))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
         _compile(camera, bodies)
@@ -97,13 +96,13 @@ class ForegroundSegmentation(LeafSystem):
     def _calc(self, context: Context) -> ImageLabel16I:
         # While it is remembered, others look at the first image already.
         now = context.get_time()
-        time, first = context.get_abstract_state(int(self._first)).get_value() or (now, None)
+        time, first = context.get_abstract_state(int(self._first)).get_value()
         known = Known(
-            field=self._gpdf.Eval(context),
+            field=evaluate(self._gpdf, context),
             X_WO=self._object_pose.Eval(context).GetAsMatrix4(),
             lost=self._tracking.Eval(context).lost,
             before=first,
-            waited=now - time,
+            waited=0.0 if time is None else now - time,
         )
         q, opening = self._position.Eval(context), float(self._gripper.Eval(context)[0])
         view, camera = self._view(context), self._camera

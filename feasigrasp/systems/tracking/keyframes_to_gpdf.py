@@ -15,7 +15,7 @@ from feasigrasp.models.tracking.keyframe import Keyframe
 from feasigrasp.models.tracking.sequence import LearntShape
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived, declare_perceived
-from feasigrasp.systems.ports import PeriodicState, declare_input
+from feasigrasp.systems.ports import PeriodicState, declare_input, evaluate
 
 
 class KeyframesToGPDF(LeafSystem):
@@ -78,7 +78,7 @@ class KeyframesToGPDF(LeafSystem):
 
     def _look(self, context: Context) -> LearntShape:
         learnt: LearntShape = self._learnt.Eval(context)
-        key: Keyframe | None = self._keyframe.Eval(context)
+        key: Keyframe | None = evaluate(self._keyframe, context)
         enough = self._max_views and len(learnt.views.times) >= self._max_views
         if key is not None and enough and learnt.is_of(key):
             return learnt

@@ -12,7 +12,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, evaluate
 
 
 class ViewFilter(LeafSystem):
@@ -45,7 +45,7 @@ class ViewFilter(LeafSystem):
         declare_output(self, "grasps", self._calc)
 
     def _calc(self, context: Context) -> GraspSet:
-        grasps, gpdf = self._grasps.Eval(context), self._gpdf.Eval(context)
+        grasps, gpdf = self._grasps.Eval(context), evaluate(self._gpdf, context)
         if gpdf is None:
             return grasps
         X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
