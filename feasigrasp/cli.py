@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from feasigrasp import __version__
-from feasigrasp.errors import FeasigraspError
+from feasigrasp.errors import FeasigraspError, needed_by
 from feasigrasp.outputs import check_folder
 from feasigrasp.results.folder_lock import only_one_in
 from feasigrasp.results.interrupts import STATUS, Unfinished
@@ -82,7 +82,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
 
     def run() -> int:
-        module = import_module(chosen.module)
+        with needed_by(f"'{chosen.prog}'"):
+            module = import_module(chosen.module)
         parser = command_parser(chosen.prog, chosen.description)
         module.add_arguments(parser)
         args = parser.parse_args(rest)

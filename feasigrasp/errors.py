@@ -1,5 +1,11 @@
 """The errors a user can act on; every message names the value, the limit and the mend."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+#: Large packages that parts of the library work without; they may be left out of an environment.
+LARGE_PACKAGES = ("torch", "open3d")
+
 
 class FeasigraspError(Exception):
     """Base class of the project's own errors."""
@@ -47,3 +53,28 @@ class HardwareError(FeasigraspError, RuntimeError):
 
 class WorkerError(FeasigraspError, RuntimeError):
     """A process of ours that does not start, has died, or hangs."""
+
+
+class MissingPackageError(FeasigraspError, ImportError):
+    """One of `LARGE_PACKAGES` is needed and not installed."""
+
+
+@contextmanager
+def needed_by(what: str) -> Iterator[None]:
+    """Around an import of one of `LARGE_PACKAGES`, or of what imports one.
+
+    Args:
+        what: What needs it; the message's subject.
+
+    Raises:
+        MissingPackageError: It is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = str(error.name).partition(".")[0]
+        if package not in LARGE_PACKAGES:
+            raise
+        raise MissingPackageError(
+            f"{what} needs {package}, which is not installed; run 'pip install {package}'"
+        ) from error

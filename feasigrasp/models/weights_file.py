@@ -102,6 +102,6 @@ def fill_network(network: nn.Module, arrays: WeightArrays) -> None:
 
 
 def network_arrays(network: nn.Module) -> WeightArrays:
-    """The weights of a torch network by name."""
+    """The weights that a torch network has at present, by name."""
     state = network.state_dict()
-    return {name: tensor.float().cpu().numpy() for name, tensor in state.items()}
+    return {name: tensor.cpu().numpy().copy() for name, tensor in state.items()}

@@ -3,14 +3,13 @@
 First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
 to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
 from behind towards a camera tell where the object ends behind every pixel of its picture. Then it
-trains `feasigrasp.models.shape.hidden_side_network` on them. Whole families are held out and judge;
+trains `feasigrasp.training.hidden_side_network` on them. Whole families are held out and judge;
 start the same command again to resume.
 """
 
 from __future__ import annotations
 
 import argparse
-import copy
 import math
 from functools import partial
 from pathlib import Path
@@ -24,17 +23,13 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
 from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE, features, picture_scale
-from feasigrasp.models.shape.hidden_side_network import (
-    BELIEVED,
-    FEATURES,
-    HiddenSide,
-    HiddenSideNetwork,
-)
+from feasigrasp.models.shape.hidden_side_network import BELIEVED, FEATURES
 from feasigrasp.results.arguments import add_run_arguments, positive
 from feasigrasp.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp.training.data.household_shapes import HELD_OUT
 from feasigrasp.training.data.object_streams import ObjectStream
 from feasigrasp.training.data.views import ViewedObject, fused, turning_views
+from feasigrasp.training.hidden_side_network import HiddenSideNetwork, export
 from feasigrasp.training.loop import (
     TrainingRun,
     add_loop_arguments,
@@ -225,7 +220,7 @@ class Training(TrainingRun[HiddenSideNetwork]):
 
     def export(self) -> None:
         """Writes the running means."""
-        HiddenSide(copy.deepcopy(self.averaged).cpu()).save(self.folder / self.weights)
+        export(self.averaged).save(self.folder / self.weights)
 
 
 def _tensor(part: NDArray[np.float16], device: str) -> Tensor:

@@ -8,6 +8,7 @@ exported and shipped are the running means of the weights; start the same comman
 from __future__ import annotations
 
 import argparse
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -108,8 +109,8 @@ class Training(TrainingRun[nn.Module]):
 
     def export(self) -> None:
         """Writes the running means."""
-        gripper = GraspNetwork.untrained(self.preset).gripper
-        GraspNetwork(self.preset, self.averaged, gripper).save(self.folder / self.weights)
+        network = copy.deepcopy(self.averaged)
+        GraspNetwork.of(self.preset, network).save(self.folder / self.weights)
 
 
 def _untrained(args: argparse.Namespace) -> nn.Module:

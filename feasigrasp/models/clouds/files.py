@@ -14,6 +14,7 @@ from feasigrasp.errors import PointCloudError
 from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_POINTS
+from feasigrasp.models.clouds.pcd import read_pcd
 
 #: File formats that `read_cloud` knows.
 SUFFIXES = (".ply", ".pcd", ".xyz", ".npy", ".npz")
@@ -51,15 +52,12 @@ def read_cloud(filename: str | Path) -> Array:
                 warnings.simplefilter("ignore")  # what an empty file is, is said below
                 points = np.loadtxt(path, ndmin=2)
         elif path.suffix.lower() == ".ply":
-            import trimesh  # slow imports, these two, that arrays do not need
+            import trimesh  # a slow import that arrays do not need
 
             loaded: Any = trimesh.load(path, file_type="ply")
             points = np.asarray(loaded.vertices)
         else:
-            import open3d as o3d
-
-            _check_pcd(path)
-            points = np.asarray(o3d.io.read_point_cloud(path).points)
+            points = read_pcd(path)
     except PointCloudError:
         raise
     except Exception as error:  # the readers raise whatever they stumble over
@@ -73,34 +71,6 @@ def read_cloud(filename: str | Path) -> Array:
         )
     points = points[..., :3].reshape(-1, 3).astype(float)
     return points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
-
-
-def _check_pcd(path: Path) -> None:
-    """Refuses a file whose header does not fit its size: Open3D's reader would end the process."""
-    head, found, data = path.read_bytes().partition(b"\nDATA ")
-    kind, line_end, body = data.partition(b"\n")
-    lines = (line.split() for line in head.decode("ascii").splitlines())
-    entries = {line[0]: line[1:] for line in lines if line and not line[0].startswith("#")}
-    if not (found and line_end and {"FIELDS", "SIZE", "TYPE", "POINTS"} <= set(entries)):
-        raise PointCloudError(f"{path.name} has no whole header of a .pcd file")
-    fields, sizes = len(entries["FIELDS"]), [int(size) for size in entries["SIZE"]]
-    counts = [int(count) for count in entries.get("COUNT", ["1"] * fields)]
-    n = int(entries["POINTS"][0])
-    if not (fields == len(sizes) == len(counts) == len(entries["TYPE"]) and n >= 0):
-        raise PointCloudError(f"{path.name}: the lines of its header contradict each other")
-    width, height = (int(entries.get(name, ["1"])[0]) for name in ("WIDTH", "HEIGHT"))
-    if "WIDTH" in entries and width * height != n:
-        raise PointCloudError(f"{path.name} has {n} points, but {width} x {height}")
-    if min(sizes) < 1 or min(counts) < 1 or max(sizes) > 8 or max(counts) > 4096:
-        raise PointCloudError(f"{path.name}: fields of {sizes} bytes, {counts} times")
-    sort, per_point = kind.strip().lower(), sum(s * c for s, c in zip(sizes, counts, strict=True))
-    least = {b"ascii": 2 * n * sum(counts), b"binary": n * per_point, b"binary_compressed": 8}
-    if sort not in least or (n and len(body) + 1 < least[sort]):
-        raise PointCloudError(f"{path.name} is cut off: it holds fewer than its {n} points")
-    if sort == b"binary_compressed":
-        packed, size = (int.from_bytes(body[i : i + 4], "little") for i in (0, 4))
-        if packed > len(body) - 8 or size != n * per_point:
-            raise PointCloudError(f"{path.name} is cut off: its compressed part does not fit")
 
 
 def prepare_cloud(

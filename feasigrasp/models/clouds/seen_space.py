@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, identity
+from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.depth_view import DEPTH_ERROR, DepthView
@@ -122,12 +124,20 @@ class SeenSpace(Frozen):
 
 
 def _normals(points: Array, directions: Array, radius: float) -> Array:
-    """Unit normals (n, 3) on the side of ``directions``, of planes through neighbours."""
-    import open3d as o3d  # a slow import that only cells with obstacles need
+    """Unit normals (n, 3) on the side of ``directions``, of planes through neighbours.
 
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamRadius(radius))
-    normals: Array = np.asarray(cloud.normals).copy()
+    Fewer than two neighbours leave the direction itself.
+    """
+    n = len(points)
+    i, j = cKDTree(points).query_pairs(radius, output_type="ndarray").T
+    one_way = coo_matrix((np.ones(len(i)), (i, j)), shape=(n, n)).tocsr()
+    sum_of = one_way + one_way.T + identity(n, format="csr")
+    count = sum_of @ np.ones(n)
+    mean = (sum_of @ points) / count[:, None]
+    square = (sum_of @ np.einsum("ni,nj->nij", points, points).reshape(n, 9)) / count[:, None]
+    covariance = square.reshape(n, 3, 3) - np.einsum("ni,nj->nij", mean, mean)
+    normals: Array = np.linalg.eigh(covariance)[1][:, :, 0]
+    normals = np.where(count[:, None] > 2, normals, directions)
     normals[np.einsum("ni,ni->n", normals, directions) < 0.0] *= -1.0
     return normals
 

@@ -1,14 +1,11 @@
 """Grasps: proposing, filtering, scoring, following through."""
 
-from feasigrasp.lazy import TYPE_CHECKING, hand_on
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.perceive import Perception, perceive
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
-
-if TYPE_CHECKING:
-    from feasigrasp.models.grasps.network_sampler import NetworkSampler  # loads torch
 
 __all__ = [
     "AntipodalSampler",
@@ -21,5 +18,3 @@ __all__ = [
     "make_sampler",
     "perceive",
 ]
-
-__getattr__, __dir__ = hand_on(__name__, {"NetworkSampler": "network_sampler"})

@@ -11,7 +11,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import checked_cloud
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.outliers import outliers
-from feasigrasp.models.clouds.table import check_no_table
+from feasigrasp.models.segmentation.table import check_no_table
 from feasigrasp.models.grasps.carry import Carrier, carried
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler

@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from feasigrasp.errors import GraspError
+from feasigrasp.errors import GraspError, needed_by
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
+from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
+from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 
 if TYPE_CHECKING:
     from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
-    from feasigrasp.models.grasps.network_sampler import NetworkSampler
 
 
 class SamplerName(StrEnum):
@@ -86,6 +87,7 @@ def make_sampler(
     Raises:
         GraspError: There is no such sampler.
         WeightsError: The network's weights are missing or broken.
+        MissingPackageError: ``paper`` or ``diffusion``, and there is no torch.
     """
     chosen = parse_choice(SamplerName, name, "sampler", GraspError)
     gripper = gripper or ParallelGripper()
@@ -98,9 +100,9 @@ def make_sampler(
             seed=seed,
         )
         return antipodal if filtered else Unfiltered(antipodal)
-    # torch takes a second to import
     if chosen == SamplerName.DIFFUSION:
-        from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
+        with needed_by("the sampler 'diffusion'"):
+            from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
 
         diffusion = DiffusionSampler(
             gripper,
@@ -109,9 +111,6 @@ def make_sampler(
             seed=seed,
         )
         return diffusion if filtered else Unfiltered(diffusion)
-    from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
-    from feasigrasp.models.grasps.network_sampler import NetworkSampler
-
     paper = chosen == SamplerName.PAPER
     n_approaches = NetworkSampler.n_approaches
     likely = LIKELY if paper else NetworkSampler.least_score

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.errors import needed_by
 from feasigrasp.models.arrays import Array, Mask
 
 
@@ -19,7 +20,8 @@ class Raycaster:
     """
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        import open3d as o3d  # a slow import that most objects never need
+        with needed_by("casting rays at a mesh"):
+            import open3d as o3d  # a slow import that most objects never need
 
         core: Any = o3d.core  # its stubs refuse typed arrays
         self._tensor = core.Tensor

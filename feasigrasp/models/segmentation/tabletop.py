@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
+from feasigrasp.models.geometry.plane import largest_plane
 
 #: Points within so much of the plane are the table's [m]; what stands on it starts higher.
 _THICKNESS, _STANDS = 0.005, 0.006
@@ -84,12 +85,7 @@ def table_plane(points: ArrayLike, viewpoint: ArrayLike = (0.0, 0.0, 0.0)) -> Ar
 
 def _plane(thin: Array, viewpoint: ArrayLike) -> tuple[Array, float]:
     """Unit normal and offset of the plane with most points, the camera on its positive side."""
-    import open3d as o3d  # a slow import that most clouds do not need
-
-    o3d.utility.random.seed(0)
-    plane, _ = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(thin)).segment_plane(
-        _THICKNESS, 3, _DRAWS
-    )
-    normal, offset = np.asarray(plane[:3]), float(plane[3])
+    plane = largest_plane(thin, _THICKNESS, _DRAWS)
+    normal, offset = plane[:3], float(plane[3])
     sign = 1.0 if normal @ np.asarray(viewpoint, dtype=float) + offset > 0.0 else -1.0
     return sign * normal, sign * offset

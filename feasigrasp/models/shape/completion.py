@@ -31,6 +31,7 @@ from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_gpdf
 from feasigrasp.models.shape.hidden_nodes import HiddenNodes, hidden_nodes
+from feasigrasp.models.shape.hidden_side_network import load_hidden_side
 
 #: Values at this distance beside some of the points tell inside from outside [m].
 SURFACE_OFFSET = 2e-3
@@ -187,8 +188,6 @@ def complete_shape(
 
     hidden = HiddenNodes(np.zeros((0, 3)), np.zeros(0))
     if learnt and cloud.images:
-        from feasigrasp.models.shape.hidden_side_network import load_hidden_side  # loads torch
-
         rough, _ = fitted_to(ROUGH_POINTS, hidden)
         hidden = hidden_nodes(rough, cloud.images, points, load_hidden_side(), HIDDEN_NODES)
     fitted, observed = fitted_to(len(surface), hidden)

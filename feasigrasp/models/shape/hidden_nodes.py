@@ -7,7 +7,7 @@ that where they look through the place, or see a surface in front of it that is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import binary_erosion
@@ -19,9 +19,7 @@ from feasigrasp.models.clouds.view_image import ViewImage
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.hidden_side import BackSurface
-
-if TYPE_CHECKING:
-    from feasigrasp.models.shape.hidden_side_network import HiddenSide
+from feasigrasp.models.shape.hidden_side_network import HiddenSide
 
 #: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
 #: closer than so many times their expected error. Where several pictures look round the object,

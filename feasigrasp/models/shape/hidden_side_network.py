@@ -1,31 +1,26 @@
 """The network behind `hidden_side`: a small U-Net from pictures to thickness, and its weights.
 
-The one file here that loads torch.
+Computed with NumPy, since torch takes longer to load than all pictures of a run; trained with torch
+by `feasigrasp.training.hidden_side_network`.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor, nn
-from torch.nn import functional
+from scipy.special import expit
 
+from feasigrasp.models.arrays import Array, Float32
 from feasigrasp.models.clouds.view_image import ViewImage
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.hidden_side import BackSurface, features, picture_scale
-from feasigrasp.models.weights_file import (
-    WEIGHTS,
-    WeightArrays,
-    WeightsFormat,
-    fill_network,
-    network_arrays,
-)
+from feasigrasp.models.weights_file import WEIGHTS, WeightArrays, WeightsFormat, check_arrays
 
 #: Where the trained weights are.
 DEFAULT_WEIGHTS = WEIGHTS / "hidden_side.npz"
@@ -40,79 +35,64 @@ CHANNELS = (32, 64, 96)
 LEAST_SPREAD = 5e-3
 
 
-class _Block(nn.Sequential):
-    """Two convolutions."""
-
-    def __init__(self, inputs: int, outputs: int) -> None:
-        super().__init__(
-            nn.Conv2d(inputs, outputs, 3, padding=1),
-            nn.SiLU(),
-            nn.Conv2d(outputs, outputs, 3, padding=1),
-            nn.SiLU(),
-        )
-
-
-class HiddenSideNetwork(nn.Module):
-    """Thickness of the object behind every pixel, and the spread of what it may be.
-
-    It changes the thickness that is believed without it. Pictures (b, FEATURES, s, s) become
-    medians and scales of Laplace distributions, (b, s, s) each, in units of the picture's scale;
-    s is a multiple of 8. Blocks of 2 x 2 pixels are looked at together: what lies behind them
-    hardly differs.
-    """
-
-    def __init__(self, channels: tuple[int, ...] = CHANNELS) -> None:
-        super().__init__()
-        self.channels = channels
-        inputs = (4 * FEATURES, *channels[:-1])
-        self.down = nn.ModuleList(_Block(a, b) for a, b in zip(inputs, channels, strict=True))
-        self.up = nn.ModuleList(_Block(a + b, a) for a, b in itertools.pairwise(channels))
-        self.head = nn.Conv2d(channels[0], 2, 1)
-        nn.init.zeros_(self.head.weight)
-        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-    def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """See the class."""
-        x = functional.pixel_unshuffle(pictures, 2).contiguous(memory_format=torch.channels_last)
-        skipped: list[Tensor] = []
-        for block in self.down:
-            x = block(functional.avg_pool2d(x, 2) if skipped else x)
-            skipped.append(x)
-        for level in reversed(range(len(self.up))):
-            larger = functional.interpolate(x, scale_factor=2, mode="nearest")
-            x = self.up[level](torch.cat([skipped[level], larger], dim=1))
-        answers = functional.interpolate(self.head(x), scale_factor=2, mode="bilinear")
-        change, spread = answers.unbind(dim=1)
-        return pictures[:, BELIEVED] + change, functional.softplus(spread) + LEAST_SPREAD
-
-
 class HiddenSide:
     """The trained network.
 
     Args:
-        network: Its weights.
+        channels: At half, quarter, ... resolution.
+        weights: Its arrays, by the names that torch gives them.
+
+    Raises:
+        ValueError: The arrays are not those of such a network.
     """
 
-    def __init__(self, network: HiddenSideNetwork) -> None:
-        self.network = network.eval().requires_grad_(False)
+    def __init__(self, channels: Sequence[int], weights: WeightArrays) -> None:
+        self.channels, self._weights = tuple(channels), weights
+        check_arrays(weights, _shapes(self.channels))
+        # Kernels (D, C, k, k) as matrices (k k C, D).
+        self._kernels = {
+            name.removesuffix(".weight"): array.transpose(2, 3, 1, 0).reshape(-1, len(array))
+            for name, array in weights.items()
+            if name.endswith(".weight")
+        }
 
     def back_surfaces(self, images: Sequence[ViewImage], field: Gpdf) -> list[BackSurface]:
         """Where the object in every picture probably ends, given the field of what was seen."""
-        seen = np.stack([features(image, field) for image in images])
-        with torch.inference_mode():
-            median, spread = self.network(torch.from_numpy(seen))
         backs = []
-        for k, image in enumerate(images):
+        for image in images:
+            median, spread = self.thickness(features(image, field))
             scale = picture_scale(image)
-            thickness = scale * median[k].double().clamp(min=0.0).numpy()
-            deviation = scale * spread[k].double().numpy()
-            depth = np.where(image.mask, image.depth + thickness, 0.0)
-            backs.append(BackSurface(depth, np.where(image.mask, deviation, 0.0)))
+            depth = np.where(image.mask, image.depth + scale * np.maximum(median, 0.0), 0.0)
+            backs.append(BackSurface(depth, np.where(image.mask, scale * spread, 0.0)))
         return backs
+
+    def thickness(self, picture: Float32) -> tuple[Array, Array]:
+        """Thickness of the object behind every pixel, and the spread of what it may be.
+
+        Args:
+            picture: Shape (FEATURES, s, s), s a multiple of 8.
+
+        Returns:
+            Medians and scales of Laplace distributions, in units of the picture's scale, (s, s)
+            each.
+        """
+        half = picture.shape[1] // 2  # blocks of 2 x 2 pixels are looked at together
+        blocks = picture.reshape(FEATURES, half, 2, half, 2).transpose(1, 3, 0, 2, 4)
+        x = blocks.reshape(half, half, 4 * FEATURES)
+        skipped: list[Float32] = []
+        for level in range(len(self.channels)):
+            x = self._block(f"down.{level}", _halved(x) if skipped else x)
+            skipped.append(x)
+        for level in reversed(range(len(self.channels) - 1)):
+            larger = x.repeat(2, axis=0).repeat(2, axis=1)
+            x = self._block(f"up.{level}", np.concatenate([skipped[level], larger], axis=2))
+        answers = self._convolved("head", x).astype(float)
+        change, spread = _doubled(_doubled(answers).swapaxes(0, 1)).T
+        return picture[BELIEVED] + change, np.logaddexp(0.0, spread) + LEAST_SPREAD
 
     def save(self, filename: Path) -> None:
         """Writes the weights."""
-        _FILE.save(filename, {"channels": self.network.channels}, network_arrays(self.network))
+        _FILE.save(filename, {"channels": self.channels}, self._weights)
 
     @classmethod
     def load(cls, filename: Path = DEFAULT_WEIGHTS) -> HiddenSide:
@@ -125,9 +105,53 @@ class HiddenSide:
 
     @classmethod
     def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> HiddenSide:
-        network = HiddenSideNetwork(tuple(header["channels"]))
-        fill_network(network, arrays)
-        return cls(network)
+        return cls(header["channels"], arrays)
+
+    def _block(self, name: str, x: Float32) -> Float32:
+        """Two convolutions, each followed by ``x * sigmoid(x)``."""
+        for layer in (0, 2):
+            x = self._convolved(f"{name}.{layer}", x)
+            x = x * expit(x)
+        return x
+
+    def _convolved(self, name: str, x: Float32) -> Float32:
+        """Pixels (h, w, C) convolved with a kernel, zero beyond the rim: (h, w, D)."""
+        (h, w, channels), kernel = x.shape, self._kernels[name]
+        size = math.isqrt(len(kernel) // channels)
+        padded = np.pad(x, [(size // 2, size // 2)] * 2 + [(0, 0)])
+        shifts = itertools.product(range(size), repeat=2)
+        around = np.concatenate([padded[i : i + h, j : j + w] for i, j in shifts], axis=2)
+        return np.asarray(around @ kernel + self._weights[f"{name}.bias"])
+
+
+def _shapes(channels: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights."""
+    ways = (4 * FEATURES, *channels)
+    blocks = {f"down.{k}": pair for k, pair in enumerate(itertools.pairwise(ways))}
+    for k, (a, b) in enumerate(itertools.pairwise(channels)):
+        blocks[f"up.{k}"] = (a + b, a)
+    shapes: dict[str, tuple[int, ...]] = {
+        "head.weight": (2, channels[0], 1, 1),
+        "head.bias": (2,),
+    }
+    for name, (inputs, outputs) in blocks.items():
+        for layer, before in ((0, inputs), (2, outputs)):
+            shapes[f"{name}.{layer}.weight"] = (outputs, before, 3, 3)
+            shapes[f"{name}.{layer}.bias"] = (outputs,)
+    return shapes
+
+
+def _halved(x: Float32) -> Float32:
+    """Means of blocks of 2 x 2 pixels (h, w, C)."""
+    h, w, channels = x.shape
+    return np.asarray(x.reshape(h // 2, 2, w // 2, 2, channels).mean(axis=(1, 3)))
+
+
+def _doubled(x: Array) -> Array:
+    """Twice as many rows (h, ...), interpolated linearly between their middles."""
+    before, after = np.concatenate([x[:1], x[:-1]]), np.concatenate([x[1:], x[-1:]])
+    pairs = np.stack([0.25 * before + 0.75 * x, 0.75 * x + 0.25 * after], axis=1)
+    return pairs.reshape(-1, *x.shape[1:])
 
 
 @lru_cache(maxsize=1)

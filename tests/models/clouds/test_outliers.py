@@ -8,7 +8,7 @@ import pytest
 from feasigrasp.errors import PointCloudError
 from feasigrasp.evaluation.measures.shape import measure, true_samples
 from feasigrasp.models.clouds.outliers import outliers
-from feasigrasp.models.clouds.table import check_no_table
+from feasigrasp.models.segmentation.table import check_no_table
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.training.data.views import ViewedObject, turning_views

@@ -34,6 +34,8 @@ from feasigrasp.models.grasps.network.contact_features import (
     VECTORS,
     ContactFeatures,
 )
+from feasigrasp.models.grasps.network.inference import BESIDE, LEAST_SPREAD, SPREAD, TILTS
+from feasigrasp.models.grasps.network.inference_kernels import NARROWEST, WIDTHS
 from feasigrasp.models.grasps.network.surroundings import ROOM
 from feasigrasp.models.grasps.network.vector_neurons import (
     VectorLinear,
@@ -44,14 +46,8 @@ from feasigrasp.models.grasps.network.vector_neurons import (
     with_mean,
 )
 
-#: Widths that a grasp may have, how far apart the default network starts them [m] ...
-WIDTHS, APART = 2, 20e-3
-#: ... and the spread that it starts them with, and the least one [m].
-SPREAD, LEAST_SPREAD = 5e-3, 2e-4
-#: Vectors that may tilt the closing direction, and that the ring sees.
-_TILTS, _BESIDE = 8, 6
-#: Narrowest grasp [m].
-NARROWEST = 1e-3
+#: How far apart the default network starts the widths of a grasp [m].
+APART = 20e-3
 
 
 class Contacts(NamedTuple):
@@ -124,18 +120,18 @@ class ContactNetwork(nn.Module):
         self.encode = VectorLinearReLU(VECTORS, vectors)
         self.survey = nn.Linear(NUMBERS + vectors, hidden // 2)
         self.refine = VectorLinearReLU(2 * vectors, vectors)
-        self.tilt = VectorLinear(vectors, _TILTS)
-        self.beside = VectorLinear(vectors, _BESIDE)
+        self.tilt = VectorLinear(vectors, TILTS)
+        self.beside = VectorLinear(vectors, BESIDE)
         self.first = nn.Linear(NUMBERS + 2 * vectors, hidden)
         self.context = nn.Linear(hidden, hidden)
         self.second = nn.Linear(hidden, hidden)
         self.to_ring = nn.Linear(hidden, ring)
-        self.ring_room = nn.Linear(3 * ROOM + 2 * _BESIDE, ring, bias=False)
+        self.ring_room = nn.Linear(3 * ROOM + 2 * BESIDE, ring, bias=False)
         self.ring_hidden = nn.Linear(ring, ring)
         self.ring_free = nn.Linear(ring, 1)
         self.judge = nn.Linear(hidden + ring + 1, hidden // 2)
         self.last = nn.Linear(hidden // 2, 1 + 3 * WIDTHS)
-        self.gates = nn.Linear(hidden, _TILTS)
+        self.gates = nn.Linear(hidden, TILTS)
         with torch.no_grad():  # start with b the inward normal and the width the chord
             self.last.weight[1:].mul_(0.1)
             self.last.bias[1:].zero_()
@@ -238,6 +234,12 @@ class _PaperEncoder(nn.Sequential):
 class _WithMean(nn.Module):
     def forward(self, vectors: Tensor) -> Tensor:
         return with_mean(vectors)
+
+
+def heads(network: nn.Module, features: ContactFeatures) -> Heads:
+    """What a network says of contacts, all approaches, without the batch axis."""
+    with torch.inference_mode():
+        return Heads(*(head[0] for head in network(Contacts.of(features))))
 
 
 def ring_directions(axes: Tensor, reference: Tensor) -> Tensor:

@@ -16,14 +16,53 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from feasigrasp.models.arrays import Array, Floats
-from feasigrasp.models.grasps.network.architectures import LEAST_SPREAD, SPREAD, WIDTHS
-from feasigrasp.models.grasps.network.contact_features import ContactFeatures
+from feasigrasp.models.grasps.network.contact_features import NUMBERS, VECTORS, ContactFeatures
 from feasigrasp.models.grasps.network.inference_kernels import (
+    WIDTHS,
     FusedWeights,
     cloud_kernel,
     contacts_kernel,
     grasps_kernel,
 )
+from feasigrasp.models.grasps.network.surroundings import ROOM
+
+#: The spread of a width that training starts with, and the least one [m].
+SPREAD, LEAST_SPREAD = 5e-3, 2e-4
+#: Vectors that may tilt the closing direction, and that the ring sees.
+TILTS, BESIDE = 8, 6
+
+
+def array_shapes(
+    vectors: int = 24, hidden: int = 128, ring: int = 32
+) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights, as `ContactNetwork` in torch names them.
+
+    Args:
+        vectors: Channels of the vector neurons.
+        hidden: Width of the invariant perceptron.
+        ring: Width of the perceptron that approach directions share.
+    """
+    unbiased = {
+        "encode.mix": (vectors + 1, VECTORS),
+        "refine.mix": (vectors + 1, 2 * vectors),
+        "tilt": (TILTS, vectors),
+        "beside": (BESIDE, vectors),
+        "ring_room": (ring, 3 * ROOM + 2 * BESIDE),
+    }
+    biased = {
+        "survey": (hidden // 2, NUMBERS + vectors),
+        "first": (hidden, NUMBERS + 2 * vectors),
+        "context": (hidden, hidden),
+        "second": (hidden, hidden),
+        "to_ring": (ring, hidden),
+        "ring_hidden": (ring, ring),
+        "ring_free": (1, ring),
+        "judge": (hidden // 2, hidden + ring + 1),
+        "last": (1 + 3 * WIDTHS, hidden // 2),
+        "gates": (TILTS, hidden),
+    }
+    shapes = {f"{name}.weight": shape for name, shape in (unbiased | biased).items()}
+    return shapes | {f"{name}.bias": shape[:1] for name, shape in biased.items()}
 
 
 class FusedContactNetwork:

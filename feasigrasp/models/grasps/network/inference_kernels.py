@@ -8,11 +8,12 @@ from collections import namedtuple
 import numpy as np
 
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.grasps.network.architectures import NARROWEST, WIDTHS
 from feasigrasp.models.grasps.network.contact_features import LENGTH_SCALE
 from feasigrasp.models.grasps.network.surroundings import ROOM
 from feasigrasp.models.numerics.simd import wide_vectors
 
+#: Widths that a grasp may have, and the narrowest one [m].
+WIDTHS, NARROWEST = 2, 1e-3
 #: Contacts that go through the network together; with a power of two, rows of the matrices would
 #: crowd into the same sets of the cache, and products take twice as long.
 _TILE = 52

@@ -2,41 +2,41 @@
 
 Two presets: ``default``, and ``paper``, the paper's own architecture with weights trained on the
 same data for the same time; see `feasigrasp.models.grasps.network.architectures` for what they
-compute. Both are exactly equivariant: grasps move with the object.
+compute. Both are exactly equivariant: grasps move with the object. The default one works without
+torch.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
-from torch import nn
+from scipy.special import expit
 
-from feasigrasp.errors import GraspError
-from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.errors import GraspError, needed_by
+from feasigrasp.models.arrays import Array, Floats, Frozen
 from feasigrasp.models.choices import parse_choice
-from feasigrasp.models.grasps.network.architectures import (
-    ContactNetwork,
-    Contacts,
-    Heads,
-    PaperNetwork,
-)
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
-from feasigrasp.models.grasps.network.inference import FusedContactNetwork
+from feasigrasp.models.grasps.network.inference import FusedContactNetwork, array_shapes
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.weights_file import (
     WEIGHTS,
     WeightArrays,
     WeightsFormat,
+    check_arrays,
     fill_network,
     network_arrays,
 )
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from feasigrasp.models.grasps.network.architectures import Heads
 
 
 class Preset(StrEnum):
@@ -46,10 +46,6 @@ class Preset(StrEnum):
     PAPER = "paper"
 
 
-_ARCHITECTURES: dict[Preset, type[nn.Module]] = {
-    Preset.DEFAULT: ContactNetwork,
-    Preset.PAPER: PaperNetwork,
-}
 #: Approach directions that are handed on for each contact.
 MODES = 6
 #: Where the contact opposite may be farther away than it likely is, the hand makes room for so many
@@ -90,12 +86,14 @@ class GraspNetwork(Frozen):
 
     Attributes:
         preset: Which one.
-        network: Its torch module.
+        sizes: Of its layers.
+        weights: Its arrays, by the names that torch gives them.
         gripper: The hand whose room is measured round each contact.
     """
 
     preset: Preset
-    network: nn.Module
+    sizes: dict[str, int]
+    weights: dict[str, Floats]
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
 
     @classmethod
@@ -104,13 +102,24 @@ class GraspNetwork(Frozen):
 
         Raises:
             GraspError: There is no such preset.
+            MissingPackageError: There is no torch.
         """
+        preset = _parse(preset)
+        architecture = _architecture(preset)
+        import torch
+
         state = torch.random.get_rng_state()
         torch.manual_seed(seed)
-        preset = _parse(preset)
-        network = _ARCHITECTURES[preset]()
+        network = architecture()
         torch.random.set_rng_state(state)
-        return cls(preset, network.eval().requires_grad_(False))
+        return cls.of(preset, network)
+
+    @classmethod
+    def of(cls, preset: Preset, network: nn.Module) -> GraspNetwork:
+        """The network that a torch module is at present."""
+        made = cls(preset, network.sizes, network_arrays(network))
+        vars(made)["network"] = network.eval().requires_grad_(False)
+        return made
 
     @classmethod
     def load(cls, path: str | Path) -> GraspNetwork:
@@ -118,24 +127,37 @@ class GraspNetwork(Frozen):
 
         Raises:
             WeightsError: The file is missing, broken, or does not match its architecture.
+            MissingPackageError: It is the paper's network, and there is no torch.
         """
         return _FILE.load(path, cls._of)
 
     @classmethod
     def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> GraspNetwork:
-        preset = _parse(header["preset"])
-        network = _ARCHITECTURES[preset](**header["sizes"])
-        fill_network(network, arrays)
-        return cls(preset, network.eval().requires_grad_(False))
+        network = cls(_parse(header["preset"]), header["sizes"], dict(arrays))
+        if network.preset == Preset.DEFAULT:
+            check_arrays(arrays, array_shapes(**network.sizes))
+        else:
+            _ = network.network  # checks them
+        return network
 
     def save(self, path: str | Path) -> None:
         """Writes preset, sizes and weights into one ``.npz`` file, whole or not at all."""
-        header = {"preset": self.preset, "sizes": self.network.sizes}
-        _FILE.save(path, header, network_arrays(self.network))
+        _FILE.save(path, {"preset": self.preset, "sizes": self.sizes}, self.weights)
+
+    @cached_property
+    def network(self) -> nn.Module:
+        """Its torch module; changes of that are not the network's.
+
+        Raises:
+            MissingPackageError: There is no torch.
+        """
+        network = _architecture(self.preset)(**self.sizes)
+        fill_network(network, self.weights)
+        return network.eval().requires_grad_(False)
 
     def with_gripper(self, gripper: ParallelGripper) -> GraspNetwork:
         """The same network for another hand; no training is needed."""
-        return GraspNetwork(self.preset, self.network, gripper)
+        return replace(self, gripper=gripper)
 
     def propose(self, surface: GraspInput) -> GraspProposals:
         """Proposes a grasp at every point of a surface.
@@ -158,23 +180,23 @@ class GraspNetwork(Frozen):
             contact, closing, width, spread, approach, score = self._fused(features, MODES)
             width = with_room(width, np.sqrt(2.0) * spread, self.gripper.max_opening)
         else:
-            heads = Heads(*(head.double() for head in self.heads(features)))
-            contact, score = (torch.sigmoid(logit).numpy() for logit in (heads.contact, heads.free))
+            heads = self.heads(features)
+            heads = heads._make(head.double() for head in heads)
+            contact, score = (expit(logit.numpy()) for logit in (heads.contact, heads.free))
             width, spread = (of_mode.numpy() for of_mode in heads.likeliest_width())
             closing, approach = heads.closing.numpy(), heads.approach.numpy()
         return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
 
     def heads(self, features: ContactFeatures) -> Heads:
-        """What the torch network says of contacts, all approaches, without the batch axis."""
-        with torch.inference_mode():
-            return Heads(*(head[0] for head in self.network(Contacts.of(features))))
+        """What the torch network says of contacts, see `architectures.heads`."""
+        network = self.network  # says so if there is no torch
+        from feasigrasp.models.grasps.network.architectures import heads
+
+        return heads(network, features)
 
     @cached_property
     def _fused(self) -> FusedContactNetwork | None:
-        if not isinstance(self.network, ContactNetwork):
-            return None
-        state = self.network.state_dict()
-        return FusedContactNetwork({name: tensor.cpu().numpy() for name, tensor in state.items()})
+        return FusedContactNetwork(self.weights) if self.preset == Preset.DEFAULT else None
 
 
 def with_room(width: Array, deviation: Array, opening: float) -> Array:
@@ -220,3 +242,10 @@ def _load(preset: Preset) -> GraspNetwork:
 
 def _parse(preset: str) -> Preset:
     return parse_choice(Preset, preset, "the preset of a grasp network", GraspError)
+
+
+def _architecture(preset: Preset) -> type[nn.Module]:
+    with needed_by(f"the grasp network {preset!r} in torch"):
+        from feasigrasp.models.grasps.network.architectures import ContactNetwork, PaperNetwork
+
+    return ContactNetwork if preset == Preset.DEFAULT else PaperNetwork

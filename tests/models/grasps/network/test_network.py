@@ -52,14 +52,13 @@ def blob(seed, n=120):
 @pytest.fixture(scope="module", params=list(Preset))
 def network(request):
     """Float64, and far from the initial weights: every path carries something."""
-    made = GraspNetwork.untrained(request.param, seed=2)
-    state = copy.deepcopy(made.network.state_dict())
+    module = GraspNetwork.untrained(request.param, seed=2).network
+    state = copy.deepcopy(module.state_dict())
     rng = torch.Generator().manual_seed(5)
     for tensor in state.values():
         tensor.add_(0.1 * torch.randn(tensor.shape, generator=rng))
-    made.network.load_state_dict(state)
-    made.network.double()
-    return made
+    module.load_state_dict(state)
+    return GraspNetwork.of(request.param, module.double())
 
 
 def rotation(seed):
@@ -106,8 +105,8 @@ def test_a_mirrored_object_has_mirrored_proposals(network):
 @pytest.mark.parametrize("what", ["vectors", "numbers", "room", "axes", "across"])
 def test_features_that_do_not_turn_would_be_noticed(what):
     """The tests above rest on every input: each of them matters, and a wrong one breaks them."""
-    network = GraspNetwork.untrained("default", seed=3)
-    network.network.double()
+    module = GraspNetwork.untrained("default", seed=3).network
+    network = GraspNetwork.of(Preset.DEFAULT, module.double())
     points, normals, scalars = blob(9)
     features = contact_features(points, normals, scalars)
     R = rotation(9)
@@ -169,18 +168,18 @@ def test_a_hand_makes_room_for_a_far_contact_that_is_uncertain():
 
 
 def test_the_fused_network_is_the_torch_one():
-    network = GraspNetwork.untrained("default", seed=8)
+    module = GraspNetwork.untrained("default", seed=8).network.double()
     with torch.no_grad():
-        for parameter in network.network.parameters():
-            parameter.add_(0.1 * torch.randn(parameter.shape, generator=torch.Generator()))
-    network.network.double()
+        for parameter in module.parameters():
+            noise = torch.randn(parameter.shape, generator=torch.Generator())
+            parameter.add_(0.1 * noise.double())
     features = contact_features(*blob(19, 133))  # no whole number of tiles
     with torch.no_grad():  # either width the likelier one at half of the contacts
-        weight = network.network(Contacts.of(features)).weight
+        weight = module(Contacts.of(features)).weight
         lead = (weight[..., 0] - weight[..., 1]).flatten().sort().values
-        network.network.last.bias[-1] += lead[66:68].mean()  # of none: rounding would decide it
-    a = network.propose_at(features)
-    heads = network.network(Contacts.of(features))
+        module.last.bias[-1] += lead[66:68].mean()  # of none: rounding would decide it
+    a = GraspNetwork.of(Preset.DEFAULT, module).propose_at(features)
+    heads = module(Contacts.of(features))
     np.testing.assert_allclose(a.contact, torch.sigmoid(heads.contact[0]), atol=1e-12)
     width, spread = heads.likeliest_width()
     assert 0.4 < (width == heads.width[..., 0]).double().mean() < 0.6

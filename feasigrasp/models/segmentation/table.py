@@ -7,6 +7,7 @@ import numpy as np
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
+from feasigrasp.models.geometry.plane import largest_plane
 
 #: Smaller clouds are of one object, flat or not [m].
 _TABLE_EXTENT = 0.25
@@ -33,12 +34,8 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
     """
     if float(np.ptp(points, axis=0).max()) < _TABLE_EXTENT:
         return
-    import open3d as o3d  # a slow import that clouds of one small object do not need
-
     thin, _ = grouped_means(points, voxel_keys(points, _RESOLUTION), np.ones(len(points)))
-    o3d.utility.random.seed(0)
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(thin))
-    plane, _ = cloud.segment_plane(_TABLE_THICKNESS, 3, _DRAWS)
+    plane = largest_plane(thin, _TABLE_THICKNESS, _DRAWS)
     height = thin @ plane[:3] + plane[3]
     flat = np.abs(height) <= _TABLE_THICKNESS
     share, rest = float(flat.mean()), height[~flat]
