@@ -6,6 +6,7 @@ from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
+from feasigrasp.systems.ports import evaluate
 
 RADIUS = 0.04
 CAMERA = np.array([0.0, 0.0, 0.5])
@@ -52,7 +53,7 @@ class Perception:
         return self.dut.GetOutputPort("perceived").Eval(self.context)
 
     def gpdf(self):
-        return self.dut.GetOutputPort("gpdf").Eval(self.context)
+        return evaluate(self.dut.GetOutputPort("gpdf"), self.context)
 
     def view_faults(self):
         return self.dut.GetOutputPort("view_faults").Eval(self.context)[0]

@@ -14,6 +14,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
+from feasigrasp.systems.ports import evaluate
 
 GRIPPER = ParallelGripper()
 CONFIG = GraspSequenceConfig(
@@ -66,7 +67,7 @@ class Mock:
             self.dut.GetInputPort(name).FixValue(self.context, value)
 
     def output(self, name):
-        value = self.dut.GetOutputPort(name).Eval(self.context)
+        value = evaluate(self.dut.GetOutputPort(name), self.context)
         return float(value[0]) if isinstance(value, np.ndarray) else value
 
     def advance(self, t):

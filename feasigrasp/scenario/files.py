@@ -12,7 +12,7 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import nearest
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.scenario.keys import check_keys, compose
+from feasigrasp.scenario.keys import check_keys, compose, drop_former_keys
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
 
@@ -82,11 +82,10 @@ def load_scenario(scenario: str | Path, *texts: str | None) -> Scenario:
     what = f"scenario {name!r} in {filename}"
     stages: list[tuple[str, Scenario]] = []
     try:
-        check_keys(nodes[name], Scenario)
-        stages.append((what, _load(Scenario(), filename=str(filename), child_name=name)))
+        stages.append((what, _load(nodes[name], Scenario())))
         for text in overrides:
             what = f"scenario {name!r} as changed by {_shortened(text)}"
-            stages.append((what, _parse(text, stages[-1][1])))
+            stages.append((what, _load(compose(text), stages[-1][1])))
     except ScenarioError as error:
         raise ScenarioError(f"{what}: {error}") from error
     wrong = _wrong_with(stages[-1][1])
@@ -113,7 +112,7 @@ def parse_scenario(text: str) -> Scenario:
         ScenarioError: Unknown key or value.
     """
     try:
-        scenario = resolve(_parse(text, Scenario()))
+        scenario = resolve(_load(compose(text), Scenario()))
         check_scenario(scenario)
     except ScenarioError as error:
         raise ScenarioError(f"not a scenario: {error}") from error
@@ -159,21 +158,20 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
         raise ScenarioError(f"{filename} is {error}") from error
 
 
-def _parse(text: str, defaults: Scenario) -> Scenario:
-    check_keys(compose(text), Scenario)
-    return _load(defaults, data=text)
-
-
-def _load(defaults: Scenario, **source: str) -> Scenario:
+def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
+    """Reads the tree of a scenario, or of changes of ``defaults``."""
+    drop_former_keys(node)
+    check_keys(node, Scenario)
+    text = yaml.serialize(node, Dumper=yaml.SafeDumper)
     try:
         # Drake merges maps, so that an empty one would change nothing.
-        given = yaml.load(source.get("data", ""), Loader=yaml.BaseLoader)
+        given = yaml.load(text, Loader=yaml.BaseLoader)
         empty = {key for key, value in dict(given or {}).items() if value == {}}
         changes: dict[str, Any] = {
             key: {} for key, value in vars(defaults).items() if key in empty and type(value) is dict
         }
         defaults = dc.replace(defaults, **changes)
-        return yaml_load_typed(schema=Scenario, defaults=defaults, **source)
+        return yaml_load_typed(schema=Scenario, data=text, defaults=defaults)
     except _YAML_ERRORS as error:
         # Drake's structs list the C++ types that they take before what they were given.
         _, refused, given = str(error).partition("incompatible function arguments.")

@@ -20,6 +20,9 @@ from feasigrasp.models.choices import nearest
 _TAG = "tag:yaml.org,2002:"
 #: Sections whose keys are names of the user's own.
 _NAMED = ("cameras", "camera_noise")
+#: Keys that older releases of Drake have, and their value there by default; recorded scenarios hold
+#: them.
+_FORMER = {("simulator_config", "publish_every_time_step"): "false"}
 #: What Drake's structs for things drawn from the seed call their numbers: those of one key.
 _DRAWN = ("min", "max", "mean", "stddev", "value", "values")
 _SCALARS = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
@@ -58,6 +61,17 @@ def compose(text: str) -> yaml.MappingNode:
         raise ScenarioError("not a mapping; give keys with values, e.g. {random_seed: 1}")
     _check_once(root, set())
     return root
+
+
+def drop_former_keys(root: yaml.Node) -> None:
+    """Takes keys out of the tree of a scenario that say what Drake does anyway, in any release."""
+    for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
+        if key.tag == f"{_TAG}merge":
+            drop_former_keys(value)
+        elif isinstance(value, yaml.MappingNode):
+            value.value = [
+                (k, v) for k, v in value.value if _FORMER.get((key.value, k.value), ...) != v.value
+            ]
 
 
 def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) -> None:

@@ -358,3 +358,17 @@ def test_a_heavier_object_is_heavier_in_all_directions():
     )
     assert two.mass == pytest.approx(2.0 * one.mass)
     np.testing.assert_allclose(two.inertia, 2.0 * one.inertia)
+
+
+def test_a_key_that_only_older_releases_of_drake_have_is_read_where_it_changes_nothing(tmp_path):
+    """Records of older releases hold it; where it asks for something, Drake has to have it."""
+    step = "simulator_config: {max_step_size: 0.02, publish_every_time_step: false}"
+    former = f"{step}, cameras: {{wrist_camera: {{}}}}"
+    own = tmp_path / "own.yaml"
+    own.write_text(f"_base: &base {{{former}}}\nMine: {{<<: *base, random_seed: 3}}\n")
+    scenario = load_scenario(own, "Mine", "{simulator_config: {publish_every_time_step: false}}")
+    assert scenario.random_seed == 3
+    for each in (scenario, parse_scenario(f"{{{former}}}")):
+        assert each.simulator_config.max_step_size == 0.02
+    with pytest.raises(ScenarioError, match="has no key 'publish_evry_time_step'"):
+        parse_scenario(f"{{{step.replace('every', 'evry')}}}")

@@ -21,6 +21,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.ports import to_value
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from tests.controller_bench import HOME, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
 
@@ -175,7 +176,7 @@ def test_the_open_hand_does_not_push_the_ball_that_is_in_its_way(make, ball, dir
     assert np.isfinite(safe).all()
     assert np.linalg.norm(safe) > 0.1
     assert slack(BESIDE, safe, p_WO, V_WO).min() > -0.01
-    bench.fix(gpdf=Value[object](None))  # e.g. from the moment the hand closes
+    bench.fix(gpdf=to_value(None))  # e.g. from the moment the hand closes
     np.testing.assert_array_equal(bench.command(), free)
 
 

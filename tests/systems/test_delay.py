@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from feasigrasp.systems.ports import PeriodicState, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_output, evaluate
 from feasigrasp.systems.stages.delay import Delay
 
 PERIOD = 0.005
@@ -42,7 +42,8 @@ def arrivals(times, latency, kind, duration, period=PERIOD):
     for k in range(round(duration / PERIOD) + 1):
         simulator.AdvanceTo(k * PERIOD)
         simulator.AdvancePendingEvents()  # those of this very instant
-        y = delay.GetOutputPort("y").Eval(delay.GetMyContextFromRoot(simulator.get_context()))
+        context = delay.GetMyContextFromRoot(simulator.get_context())
+        y = evaluate(delay.GetOutputPort("y"), context)
         value = float(y[0]) if kind == "vector" else y
         if value is not None and value >= 0:
             found.setdefault(int(value), k * PERIOD)

@@ -15,6 +15,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
+from feasigrasp.systems.ports import to_value
 
 
 def sphere(n=600, radius=0.03):
@@ -53,7 +54,7 @@ def test_ports_are_those_of_the_docstring(ports, documented_ports):
 def test_without_a_field_there_are_no_grasps_and_a_reason(fixed_context):
     sampler = CountingSampler()
     dut = GraspSampler(sampler)
-    context = fixed_context(dut, gpdf=AbstractValue.Make(None))
+    context = fixed_context(dut, gpdf=to_value(None))
     grasps = dut.get_output_port().Eval(context)
     assert len(grasps) == 0
     assert grasps.rejected == {"object not seen": 1}

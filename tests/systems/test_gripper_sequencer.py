@@ -16,6 +16,7 @@ from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_ke
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
+from feasigrasp.systems.ports import to_value
 from tests.sequencer_bench import (
     CONFIG,
     GRIPPER,
@@ -79,7 +80,7 @@ def test_a_hand_that_opens_again_keeps_off_the_object_again():
 
 
 def test_without_a_field_none_is_passed_on():
-    unconnected, unseen = Mock(), Mock(gpdf=Value[object](None))
+    unconnected, unseen = Mock(), Mock(gpdf=to_value(None))
     for mock in (unconnected, unseen):
         assert mock.advance(0.03) == Phase.APPROACH
         assert mock.output("gpdf") is None

@@ -11,6 +11,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.systems.ports import evaluate, to_value
 from tests.sequencer_bench import (
     UNKNOWN,
     X_WH,
@@ -91,14 +92,14 @@ def second_look(**inputs):
 def test_without_a_grasp_in_reach_the_arm_looks_from_another_side():
     mock = second_look(grasps=GraspSet.empty())
     mock.advance(0.9)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is None
     mock.advance(1.2)
     q = mock.dut.GetOutputPort("look_from").Eval(mock.context)
     assert Reachability().admissible(q[None])[0] and np.abs(q - Q).max() > 0.1
     # What comes into reach is gone for at once.
     mock.fix(grasps=grasps_at(0.05))
     mock.advance(1.3)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is None
     assert len(mock.output("grasps")) == 1
 
 
@@ -107,7 +108,7 @@ def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
     mock.advance(2.9)
     assert len(mock.output("grasps")) == 2
     mock.advance(3.2)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is not None
+    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is not None
     assert len(mock.output("grasps")) == 1
 
 
@@ -115,7 +116,7 @@ def test_a_grasp_that_the_hand_does_not_come_to_is_given_up():
     "inputs",
     [
         {"tracking": tracked("lost")},
-        {"gpdf": Value[object](None)},
+        {"gpdf": to_value(None)},
         {"object_pose": UNKNOWN},
         {"config": GraspSequenceConfig(close=False)},
         {"config": GraspSequenceConfig(patience=np.inf), "grasps": grasps_at(0.05)},
@@ -127,14 +128,14 @@ def test_no_other_look_is_taken_at_what_is_not_known_or_not_to_be_grasped(inputs
     if "config" in inputs:
         mock = second_look(**{"grasps": GraspSet.empty(), **inputs})
     mock.advance(5.0)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is None
 
 
 def test_without_a_camera_the_hand_only_goes_for_other_grasps():
     field = Value[object](fit_gpdf(sphere_points(64, 0.03)))
     mock = Mock(reachability=Reachability(), gpdf=field, grasps=grasps_at(0.05, 0.2))
     mock.advance(3.2)
-    assert mock.dut.GetOutputPort("look_from").Eval(mock.context) is None
+    assert evaluate(mock.dut.GetOutputPort("look_from"), mock.context) is None
     assert len(mock.output("grasps")) == 1
 
 

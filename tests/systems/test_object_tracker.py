@@ -12,6 +12,7 @@ from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import TrackingState
 from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.ports import evaluate, to_value
 
 STILL = HarmonicMotion(
     center=np.array([0.5, -0.2, 0.3]),
@@ -82,7 +83,7 @@ class Tracked:
 
     def _output(self, name):
         context = self.tracker.GetMyContextFromRoot(self.simulator.get_context())
-        return self.tracker.GetOutputPort(name).Eval(context)
+        return evaluate(self.tracker.GetOutputPort(name), context)
 
     @property
     def tracking(self):
@@ -222,7 +223,7 @@ def test_a_state_updated_at_the_start_knows_the_pose():
             super().__init__()
             self.seen = []
             self.port = self.DeclareAbstractInputPort("pose", Value[RigidTransform]())
-            self.DeclareAbstractState(Value[object](None))
+            self.DeclareAbstractState(to_value(None))
             self.DeclarePeriodicUnrestrictedUpdateEvent(0.5, 0.0, self._look)
 
         def _look(self, context, state):

@@ -13,6 +13,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
+from feasigrasp.systems.ports import evaluate
 
 ROBOT, OBJECT, TABLE = 3, 9, 12
 
@@ -53,7 +54,7 @@ def looked(dut, *views, **inputs):
         for name, value in (view | inputs).items():
             dut.GetInputPort(name).FixValue(context, value)
         simulator.AdvanceTo(context.get_time() + 1.0)
-    return dut.get_output_port().Eval(context)
+    return evaluate(dut.get_output_port(), context)
 
 
 def test_ports_are_those_of_the_docstring(ports, documented_ports):
@@ -63,7 +64,7 @@ def test_ports_are_those_of_the_docstring(ports, documented_ports):
 
 def test_robot_and_object_are_no_part_of_the_scene_and_views_are_merged():
     dut = PointCloudToScene([ROBOT, OBJECT])
-    assert dut.get_output_port().Eval(dut.CreateDefaultContext()) is None
+    assert evaluate(dut.get_output_port(), dut.CreateDefaultContext()) is None
     scene = looked(dut, table_view(0.0), table_view(0.4))
     probe = np.array([[0.3, 0.25, 0.1], [0.45, 0.6, 0.1], [0.12, 0.12, 0.15], [0.45, 0.25, 0.35]])
     np.testing.assert_allclose(scene.distance(probe[:2]), 0.1, atol=2e-3)

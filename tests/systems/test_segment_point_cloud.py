@@ -8,6 +8,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, PixelType
 
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.systems.ports import evaluate
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
 
 LABEL = 7
@@ -155,4 +156,4 @@ def test_the_outline_is_of_what_has_no_depth_and_of_what_is_before_the_body(fixe
     assert set(np.rint(camera.pixels(found.hidden)[1]).astype(int)) == {0, 1, 2, 3, 4}
     assert found.whole
     plain = SegmentPointCloud(LABEL)
-    assert plain.GetOutputPort("outline").Eval(fixed_context(plain, **inputs)) is None
+    assert evaluate(plain.GetOutputPort("outline"), fixed_context(plain, **inputs)) is None

@@ -19,7 +19,7 @@ from feasigrasp.models.shape.hidden_side import (
     features,
     picture_scale,
 )
-from feasigrasp.models.shape.hidden_side_network import FEATURES, HiddenSide, load_hidden_side
+from feasigrasp.models.shape.hidden_side_network import FEATURES, HiddenSide
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError
 from feasigrasp.training.hidden_side_network import HiddenSideNetwork, export
 

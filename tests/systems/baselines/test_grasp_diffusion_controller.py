@@ -10,6 +10,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.baselines.grasp_diffusion_controller import GraspDiffusionController
+from feasigrasp.systems.ports import to_value
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from tests.controller_bench import NEAR, REACH, UNKNOWN, Bench, ring
 
@@ -49,7 +50,7 @@ def test_it_stops_without_grasps_and_without_a_pose(bench, inputs):
 
 def test_without_a_field_it_follows_the_grasp_that_it_is_given(bench):
     """As fingers close and lift, when there is no field any more."""
-    bench.fix(gpdf=Value[object](None))
+    bench.fix(gpdf=to_value(None))
     bench.advance(0.21)
     memory = bench.dut.memory(bench.context)
     assert memory.grasp and memory.diffused is None

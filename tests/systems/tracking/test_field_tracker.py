@@ -17,6 +17,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.ports import evaluate
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
 from tests.object_views import CAMERA, camera_at, look
@@ -64,7 +65,7 @@ class Loop:
 
     def output(self, name):
         port = self.tracker.GetOutputPort(name)
-        return port.Eval(self.tracker.GetMyContextFromRoot(self.context))
+        return evaluate(port, self.tracker.GetMyContextFromRoot(self.context))
 
     def error(self, X_WB):
         """Largest distance of the box's corners from where its first pose says they are [m]."""
