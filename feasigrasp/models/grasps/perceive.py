@@ -11,11 +11,11 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import checked_cloud
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.outliers import outliers
+from feasigrasp.models.clouds.table import check_no_table
 from feasigrasp.models.grasps.carry import Carrier, carried
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.segmentation.table import check_no_table
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
-from feasigrasp.models.geometry.plane import largest_plane
+from feasigrasp.models.clouds.table import largest_plane
 
 #: Points within so much of the plane are the table's [m]; what stands on it starts higher.
 _THICKNESS, _STANDS = 0.005, 0.006

@@ -117,7 +117,8 @@ class GraspNetwork(Frozen):
     @classmethod
     def of(cls, preset: Preset, network: nn.Module) -> GraspNetwork:
         """The network that a torch module is at present."""
-        made = cls(preset, network.sizes, network_arrays(network))
+        sizes: Any = network.sizes
+        made = cls(preset, sizes, network_arrays(network))
         vars(made)["network"] = network.eval().requires_grad_(False)
         return made
 
@@ -181,10 +182,9 @@ class GraspNetwork(Frozen):
             width = with_room(width, np.sqrt(2.0) * spread, self.gripper.max_opening)
         else:
             heads = self.heads(features)
-            heads = heads._make(head.double() for head in heads)
-            contact, score = (expit(logit.numpy()) for logit in (heads.contact, heads.free))
-            width, spread = (of_mode.numpy() for of_mode in heads.likeliest_width())
-            closing, approach = heads.closing.numpy(), heads.approach.numpy()
+            contact, score = (expit(at.double().numpy()) for at in (heads.contact, heads.free))
+            width, spread = (of_mode.double().numpy() for of_mode in heads.likeliest_width())
+            closing, approach = (at.double().numpy() for at in (heads.closing, heads.approach))
         return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
 
     def heads(self, features: ContactFeatures) -> Heads:

@@ -1,4 +1,4 @@
-"""Finds out that a cloud shows a table with something on it, and not one object."""
+"""The largest plane of a cloud, and whether that is a table with something on it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import numpy as np
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
-from feasigrasp.models.geometry.plane import largest_plane
 
 #: Smaller clouds are of one object, flat or not [m].
 _TABLE_EXTENT = 0.25
@@ -17,6 +16,8 @@ _TABLE_SHARE, _TABLE_THICKNESS = 0.4, 0.006
 _ON_TABLE, _ONE_SIDE = 0.7, 0.9
 #: Tables are sought with so many draws of three points; resolution [m].
 _DRAWS, _RESOLUTION = 300, 0.005
+#: Points that planes are compared by; the share of a plane is then known to 1 % (one sigma).
+_COMPARED = 2500
 
 
 def check_no_table(points: Array, viewpoint: Array | None) -> None:
@@ -57,6 +58,35 @@ def check_no_table(points: Array, viewpoint: Array | None) -> None:
         "(object_on_table(...)) or --crop (prepare_cloud(crop=...)) above the plane, or keep the "
         "points of its mask"
     )
+
+
+def largest_plane(points: Array, thickness: float, draws: int, seed: int = 0) -> Array:
+    """The plane with the most points within ``thickness``, fitted to these by least squares.
+
+    By random sample consensus (Fischler 1981).
+
+    Args:
+        points: Shape (n, 3), n > 0 [m].
+        thickness: Largest distance of its points [m].
+        draws: Planes through three random points that are tried.
+        seed: Of the draws.
+
+    Returns:
+        Unit normal and offset: ``n . x + d`` is the signed distance of x [m], shape (4,).
+    """
+    rng = np.random.default_rng(seed)
+    some = rng.permutation(points)[:_COMPARED]
+    a, b, c = points[rng.integers(len(points), size=(3, draws))]
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    normals /= np.where(length > 0.0, length, 1.0)[:, None]
+    offsets = -np.einsum("ni,ni->n", normals, a)
+    count = (np.abs(some @ normals.T + offsets) <= thickness).sum(axis=0)
+    best = int(np.argmax(np.where(length > 0.0, count, 0)))  # not of three points on a line
+    near = points[np.abs(points @ normals[best] + offsets[best]) <= thickness]
+    middle = near.mean(axis=0)
+    normal = np.linalg.eigh((near - middle).T @ (near - middle))[1][:, 0]
+    return np.append(normal, -normal @ middle)
 
 
 def _width(points: Array, normal: Array) -> float:
