@@ -11,6 +11,10 @@ class FeasigraspError(Exception):
     """Base class of the project's own errors."""
 
 
+class ArgumentError(FeasigraspError, ValueError):
+    """An argument of a wrong type, shape or range."""
+
+
 class PointCloudError(FeasigraspError, ValueError):
     """A point cloud that no distance field can be fitted to (too few points, NaN, wrong shape)."""
 

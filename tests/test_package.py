@@ -23,7 +23,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = (
     ("errors", "models.arrays"),
     ("resources", "inputs", "outputs"),
-    ("models.choices", "models.control.mode", "models.weights_file"),
+    ("models.choices", "models.control.mode", "models.weights_file", "models.quantities"),
+    ("models.arguments",),
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),

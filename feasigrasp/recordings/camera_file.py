@@ -15,12 +15,12 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from feasigrasp.errors import CameraError, InputError
 from feasigrasp.inputs import read_json
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.quantities import Count, NotNegative, Positive
 
 #: Bounds of focal length over image width: fields of view from 3 to 136 degrees. The widest depth
 #: camera in use, the Azure Kinect, has 120; normalized intrinsics are below it.
@@ -41,10 +41,10 @@ class CameraInfo:
     """
 
     intrinsics: tuple[float, float, float, float]
-    unit: float = 1e-3
-    size: tuple[int, int] | None = None
-    near: float = 0.1
-    baseline: float = DepthNoise.baseline
+    unit: Positive = 1e-3
+    size: tuple[Count, Count] | None = None
+    near: NotNegative = 0.1
+    baseline: Positive = DepthNoise.baseline
     source: str = "the camera"
 
     def __post_init__(self) -> None:
@@ -53,13 +53,16 @@ class CameraInfo:
         Raises:
             CameraError: A focal length, the unit or the baseline is not positive, or not finite.
         """
-        positive = *self.intrinsics[:2], self.unit, self.baseline
-        if not (
-            min(positive) > 0.0 and np.isfinite([*positive, *self.intrinsics, self.near]).all()
-        ):
-            raise CameraError(f"{self.source}: give positive fx, fy, depth_scale and baseline")
+        mend = "give positive fx, fy, depth_scale and baseline"
+        try:
+            check_fields(self, CameraError)
+        except CameraError as error:
+            raise CameraError(f"{self.source}: {error}; {mend}") from None
+        if min(self.intrinsics[:2]) <= 0.0:
+            raise CameraError(f"{self.source}: intrinsics are {self.intrinsics}; {mend}")
 
-    def camera(self, width: int, height: int) -> Camera:
+    @checked(CameraError)
+    def camera(self, width: Count, height: Count) -> Camera:
         """The camera of images of that size.
 
         Raises:
@@ -90,6 +93,7 @@ class CameraInfo:
         return json.dumps(content | {"near": self.near, "baseline": self.baseline}, indent=1) + "\n"
 
 
+@checked(InputError)
 def read_camera(given: str | Path) -> CameraInfo:
     """Reads a camera file, or intrinsics that are given as text.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.errors import CameraError, InputError, PointCloudError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.clouds.camera import unproject
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
@@ -30,6 +31,7 @@ def camera_file_of(depth: str | Path) -> Path:
     )
 
 
+@checked(InputError)
 def captured_points(
     depth: str | Path,
     camera: str | Path | None = None,

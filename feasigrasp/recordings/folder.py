@@ -14,14 +14,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import InputError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.quantities import UNKNOWN_POSES, ArrayOf, Positive, Whole
 from feasigrasp.recordings.camera_file import read_camera
 from feasigrasp.recordings.images import check_size, check_unit, read_depth, read_mask
 
@@ -44,12 +47,17 @@ class DepthFolder(Frozen):
 
     camera: Camera
     files: list[Path]
-    times: Array
-    unit: float
-    X_WC: Array
+    times: Annotated[Array, ArrayOf(("n",), "s")]
+    unit: Positive
+    X_WC: Annotated[Array, UNKNOWN_POSES]
     masks: dict[str, Path] = field(default_factory=dict)
 
-    def depth(self, k: int) -> Array:
+    def __post_init__(self) -> None:
+        """Checks what it is made of."""
+        check_fields(self, InputError)
+
+    @checked(InputError)
+    def depth(self, k: Whole) -> Array:
         """Depth image k, 0 where nothing was measured, shape (height, width) [m].
 
         Raises:
@@ -59,7 +67,8 @@ class DepthFolder(Frozen):
         check_size(self.files[k], depth.shape, (self.camera.height, self.camera.width))
         return depth
 
-    def mask(self, k: int) -> Mask | None:
+    @checked(InputError)
+    def mask(self, k: Whole) -> Mask | None:
         """The object's pixels in image k, if there is a mask of it, shape (height, width).
 
         Raises:
@@ -70,7 +79,8 @@ class DepthFolder(Frozen):
         return None if file is None else read_mask(file, shape)
 
 
-def read_depth_folder(folder: str | Path, rate: float = 30.0) -> DepthFolder:
+@checked(InputError)
+def read_depth_folder(folder: str | Path, rate: Positive = 30.0) -> DepthFolder:
     """Reads what a folder says; see above.
 
     Args:

@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from feasigrasp.errors import InputError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.quantities import Count, Positive
 
 #: A median depth beyond these is a wrong unit [m]: a D405 measures from 0.07 m, and depth cameras
 #: of robots to about 10 m (data sheets).
 _PLAUSIBLE = 0.02, 20.0
 
 
-def read_depth(file: str | Path, unit: float = 1e-3) -> Array:
+@checked(InputError)
+def read_depth(file: str | Path, unit: Positive = 1e-3) -> Array:
     """Reads a depth image.
 
     Args:
@@ -40,7 +43,8 @@ def read_depth(file: str | Path, unit: float = 1e-3) -> Array:
     return unit * pixels.astype(float)
 
 
-def read_mask(file: str | Path, shape: tuple[int, int]) -> Mask:
+@checked(InputError)
+def read_mask(file: str | Path, shape: tuple[Count, Count]) -> Mask:
     """Reads which pixels show the object: those other than zero.
 
     Args:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from feasigrasp.errors import OutputError
+from feasigrasp.errors import InputError, OutputError
+from feasigrasp.models.arguments import check_fields, checked
+from feasigrasp.models.quantities import ArrayOf, Whole
 from feasigrasp.outputs import replacing, write_text
 from feasigrasp.recordings.camera_file import CameraInfo
 
@@ -30,9 +33,17 @@ class DepthFrame:
     """
 
     time: float
-    number: int
-    depth: NDArray[np.uint16]
-    color: NDArray[np.uint8]
+    number: Whole
+    depth: Annotated[NDArray[np.uint16], ArrayOf(("h", "w"), dtype=np.uint16)]
+    color: Annotated[NDArray[np.uint8], ArrayOf(("h", "w", 3), dtype=np.uint8)]
+
+    def __post_init__(self) -> None:
+        """Checks what it is made of.
+
+        Raises:
+            InputError: The images have another kind, or not the same size.
+        """
+        check_fields(self, InputError)
 
 
 def check_new_recording(folder: Path) -> None:
@@ -45,6 +56,7 @@ def check_new_recording(folder: Path) -> None:
         raise OutputError(f"{folder} holds depth images already; give another --out")
 
 
+@checked(InputError)
 def recorded(
     folder: Path, camera: CameraInfo, frames: Iterable[DepthFrame]
 ) -> Iterator[DepthFrame]:

@@ -9,6 +9,7 @@ import yaml
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import nearest
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
@@ -53,6 +54,7 @@ def only_scenario(filename: str | Path) -> str:
     return names[0]
 
 
+@checked(ScenarioError)
 def load_scenario(scenario: str | Path, *texts: str | None) -> Scenario:
     """Reads one scenario; what it leaves to the control mode is filled in.
 
@@ -96,6 +98,7 @@ def load_scenario(scenario: str | Path, *texts: str | None) -> Scenario:
     return resolve(stages[-1][1])
 
 
+@checked(ScenarioError)
 def dump_scenario(scenario: Scenario) -> str:
     """The scenario as YAML text, with every value in force; `parse_scenario` reads it.
 

@@ -9,6 +9,7 @@ from pydrake.common import RandomGenerator
 from pydrake.common.schema import Sample, Transform
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
@@ -71,6 +72,7 @@ def make_hand_error(scenario: Scenario) -> Array:
     return se3.make_pose(se3.so3_exp(config.angle_error * about), config.position_error * along)
 
 
+@checked(ScenarioError)
 def make_motion(scenario: Scenario) -> ObjectMotion:
     """The object's motion, with everything random drawn from the scenario's seed.
 

@@ -17,6 +17,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.control.planning.outlook import LookAhead
@@ -361,6 +362,18 @@ class Scenario:
     grasp: GraspSequenceConfig = dc.field(default_factory=GraspSequenceConfig)
     parts: dict[str, PartConfig] = dc.field(default_factory=dict)
     faults: list[AnyFault] = dc.field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Checks the types of the entries.
+
+        Raises:
+            ScenarioError: One has another type, the seed is negative, or joints are missing.
+        """
+        check_fields(self, ScenarioError)
+        if self.random_seed < 0:
+            raise ScenarioError(f"Scenario.random_seed = {self.random_seed}; give 0 or more")
+        if len(self.q_start) != IIWA_7.joints:
+            raise ScenarioError(f"q_start has {len(self.q_start)} entries; give {IIWA_7.joints}")
 
     @property
     def controller_name(self) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import CacheEntry, Context
 
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.lookout import Sought
@@ -133,6 +134,7 @@ class ControllerInputs:
         """
         return self._grid(self._controller._surface)
 
+    @checked()
     def kept_off(self, grid: ObstacleGrid | None) -> ObstacleGrid | None:
         """What of an object's surface the hand keeps off, see `kept_surface`."""
         if grid is None or grid.seen is None:

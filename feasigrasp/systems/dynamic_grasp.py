@@ -10,6 +10,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.grippers import load_gripper
@@ -60,6 +61,10 @@ class Subsystems:
     drive: LeafSystem
     status: LeafSystem
 
+    def __post_init__(self) -> None:
+        """Checks that they are systems."""
+        check_fields(self, ScenarioError)
+
 
 class DynamicGrasp(Diagram):
     """The whole pipeline; `make_dynamic_grasp` builds it.
@@ -75,6 +80,7 @@ class DynamicGrasp(Diagram):
 Connect = Callable[[DiagramBuilder, Subsystems], None]
 
 
+@checked(ScenarioError)
 def make_dynamic_grasp(
     scenario: Scenario,
     meshcat: Meshcat | None = None,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.law import JointControlOptions, JointSpaceControl
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.quantities import Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs
@@ -22,12 +25,13 @@ class GPJointController(GraspController):
     twist is not finite, the command is to stop.
     """
 
+    @checked(ControlError)
     def __init__(
         self,
         reachability: Reachability,
         options: JointControlOptions | None = None,
         *,
-        period: float = ReachabilityConfig.period,
+        period: Positive = ReachabilityConfig.period,
         mode: str = ControlMode.SAFE,
     ) -> None:
         """A controller; ``mode`` is ``safe``, or one that enforces nothing.
@@ -44,6 +48,7 @@ class GPJointController(GraspController):
         self._control = JointSpaceControl(reachability, options, period, self.mode)
         self.rehearse()
 
+    @checked(ControlError)
     def update(self, memory: Solutions, inputs: ControllerInputs) -> Solutions:
         """The solutions to follow."""
         return self._control.update(
@@ -56,6 +61,7 @@ class GPJointController(GraspController):
             inputs.motion,
         )
 
+    @checked(ControlError)
     def velocity(self, memory: Solutions, inputs: ControllerInputs) -> Array:
         """Down the field over the solutions."""
         return self._control.velocity(

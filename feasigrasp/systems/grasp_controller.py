@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
 )
 
 from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode
@@ -38,6 +39,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.quantities import JACOBIAN, JOINT_RATES, TWIST, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
@@ -126,13 +128,14 @@ class GraspController(LeafSystem):
         period: Time between updates [s].
     """
 
+    @checked(ControlError)
     def __init__(
         self,
         reachability: Reachability,
         memory: Any = None,
         *,
         safety: SafetyOptions | None = None,
-        period: float = ReachabilityConfig.period,
+        period: Positive = ReachabilityConfig.period,
         mode: str = ControlMode.SAFE,
     ) -> None:
         """A controller that has not seen any grasps.
@@ -189,6 +192,7 @@ class GraspController(LeafSystem):
             return None
         return Safety(self._safety_options, self.reachability.gripper)
 
+    @checked(ControlError)
     def update(self, memory: Any, inputs: ControllerInputs) -> Any:
         """What to remember from now on.
 
@@ -198,6 +202,7 @@ class GraspController(LeafSystem):
         """
         raise NotImplementedError
 
+    @checked(ControlError)
     def velocity(self, memory: Any, inputs: ControllerInputs) -> Array:
         """The commanded joint velocity [rad/s], shape (7,).
 
@@ -215,6 +220,7 @@ class GraspController(LeafSystem):
         """
         return None
 
+    @checked(ControlError)
     def memory(self, context: Context) -> Any:
         """What the last `update` returned, here or where the ``plan`` comes from."""
         planned = optional(self._plan, context)
@@ -225,12 +231,13 @@ class GraspController(LeafSystem):
         """What an output that follows from the memory depends on."""
         return {self._memory.ticket(), self._plan.ticket()}
 
+    @checked(ControlError)
     def enforced(
         self,
-        qd: Array,
+        qd: Annotated[Array, JOINT_RATES],
         inputs: ControllerInputs,
-        J: Array | None = None,
-        V: Array | None = None,
+        J: Annotated[Array, JACOBIAN] | None = None,
+        V: Annotated[Array, TWIST] | None = None,
     ) -> Array:
         """The velocity nearest to ``qd`` (7,) that keeps limits and clearances.
 
@@ -250,7 +257,8 @@ class GraspController(LeafSystem):
             moving=self._kept_off(inputs),
         )
 
-    def in_view(self, qd: Array, inputs: ControllerInputs) -> Array:
+    @checked(ControlError)
+    def in_view(self, qd: Annotated[Array, JOINT_RATES], inputs: ControllerInputs) -> Array:
         """The velocity nearest to ``qd`` (7,) that also keeps the object in the camera's image.
 
         It is ``qd`` itself in a mode that enforces nothing, unless the object is tracked with a

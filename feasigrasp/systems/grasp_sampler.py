@@ -9,10 +9,12 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.grasps.carry import Carrier
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.matching import GraspHistory, recheck_grasps
+from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import (
@@ -56,14 +58,15 @@ class GraspSampler(LeafSystem):
     passed over.
     """
 
+    @checked(GraspError)
     def __init__(
         self,
         sampler: GraspSamplerFn,
         gripper: ParallelGripper | None = None,
         *,
-        mass: float | None = None,
-        period: float = 0.05,
-        rest: float = 0.0,
+        mass: Positive | None = None,
+        period: Positive = 0.05,
+        rest: NotNegative = 0.0,
     ) -> None:
         """A system around one sampler, e.g. `AntipodalSampler`.
 
@@ -79,11 +82,6 @@ class GraspSampler(LeafSystem):
             GraspError: The sampler cannot be called; later, that it returned no grasp set.
         """
         super().__init__()
-        if not callable(sampler):
-            raise GraspError(
-                f"the sampler is a {type(sampler).__name__}; give a callable from a Gpdf to a "
-                "GraspSet"
-            )
         self._sampler = sampler
         self._recheck = None if gripper is None else partial(recheck_grasps, gripper=gripper)
         self._carrier = None if gripper is None else Carrier(gripper, mass)

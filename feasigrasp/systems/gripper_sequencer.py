@@ -10,6 +10,8 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.planning.lookout import SOUGHT_AFTER, Sought
 from feasigrasp.models.control.planning.second_look import (
@@ -28,6 +30,7 @@ from feasigrasp.models.grasps.sequence import (
 )
 from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.quantities import Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -114,12 +117,13 @@ class GripperSequencer(LeafSystem):
     #: Commanded distance between closed pads; negative, so that they squeeze whatever is between.
     CLOSED = -0.05
 
+    @checked(GraspError)
     def __init__(
         self,
         config: GraspSequenceConfig,
         gripper: ParallelGripper,
         *,
-        period: float = ReachabilityConfig.period,
+        period: Positive = ReachabilityConfig.period,
         looks: bool = False,
         reachability: Reachability | None = None,
     ) -> None:
@@ -173,6 +177,7 @@ class GripperSequencer(LeafSystem):
         declare_output(self, "sought", self._calc_sought, {state, self._tracking.ticket()})
         declare_output(self, "look_from", self._calc_look_from, {state, approach})
 
+    @checked(GraspError)
     def state(self, context: Context) -> GraspState:
         """Where the sequence is."""
         state: GraspState = self._state.Eval(context)

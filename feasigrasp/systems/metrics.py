@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kernel
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -74,6 +75,7 @@ class Metrics(LeafSystem):
     time since the last view.
     """
 
+    @checked()
     def __init__(self, gripper: ParallelGripper) -> None:
         """Metrics for an arm that carries ``gripper``."""
         super().__init__()

@@ -5,6 +5,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.motion_capture import measured_pose
 from feasigrasp.models.objects.pose_filter import (
@@ -51,6 +52,7 @@ class ObjectTracker(LeafSystem):
     and as late as it is, and ``stamp`` says when it was made [s]; NaN before the first.
     """
 
+    @checked()
     def __init__(self, config: TrackerConfig | None = None) -> None:
         """A tracker as ``config`` describes it."""
         super().__init__()
@@ -105,6 +107,7 @@ class ObjectTracker(LeafSystem):
         discrete_state.get_mutable_vector().SetFromVector(state)
         return EventStatus.Succeeded()
 
+    @checked()
     def tracking(self, context: Context) -> Tracking:
         """How much the pose is worth at present."""
         s = parts(self._filtered(context))

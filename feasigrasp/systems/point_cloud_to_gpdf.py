@@ -12,6 +12,8 @@ from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, DependencyTicket, LeafSystem
 
+from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.checks import MIN_POINTS, MIN_SPREAD, spread_across
 from feasigrasp.models.clouds.edges import Outline
@@ -21,6 +23,7 @@ from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.tracking import Tracking
+from feasigrasp.models.quantities import Bound, Count, Positive, Whole
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import PerceptionConfig
@@ -133,20 +136,21 @@ class PointCloudToGPDF(LeafSystem):
     paper`` merges plain voxel means and fits the paper's field.
     """
 
+    @checked(PointCloudError)
     def __init__(
         self,
-        period: float = PerceptionConfig.period,
+        period: Positive = PerceptionConfig.period,
         *,
         preset: str = Preset.DEFAULT,
-        max_points: int = PerceptionConfig.max_points,
-        length_scale: float = PerceptionConfig.length_scale,
-        voxel_size: float = PerceptionConfig.voxel_size,
+        max_points: Count = PerceptionConfig.max_points,
+        length_scale: Positive = PerceptionConfig.length_scale,
+        voxel_size: Positive = PerceptionConfig.voxel_size,
         hidden_side: bool = True,
-        max_views: int = 0,
-        views_per_side: int = 3,
-        revisit: float = 5.0,
-        check: float = 1.0,
-        min_points: int = 4 * MIN_POINTS,
+        max_views: Whole = 0,
+        views_per_side: Whole = 3,
+        revisit: Bound = 5.0,
+        check: Positive = 1.0,
+        min_points: Count = 4 * MIN_POINTS,
     ) -> None:
         """A perception that looks every ``period`` seconds.
 
@@ -159,7 +163,7 @@ class PointCloudToGPDF(LeafSystem):
             hidden_side: Whether what lies behind the seen surface is guessed (default preset only).
             max_views: So many views are merged at most; 0 for all.
             views_per_side: So many views from one direction suffice, see `ViewRecord`.
-            revisit: A side not merged for so long is merged again [s].
+            revisit: A side not merged for so long is merged again [s]; infinite for never.
             check: The object is looked at at least this often [s].
             min_points: A view with fewer finite points is ignored.
         """

@@ -7,7 +7,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import WAY_IN, JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
@@ -58,16 +61,17 @@ class ReachabilityFilter(LeafSystem):
     every flip.
     """
 
+    @checked(ReachabilityError)
     def __init__(
         self,
         reachability: Reachability,
         *,
         method: str = JudgeMethod.IK,
         reachable_space: ReachableSpace | None = None,
-        horizon: float = 1.0,
+        horizon: NotNegative = 1.0,
         twins: bool = True,
-        way_in: float = WAY_IN,
-        period: float = ReachabilityConfig.period,
+        way_in: NotNegative = WAY_IN,
+        period: Positive = ReachabilityConfig.period,
     ) -> None:
         """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.outlook import poses_ahead
 from feasigrasp.models.control.task.memory import TaskMemory
 from feasigrasp.models.control.task.paper_law import paper_task_space_velocity
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
+from feasigrasp.models.quantities import Count, Positive, Whole
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.schema import ReachabilityConfig
@@ -26,15 +29,16 @@ class RMMTaskController(GraspController):
     while the object's pose or twist is not finite, the command is to stop.
     """
 
+    @checked(ControlError)
     def __init__(
         self,
         reachability: Reachability,
         options: TaskControlOptions | None = None,
         *,
-        max_components: int = 10,
-        period: float = ReachabilityConfig.period,
+        max_components: Count = 10,
+        period: Positive = ReachabilityConfig.period,
         mode: str = ControlMode.SAFE,
-        seed: int = 0,
+        seed: Whole = 0,
     ) -> None:
         """A controller; ``mode`` is ``safe``, or one that enforces nothing.
 
@@ -50,6 +54,7 @@ class RMMTaskController(GraspController):
         self._options, self._max_components, self._seed = options, max_components, seed
         self.rehearse()
 
+    @checked(ControlError)
     def update(self, memory: TaskMemory, inputs: ControllerInputs) -> TaskMemory:
         """The mixture over the present grasps, in the object frame, and the grasp to follow."""
         memory = memory.with_grasps(inputs.grasps, self._max_components, self._seed)
@@ -62,10 +67,12 @@ class RMMTaskController(GraspController):
             *(inputs.time, inputs.q, ahead, self.reachability, choice), committed=inputs.committed
         )
 
+    @checked(ControlError)
     def chosen(self, memory: TaskMemory) -> Array | None:
         """The grasp of the choice; None in a mode that enforces nothing, which follows them all."""
         return memory.choice.X_OG if memory.choice else None
 
+    @checked(ControlError)
     def velocity(self, memory: TaskMemory, inputs: ControllerInputs) -> Array:
         """Towards the grasp that was chosen; if nothing is enforced, up the density of all."""
         if self.safety is not None:

@@ -3,7 +3,10 @@
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.control.safety.drive_step import drive_step_kernel, free_step_kernel
+from feasigrasp.models.quantities import Positive
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
@@ -36,7 +39,8 @@ class VelocityDrive(LeafSystem):
     #: The desired position waits for the measured one when it is this far ahead of it [rad].
     MAX_LEAD = 0.10
 
-    def __init__(self, period: float, *, enforce_limits: bool = True) -> None:
+    @checked(ControlError)
+    def __init__(self, period: Positive, *, enforce_limits: bool = True) -> None:
         """A drive that updates every ``period`` seconds."""
         super().__init__()
         self._period, self._enforce = period, enforce_limits

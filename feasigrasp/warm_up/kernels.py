@@ -14,6 +14,9 @@ from typing import Any
 
 from numba.core.dispatcher import Dispatcher
 
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arguments import checked
+
 FILE = Path(__file__).with_name("kernels.json")
 #: What runs are told apart by: the space of the controller.
 GROUPS = ("task", "joint")
@@ -42,8 +45,15 @@ class Kernel:
         return getattr(import_module(self.module), self.name)
 
 
+@checked()
 def load_kernels(groups: Collection[str] = GROUPS) -> list[Kernel]:
-    """The functions of these groups."""
+    """The functions of these groups.
+
+    Raises:
+        ArgumentError: There is no such group.
+    """
+    if unknown := set(groups) - set(GROUPS):
+        raise ArgumentError(f"groups: no {sorted(unknown)}; there are {', '.join(GROUPS)}")
     found = json.loads(FILE.read_text())
     return [
         Kernel(module, name, signature)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numba
 from numba.core.codegen import get_host_cpu_features
 
+from feasigrasp.models.arguments import checked
 from feasigrasp.outputs import write_text
 from feasigrasp.warm_up.kernels import FILE
 
@@ -32,6 +33,7 @@ def cache_folder() -> Path:
     return Path(path)
 
 
+@checked()
 def is_warm(groups: Collection[str]) -> bool:
     """Whether all that these runs call is compiled, for this processor and of these sources."""
     return all(_is_this(_stamp(group)) for group in groups)

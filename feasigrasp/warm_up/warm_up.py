@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import joblib
 
+from feasigrasp.models.arguments import checked
 from feasigrasp.warm_up.kernels import Kernel, all_callees, load_kernels
 from feasigrasp.warm_up.stamps import write_stamps
 
@@ -38,6 +39,7 @@ class Progress:
         return f"compiled {self.done} of {self.count} functions, {left}"
 
 
+@checked()
 def warm_up(
     groups: Collection[str], report: Callable[[Progress], None] = lambda progress: None
 ) -> list[str]:

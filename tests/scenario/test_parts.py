@@ -20,9 +20,9 @@ from feasigrasp.systems.object_tracker import ObjectTracker
 
 class Few:
     def __init__(self, gripper, most=20):
-        self._sampler, self._most = AntipodalSampler(gripper), most
+        self._gripper, self._most = gripper, most
     def __call__(self, gpdf):
-        grasps = self._sampler(gpdf)
+        grasps = AntipodalSampler(self._gripper)(gpdf)
         return grasps.select(range(min(self._most, len(grasps))), "too many")
 
 class Own(ObjectTracker):

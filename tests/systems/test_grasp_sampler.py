@@ -171,5 +171,5 @@ def test_a_sampler_that_finds_no_grasp_set_is_told_what_to_return(fixed_context)
 
 
 def test_what_cannot_be_called_is_no_sampler():
-    with pytest.raises(GraspError, match="the sampler is a LeafSystem; give a callable"):
+    with pytest.raises(GraspError, match="sampler is a LeafSystem; give a function"):
         GraspSampler(LeafSystem())

@@ -125,7 +125,7 @@ def test_an_image_of_another_size_is_refused(fixed_context):
 
 
 def test_what_cannot_be_called_is_refused():
-    with pytest.raises(ScenarioError, match="the segmentation is a dict; give a callable"):
+    with pytest.raises(ScenarioError, match="segmentation is a dict; give a function"):
         make_dynamic_grasp(load_scenario("ReachLinear"), segmentation={})
 
 

@@ -11,14 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from feasigrasp.errors import FeasigraspError
+from feasigrasp.errors import FeasigraspError, ScenarioError
 from feasigrasp.evaluation.metrics.cause import Cause
 from feasigrasp.evaluation.metrics.handling import ObjectTruth
 from feasigrasp.evaluation.metrics.motion_limits import JointTicks
@@ -35,10 +35,12 @@ from feasigrasp.evaluation.runs.replay import (
 from feasigrasp.evaluation.runs.teleport import teleport
 from feasigrasp.evaluation.views.ghost import ghost_of, show_ghost
 from feasigrasp.evaluation.views.live import LiveView
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.status import Status, StatusCode
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.quantities import ArrayOf
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread
@@ -75,8 +77,12 @@ class Result:
 
     record: dict[str, Any]
     log: dict[str, NDArray[np.generic]]
-    times: Array
-    samples: Array
+    times: Annotated[Array, ArrayOf(("m",), "s")]
+    samples: Annotated[Array, ArrayOf(("s", "m"), finite=False)]
+
+    def __post_init__(self) -> None:
+        """Checks what it is made of."""
+        check_fields(self)
 
     @property
     def held(self) -> bool | None:
@@ -98,6 +104,7 @@ class Result:
         """What went on: each status with the time when it began."""
         return tuple(Status(t, StatusCode(code), said) for t, code, said in self.record["status"])
 
+    @checked()
     def write_log(self, filename: str | Path) -> None:
         """Writes the log as a compressed .npz, which ``np.load`` reads without pickle.
 
@@ -115,6 +122,7 @@ class Result:
         return f"<Result: {verdict(self.record)} ({named})>"
 
 
+@checked(ScenarioError)
 def run(
     scenario: Scenario,
     name: str = "",

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import CameraError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.quantities import CLOUD, ArrayOf, Count, NotNegative
+
+_PIXELS = ArrayOf(("n",), "px")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,28 +30,42 @@ class Camera(Frozen):
     """
 
     intrinsics: tuple[float, float, float, float]
-    width: int
-    height: int
-    near: float
-    depth_noise: float
+    width: Count
+    height: Count
+    near: NotNegative
+    depth_noise: NotNegative
 
-    def pixels(self, points_C: Array) -> tuple[Array, Array]:
+    def __post_init__(self) -> None:
+        """Checks the numbers.
+
+        Raises:
+            CameraError: One is not finite or out of range, or a focal length is not positive.
+        """
+        check_fields(self, CameraError)
+        if min(self.intrinsics[:2]) <= 0.0:
+            raise CameraError(f"Camera.intrinsics = {self.intrinsics}: give focal lengths above 0")
+
+    @checked(CameraError)
+    def pixels(self, points_C: Annotated[Array, CLOUD]) -> tuple[Array, Array]:
         """Columns and rows of points (n, 3) in the camera's frame, shape (n,) each [px]."""
         return project(points_C, self.intrinsics)
 
-    def rays(self, u: ArrayLike, v: ArrayLike) -> Array:
+    @checked(CameraError)
+    def rays(self, u: Annotated[ArrayLike, _PIXELS], v: Annotated[ArrayLike, _PIXELS]) -> Array:
         """Lines of sight of pixels in columns u (n,) and rows v (n,), shape (n, 3), with z = 1."""
         fx, fy, cx, cy = self.intrinsics
         x, y = (np.asarray(u) - cx) / fx, (np.asarray(v) - cy) / fy
         return np.stack([x, y, np.ones_like(x)], axis=1)
 
-    def in_image(self, points_C: Array) -> Mask:
+    @checked(CameraError)
+    def in_image(self, points_C: Annotated[Array, CLOUD]) -> Mask:
         """Which points (n, 3) are in the image and far enough to be measured, shape (n,)."""
         u, v = self.pixels(points_C)
         inside = (u > 1.0) & (u < self.width - 2.0) & (v > 1.0) & (v < self.height - 2.0)
         return np.asarray(inside & (points_C[:, 2] > self.near))
 
-    def to_border(self, points_C: Array) -> Array:
+    @checked(CameraError)
+    def to_border(self, points_C: Annotated[Array, CLOUD]) -> Array:
         """How far inside the image points (n, 3) are, negative outside, shape (n,) [px]."""
         u, v = self.pixels(points_C)
         across = np.minimum(u, self.width - 1 - u)

@@ -24,15 +24,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from feasigrasp.errors import CameraError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.quantities import ArrayOf, Bound, NotNegative, Positive
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class DepthNoise:
         Raises:
             CameraError: A parameter out of range.
         """
+        check_fields(self, CameraError)
         for name in (field.name for field in fields(self)):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise CameraError(f"DepthNoise.{name} = {getattr(self, name)}; give 0 or more")
@@ -95,7 +98,8 @@ class DepthNoise:
                 f"grazing_end_deg = {self.grazing_end_deg}"
             )
 
-    def axial(self, focal_length: float) -> float:
+    @checked(CameraError)
+    def axial(self, focal_length: Positive) -> float:
         """What times z^2 is the standard deviation of a depth z [1/m], see above.
 
         Args:
@@ -103,14 +107,15 @@ class DepthNoise:
         """
         return self.subpixel / (focal_length * self.baseline)
 
+    @checked(CameraError)
     def apply(
         self,
         depth: NDArray[Any],
-        intrinsics: ArrayLike,
+        intrinsics: Annotated[ArrayLike, ArrayOf(("...",), "px")],
         rng: np.random.Generator,
         *,
-        near: float = 0.0,
-        far: float = np.inf,
+        near: NotNegative = 0.0,
+        far: Bound = np.inf,
     ) -> NDArray[Any]:
         """The depth image that the camera would hand out.
 
@@ -134,8 +139,10 @@ class DepthNoise:
             CameraError: If the image has no two dimensions, or the intrinsics no focal length.
         """
         image = np.asarray(depth)
-        if image.ndim != 2:
-            raise CameraError(f"the depth image has shape {image.shape}; give (h, w)")
+        if image.ndim != 2 or image.dtype.kind not in "fiu":
+            raise CameraError(
+                f"depth is an image of {image.dtype} with shape {image.shape}; give (h, w) numbers"
+            )
         fx, fy, cx, cy = checked_intrinsics(intrinsics)
         z = image.astype(float)
         kind = image.dtype if image.dtype.kind == "f" else np.dtype(float)

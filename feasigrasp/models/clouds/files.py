@@ -6,15 +6,17 @@ import io
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.inputs import read_arrays
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import MAX_EXTENT, MIN_POINTS
+from feasigrasp.models.quantities import POINTS
 
 #: File formats that `read_cloud` knows.
 SUFFIXES = (".ply", ".pcd", ".xyz", ".npy", ".npz")
@@ -24,6 +26,7 @@ _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
 _MILLIMETRES = 20.0
 
 
+@checked(PointCloudError)
 def read_cloud(filename: str | Path) -> Array:
     """Reads a point cloud.
 
@@ -153,8 +156,9 @@ def _unpacked(packed: bytes) -> bytes:
     return bytes(out)
 
 
+@checked(PointCloudError)
 def prepare_cloud(
-    points: ArrayLike,
+    points: Annotated[ArrayLike, POINTS],
     *,
     scale: float = 1.0,
     crop: Sequence[float] | None = None,
@@ -183,7 +187,8 @@ def prepare_cloud(
         raise PointCloudError(f"--scale {scale}: give a positive factor from its unit to metres")
     cloud = scale * np.asarray(points, dtype=float)
     if crop is not None:
-        low, high = np.asarray(crop, dtype=float).reshape(3, 2).T
+        box = np.asarray(crop, dtype=float)
+        low, high = box.reshape(3, 2).T if box.shape == (6,) else (np.ones(3), np.zeros(3))
         if not (low < high).all():
             raise PointCloudError(f"--crop {list(crop)}: give xmin xmax ymin ymax zmin zmax")
         cloud = cloud[((cloud >= low) & (cloud <= high)).all(axis=1)]

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.free_space import free_distance
@@ -21,6 +24,7 @@ from feasigrasp.models.clouds.smoothing import smooth_view
 from feasigrasp.models.clouds.view_image import ViewImage, view_image
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.quantities import POINT, POINTS, ArrayOf, NotNegative, Positive, Whole
 
 #: Pictures of earlier views that are kept, for the free space in them.
 MAX_IMAGES = 6
@@ -58,27 +62,39 @@ class FusedCloud(Frozen):
         images: The latest views' pictures; empty unless ``smooth``.
     """
 
-    points: Array
-    directions: Array
-    voxel_size: float
-    views: int = 0
+    points: Annotated[Array, POINTS]
+    directions: Annotated[Array, ArrayOf(("n", 3))]
+    voxel_size: Positive
+    views: Whole = 0
     smooth: bool = False
-    normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    weights: Array = field(default_factory=lambda: np.zeros(0))
+    normals: Annotated[Array, ArrayOf(("k", 3))] = field(default_factory=lambda: np.zeros((0, 3)))
+    weights: Annotated[Array, ArrayOf(("w",))] = field(default_factory=lambda: np.zeros(0))
     images: tuple[ViewImage, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Checks and freezes the arrays."""
+        check_fields(self, PointCloudError)
+        for name in ("normals", "weights"):
+            if len(getattr(self, name)) not in (0, len(self.points)):
+                raise PointCloudError(
+                    f"FusedCloud.{name} has {len(getattr(self, name))} rows; give none, or one for "
+                    f"each of the {len(self.points)} points"
+                )
         names = ("points", "directions", "normals", "weights")
-        self._freeze(**{name: np.array(getattr(self, name), dtype=float) for name in names})
+        self._freeze(**{name: np.array(getattr(self, name)) for name in names})
 
     @classmethod
-    def empty(cls, voxel_size: float, smooth: bool = False) -> FusedCloud:
+    @checked(PointCloudError)
+    def empty(cls, voxel_size: Positive, smooth: bool = False) -> FusedCloud:
         """Nothing seen yet."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), voxel_size, smooth=smooth)
 
+    @checked(PointCloudError)
     def contradicted(
-        self, points: ArrayLike, p_OC: ArrayLike, outline: Outline | None = None
+        self,
+        points: Annotated[ArrayLike, POINTS],
+        p_OC: Annotated[ArrayLike, POINT],
+        outline: Outline | None = None,
     ) -> float:
         """How much a view contradicts the earlier ones, if the object's pose is right.
 
@@ -94,20 +110,21 @@ class FusedCloud(Frozen):
         """
         if not self.images or len(self.points) == 0 or np.size(points) < 3 * _MIN_SURFACE:
             return 0.0
-        view = np.asarray(points, dtype=float)
+        view = np.asarray(points)
         sure = [image.sure for image in self.images]
         out_of_place = float(np.mean(free_distance(sure, view) > _OUT_OF_PLACE))
-        image = view_image(view, np.asarray(p_OC, dtype=float), outline)
+        image = view_image(view, np.asarray(p_OC), outline)
         return max(out_of_place, _seen_through(image, self.points))
 
+    @checked(PointCloudError)
     def merged(
         self,
-        points: ArrayLike,
-        p_OC: ArrayLike,
+        points: Annotated[ArrayLike, POINTS],
+        p_OC: Annotated[ArrayLike, POINT],
         *,
         register: bool = True,
         outline: Outline | None = None,
-        deviation: float = 0.0,
+        deviation: NotNegative = 0.0,
     ) -> FusedCloud:
         """Adds one view.
 
@@ -126,8 +143,7 @@ class FusedCloud(Frozen):
         Returns:
             The cloud with the mean over the views in every voxel, or at every surfel.
         """
-        points = np.array(points, dtype=float)
-        camera = np.array(p_OC, dtype=float)
+        points, camera = np.asarray(points), np.asarray(p_OC)
         # One mean point per voxel and view first, so that a view of many pixels weighs no more.
         at = grouped_means(points, voxel_keys(points, self.voxel_size), np.ones(len(points)))[0]
         towards = _units(camera - at)
@@ -151,8 +167,11 @@ class FusedCloud(Frozen):
         images = _kept([each for each in agreeing if each is not None])
         return old._fused(at, towards, normals, weights, images)
 
-    def without(self, gone: Mask) -> FusedCloud:
+    @checked(PointCloudError)
+    def without(self, gone: Annotated[Mask, ArrayOf(("n",), dtype=np.bool_)]) -> FusedCloud:
         """Leaves out some of the points, shape (n,)."""
+        if len(gone) != len(self.points):
+            raise PointCloudError(f"gone has {len(gone)} entries for {len(self.points)} points")
         kept = {
             name: getattr(self, name)[~gone]
             for name in ("points", "directions", "normals", "weights")

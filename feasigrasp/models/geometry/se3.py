@@ -5,15 +5,19 @@ logarithm is that of the *group* (a screw), so ``exp(log(X)) = X`` for every pos
 built from ``log(inverse(X) @ Y)`` does not change when both poses move together. Everything is
 accurate at rotation angle zero and up to pi inclusive.
 
-Functions work on arrays ``(..., 6)`` or ``(..., 4, 4)`` and return a new array; the same for one
+Functions work on arrays ``(..., 6)`` or ``(..., 4, 4)`` and return a new array. Rotations are taken
+as they are, and NaN gives NaN; another shape raises an `ArgumentError`. The same for one
 element, to be called from other numba code, is in `feasigrasp.models.geometry.se3_kernels`.
 """
 
 from collections.abc import Callable
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import (
@@ -26,68 +30,83 @@ from feasigrasp.models.geometry.se3_kernels import (
     so3_exp_kernel,
     so3_log_kernel,
 )
+from feasigrasp.models.quantities import ArrayOf, Whole
 
-_VECTOR3, _VECTOR6, _MATRIX3, _POSE, _MATRIX6 = (3,), (6,), (3, 3), (4, 4), (6, 6)
+_VECTOR3, _VECTOR6 = ArrayOf(("...", 3), finite=False), ArrayOf(("...", 6), finite=False)
+_MATRIX3, _POSES = ArrayOf(("...", 3, 3), finite=False), ArrayOf(("...", 4, 4), finite=False)
+_POSE, _TWIST = ArrayOf((4, 4), finite=False), ArrayOf((6,), finite=False)
+_QUATERNIONS = ArrayOf(("...", 4), finite=False)
 
 
-def exp(v: ArrayLike) -> Array:
+@checked()
+def exp(v: Annotated[ArrayLike, _VECTOR6]) -> Array:
     """Poses (..., 4, 4) of tangent vectors (..., 6)."""
-    return _map(_exp, v, _VECTOR6, _POSE)
+    return _map(_exp, v, 1, (4, 4))
 
 
-def log(X: ArrayLike) -> Array:
+@checked()
+def log(X: Annotated[ArrayLike, _POSES]) -> Array:
     """Tangent vectors (..., 6) of poses (..., 4, 4); the angular part is at most pi long.
 
     At exactly pi the axis is right and its sign, which is then free, is arbitrary.
     """
-    return _map(_log, X, _POSE, _VECTOR6)
+    return _map(_log, X, 2, (6,))
 
 
-def inverse(X: ArrayLike) -> Array:
+@checked()
+def inverse(X: Annotated[ArrayLike, _POSES]) -> Array:
     """Inverses of poses (..., 4, 4), from the transposed rotation."""
-    return _map(_inverse, X, _POSE, _POSE)
+    return _map(_inverse, X, 2, (4, 4))
 
 
-def right_jacobian_inverse(v: ArrayLike) -> Array:
+@checked()
+def right_jacobian_inverse(v: Annotated[ArrayLike, _VECTOR6]) -> Array:
     """J_r^-1 (..., 6, 6): ``log(exp(v) exp(e)) = v + J_r^-1(v) e`` to first order.
 
     Singular at a rotation of 2 pi only.
     """
-    return _map(_right_jacobian_inverse, v, _VECTOR6, _MATRIX6)
+    return _map(_right_jacobian_inverse, v, 1, (6, 6))
 
 
-def so3_exp(w: ArrayLike) -> Array:
+@checked()
+def so3_exp(w: Annotated[ArrayLike, _VECTOR3]) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad]."""
-    return _map(_so3_exp, w, _VECTOR3, _MATRIX3)
+    return _map(_so3_exp, w, 1, (3, 3))
 
 
-def so3_log(R: ArrayLike) -> Array:
+@checked()
+def so3_log(R: Annotated[ArrayLike, _MATRIX3]) -> Array:
     """Rotation vectors (..., 3), at most pi long, of rotation matrices (..., 3, 3)."""
-    return _map(_so3_log, R, _MATRIX3, _VECTOR3)
+    return _map(_so3_log, R, 2, (3,))
 
 
-def rotation_angle(R: ArrayLike) -> Array:
+@checked()
+def rotation_angle(R: Annotated[ArrayLike, _MATRIX3]) -> Array:
     """Angles (...) in [0, pi] of rotation matrices (..., 3, 3)."""
     return np.asarray(np.linalg.norm(so3_log(R), axis=-1))
 
 
-def hat(w: ArrayLike) -> Array:
+@checked()
+def hat(w: Annotated[ArrayLike, _VECTOR3]) -> Array:
     """Cross-product matrices (..., 3, 3): ``hat(w) @ x = cross(w, x)``."""
-    columns = np.cross(_checked(w, _VECTOR3)[..., None, :], np.eye(3))
+    columns = np.cross(np.asarray(w)[..., None, :], np.eye(3))
     return np.asarray(columns.swapaxes(-1, -2))
 
 
-def quaternions(X: ArrayLike) -> Array:
+@checked()
+def quaternions(X: Annotated[ArrayLike, _POSES]) -> Array:
     """Unit quaternions wxyz (..., 4), ``w >= 0``, of poses (..., 4, 4)."""
-    return _map(_quaternions, X, _POSE, (4,))
+    return _map(_quaternions, X, 2, (4,))
 
 
-def rotations(wxyz: ArrayLike) -> Array:
+@checked()
+def rotations(wxyz: Annotated[ArrayLike, _QUATERNIONS]) -> Array:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any length."""
-    return _map(_rotations, wxyz, (4,), _MATRIX3)
+    return _map(_rotations, wxyz, 1, (3, 3))
 
 
-def perpendiculars(z: Array) -> tuple[Array, Array]:
+@checked()
+def perpendiculars(z: Annotated[Array, _VECTOR3]) -> tuple[Array, Array]:
     """Unit vectors x and y that make right-handed frames with unit vectors z, (..., 3) each.
 
     x is perpendicular to the coordinate axis that is farthest from z, too.
@@ -97,24 +116,35 @@ def perpendiculars(z: Array) -> tuple[Array, Array]:
     return x, np.cross(z, x)
 
 
-def make_pose(R: ArrayLike, p: ArrayLike) -> Array:
+@checked()
+def make_pose(R: Annotated[ArrayLike, _MATRIX3], p: Annotated[ArrayLike, _VECTOR3]) -> Array:
     """Poses (..., 4, 4) from rotations (..., 3, 3) and positions (..., 3), broadcast together."""
-    R, p = _checked(R, _MATRIX3), _checked(p, _VECTOR3)
-    X = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
+    R, p = np.asarray(R), np.asarray(p)
+    try:
+        lead = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
+    except ValueError:
+        raise ArgumentError(
+            f"make_pose: R has shape {R.shape} and p {p.shape}; give as many of both, or one of one"
+        ) from None
+    X = np.zeros((*lead, 4, 4))
     X[..., :3, :3] = R
     X[..., :3, 3] = p
     X[..., 3, 3] = 1.0
     return X
 
 
-def random_pose(rng: np.random.Generator, n: int) -> Array:
+@checked()
+def random_pose(rng: np.random.Generator, n: Whole) -> Array:
     """Poses (n, 4, 4) with uniform rotations and positions uniform in [-1, 1]^3 m."""
     # A 4-vector of normal variates is a uniform direction, hence a uniform unit quaternion.
     q = rng.standard_normal((n, 4))
     return make_pose(rotations(q), rng.uniform(-1.0, 1.0, (n, 3)))
 
 
-def extrapolate(X_WB: ArrayLike, V_WB: ArrayLike, dt: float) -> Array:
+@checked()
+def extrapolate(
+    X_WB: Annotated[ArrayLike, _POSE], V_WB: Annotated[ArrayLike, _TWIST], dt: float
+) -> Array:
     """Pose after ``dt`` seconds at a constant spatial velocity.
 
     Args:
@@ -131,7 +161,10 @@ def extrapolate(X_WB: ArrayLike, V_WB: ArrayLike, dt: float) -> Array:
     return X
 
 
-def interpolate(X_WA: ArrayLike, X_WB: ArrayLike, share: float) -> Array:
+@checked()
+def interpolate(
+    X_WA: Annotated[ArrayLike, _POSE], X_WB: Annotated[ArrayLike, _POSE], share: float
+) -> Array:
     """Pose on the screw from one pose to another.
 
     Args:
@@ -146,24 +179,12 @@ def interpolate(X_WA: ArrayLike, X_WB: ArrayLike, share: float) -> Array:
     return np.asarray(np.asarray(X_WA) @ exp(share * log(X_AB)))
 
 
-def _checked(array: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """The input as a contiguous float64 array whose trailing axes have the given shape."""
-    array = np.ascontiguousarray(array, dtype=float)
-    if array.shape[-len(shape) :] != shape:
-        expected = "(..., " + ", ".join(map(str, shape)) + ")"
-        raise ValueError(f"se3: expected an array of shape {expected}, got {array.shape}.")
-    return array
-
-
 def _map(
-    loop: Callable[[Array, Array], None],
-    array: ArrayLike,
-    shape: tuple[int, ...],
-    out_shape: tuple[int, ...],
+    loop: Callable[[Array, Array], None], array: ArrayLike, axes: int, out_shape: tuple[int, ...]
 ) -> Array:
-    """Runs a compiled loop over the flattened leading axes of the input."""
-    array = _checked(array, shape)
-    lead = array.shape[: -len(shape)]
+    """Runs a compiled loop over the flattened leading axes of the input, all but the last axes."""
+    array = np.asarray(array)
+    lead, shape = array.shape[:-axes], array.shape[-axes:]
     out = np.empty((int(np.prod(lead)), *out_shape))
     loop(array.reshape(len(out), *shape), out)
     return out.reshape(*lead, *out_shape)

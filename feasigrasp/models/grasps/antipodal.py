@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.geometry.se3 import perpendiculars
@@ -14,6 +15,7 @@ from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection, grasp_frames
 from feasigrasp.models.grasps.hand_clearance import MARGIN
 from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
+from feasigrasp.models.quantities import Count, Share, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 
@@ -44,18 +46,17 @@ class AntipodalSampler:
     """
 
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
-    n_candidates: int = 800
-    n_grasps: int = 64
-    least_score: float = LIKELY
-    n_approaches: int = 8
-    seed: int = 0
+    n_candidates: Count = 800
+    n_grasps: Count = 64
+    least_score: Share = LIKELY
+    n_approaches: Count = 8
+    seed: Whole = 0
 
     def __post_init__(self) -> None:
-        """Checks the counts."""
-        for name in ("n_candidates", "n_grasps", "n_approaches"):
-            if getattr(self, name) < 1:
-                raise GraspError(f"AntipodalSampler.{name} = {getattr(self, name)}; give 1 or more")
+        """Checks the numbers."""
+        check_fields(self, GraspError)
 
+    @checked(GraspError)
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
         X_OG, width, no_exit = self.candidates(gpdf)
@@ -63,6 +64,7 @@ class AntipodalSampler:
         thinned = thin_grasps(grasps, self.n_grasps, least_score=self.least_score)
         return thinned.counted({Rejection.TOO_WIDE: no_exit})
 
+    @checked(GraspError)
     def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, int]:
         """Unfiltered grasps.
 

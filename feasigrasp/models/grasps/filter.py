@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.grasps.certainty import (
     CONTACT,
@@ -27,6 +29,7 @@ from feasigrasp.models.grasps.certainty import (
 )
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import MARGIN, THIN_WALL, hand_freedom
+from feasigrasp.models.quantities import POSES, ArrayOf, NotNegative, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import unit_normals
 from feasigrasp.models.shape.gpdf_fit import Gpdf
@@ -39,17 +42,18 @@ CONTACT_TOLERANCE = 0.005
 _INTO_WALL = 0.002
 
 
+@checked(GraspError)
 def filter_grasps(
     gpdf: Gpdf,
-    X_OG: ArrayLike,
-    width: ArrayLike,
+    X_OG: Annotated[ArrayLike, POSES],
+    width: Annotated[ArrayLike, ArrayOf(("n",), "m")],
     gripper: ParallelGripper,
     *,
-    prior: ArrayLike | None = None,
-    margin: float = MARGIN,
+    prior: Annotated[ArrayLike, ArrayOf(("n", 2), finite=False)] | None = None,
+    margin: NotNegative = MARGIN,
     cosine_steps: Sequence[float] = COSINE_STEPS,
-    enough: int = 10,
-    table: ArrayLike | None = None,
+    enough: Whole = 10,
+    table: Annotated[ArrayLike, ArrayOf((4,))] | None = None,
 ) -> GraspSet:
     """Keeps the grasps that fit the hand, hold the object and collide with nothing.
 
@@ -63,9 +67,9 @@ def filter_grasps(
         width: Distance between the contacts, shape (n,) [m].
         gripper: The hand; it approaches fully open.
         prior: What a network tells, shape (n, 2): the probabilities that the contacts are good and
-            that the hand is free, NaN where it has no opinion. They are weighed with what the field
-            tells; walls thinner than `THIN_WALL`, and hands that collide only with surface that
-            nobody has seen, are left to the network.
+            that the hand is free, the latter NaN where it has no opinion. They are weighed with
+            what the field tells; walls thinner than `THIN_WALL`, and hands that collide only with
+            surface that nobody has seen, are left to the network.
         margin: Least distance of the open hand from the surface, and of either pad on its side
             of the object [m]. Beside surface that was not seen it grows with the predicted error.
         cosine_steps: Largest cosine allowed between the contact normals, strictest first. A
@@ -82,12 +86,19 @@ def filter_grasps(
     Raises:
         GraspError: If poses, widths and priors do not match, or the table is no plane.
     """
-    poses = np.array(X_OG, dtype=float).reshape(-1, 4, 4)
+    if len(cosine_steps) == 0:
+        raise GraspError("filter_grasps: cosine_steps is empty; give one cosine or more")
+    poses = np.asarray(X_OG)
     told = np.full((len(poses), 2), [1.0, np.nan])
     if prior is not None:
-        told = _checked_prior(prior, len(poses))
+        told = np.asarray(prior)
+        if not (np.isfinite(told[:, 0]).all() and not np.isinf(told[:, 1]).any()):
+            raise GraspError(
+                "filter_grasps: prior holds contacts without a probability, or infinity; only that "
+                "of a free hand may be NaN"
+            )
     numbers = np.arange(len(poses))
-    candidates = GraspSet(poses, np.array(width, dtype=float), told[:, 0], {}, numbers)
+    candidates = GraspSet(poses, np.asarray(width), told[:, 0], {}, numbers)
     plane = None if table is None else _checked_plane(table)
     if len(candidates) == 0:
         return candidates
@@ -190,19 +201,9 @@ def _above_table(
     return replace(grasps, X_OG=poses).select(as_is | flipped, Rejection.HITS_TABLE)
 
 
-def _checked_prior(prior: ArrayLike, count: int) -> Array:
-    told: Array = np.array(prior, dtype=float)
-    if told.shape != (count, 2):
-        raise GraspError(
-            f"prior has shape {told.shape}; give ({count}, 2): for every candidate the "
-            "probabilities that its contacts are good and that the hand is free"
-        )
-    return told
-
-
 def _checked_plane(table: ArrayLike) -> Array:
-    plane: Array = np.array(table, dtype=float)
-    if plane.shape != (4,) or not abs(np.linalg.norm(plane[:3]) - 1.0) < 1e-6:
+    plane = np.asarray(table)
+    if not abs(np.linalg.norm(plane[:3]) - 1.0) < 1e-6:
         raise GraspError(f"table = {plane}; give a unit normal and an offset in metres, shape (4,)")
     return plane
 

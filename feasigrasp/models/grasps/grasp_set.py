@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.grasps.load import Load
+from feasigrasp.models.quantities import POSES, ArrayOf, Whole
+from feasigrasp.models.shape.gpdf import Gpdf
 
-if TYPE_CHECKING:
-    from feasigrasp.models.shape.gpdf_fit import Gpdf
-
-#: Any grasp sampler, model-free or learned: a distance field in, filtered grasps out.
-GraspSamplerFn = Callable[["Gpdf"], "GraspSet"]
 #: The ``id`` of a grasp that has not been compared with an earlier set.
 UNKNOWN = -1
 #: Half a turn about the approach direction: the same grasp, another pose of the hand.
 FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
-#: Columns of a rotation are orthonormal to this: enough for single precision.
-_NO_ROTATION = 1e-3
+
+_NUMBERS, _NUMBERS_OF_ALL = (ArrayOf((m,), dtype=np.int64) for m in "km")
 
 
 class Rejection(StrEnum):
@@ -70,55 +68,43 @@ class GraspSet(Frozen):
             if nobody has told, as before it is asked what is in reach.
     """
 
-    X_OG: Array
-    width: Array
-    score: Array
-    rejected: Mapping[str, int] = field(default_factory=dict)
-    id: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    X_OG: Annotated[Array, POSES]
+    width: Annotated[Array, ArrayOf(("n",), "m")]
+    score: Annotated[Array, ArrayOf(("n",))]
+    rejected: Mapping[str, Whole] = field(default_factory=dict)
+    id: Annotated[Indices, ArrayOf(("k",), dtype=np.int64)] = field(
+        default_factory=lambda: np.zeros(0, dtype=np.int64)
+    )
     load: Load | None = None
-    carries: Array | None = None
-    on_object: Indices | None = None
+    carries: Annotated[Array, ArrayOf(("n",))] | None = None
+    on_object: Annotated[Indices, _NUMBERS_OF_ALL] | None = None
 
     def __post_init__(self) -> None:
         """Freezes the arrays and checks that they agree."""
-        X_OG = np.array(self.X_OG, dtype=float).reshape(-1, 4, 4)
-        width = np.array(self.width, dtype=float).reshape(-1)
-        score = np.array(self.score, dtype=float).reshape(-1)
-        if not len(X_OG) == len(width) == len(score):
-            raise GraspError(
-                f"GraspSet: {len(X_OG)} poses, {len(width)} widths and {len(score)} scores; "
-                "give one width and one score per pose."
-            )
-        if not (np.isfinite(X_OG).all() and np.isfinite(width).all() and np.isfinite(score).all()):
-            raise GraspError(
-                "GraspSet: NaN or infinity in poses, widths or scores; drop them first."
-            )
-        R_OG = X_OG[:, :3, :3]
-        turned = np.abs(np.swapaxes(R_OG, 1, 2) @ R_OG - np.eye(3)).max(axis=(1, 2)) > _NO_ROTATION
-        last_row = np.abs(X_OG[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
-        wrong = turned | (np.linalg.det(R_OG) < 0.0) | (last_row > _NO_ROTATION)
-        if wrong.any():
-            raise GraspError(
-                f"GraspSet: X_OG[{np.argmax(wrong)}] is no pose; make its rotation orthonormal and "
-                "right-handed (z = x x y), its last row 0 0 0 1."
-            )
-        id_: Indices = np.array(self.id, dtype=np.int64).reshape(-1)
+        if np.ndim(self.X_OG) == 2:  # one grasp
+            object.__setattr__(self, "X_OG", np.asarray(self.X_OG)[None])
+            for name in ("width", "score"):
+                object.__setattr__(self, name, np.atleast_1d(getattr(self, name)))
+        check_fields(self, GraspError)
+        X_OG, width, score = self.X_OG.copy(), self.width.copy(), self.score.copy()
+        id_ = self.id.copy()
         if len(id_) == 0:
             id_ = np.full(len(width), UNKNOWN, dtype=np.int64)
         if len(id_) != len(width):
             raise GraspError(
-                f"GraspSet: {len(width)} grasps and {len(id_)} ids; give one per grasp."
+                f"GraspSet: {len(width)} grasps and {len(id_)} numbers in id; give one each."
             )
         self._freeze(X_OG=X_OG, width=width, score=score, id=id_)
         if self.carries is not None:
-            self._freeze(carries=np.array(self.carries, dtype=float).reshape(-1))
+            self._freeze(carries=self.carries.copy())
         if self.on_object is not None:
-            self._freeze(on_object=np.array(self.on_object, dtype=np.int64).reshape(-1))
+            self._freeze(on_object=self.on_object.copy())
         words = {str(reason): count for reason, count in self.rejected.items()}
         object.__setattr__(self, "rejected", MappingProxyType(words))
 
     @classmethod
-    def empty(cls, rejected: Mapping[str, int] | None = None) -> GraspSet:
+    @checked(GraspError)
+    def empty(cls, rejected: Mapping[str, Whole] | None = None) -> GraspSet:
         """A set without grasps (nothing seen yet, or nothing survived the filters)."""
         return cls(np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0), rejected or {})
 
@@ -126,8 +112,16 @@ class GraspSet(Frozen):
         """Number of grasps."""
         return len(self.width)
 
-    def select(self, keep: NDArray[Any], reason: str | None = None) -> GraspSet:
+    @checked(GraspError)
+    def select(self, keep: NDArray[Any] | Sequence[int], reason: str | None = None) -> GraspSet:
         """The grasps that ``keep`` (mask or indices) names; the others counted under ``reason``."""
+        keep = np.asarray(keep) if len(keep) else np.zeros(0, dtype=int)
+        is_mask = keep.dtype == bool and keep.shape == self.width.shape
+        places = keep if keep.dtype.kind in "iu" and keep.ndim == 1 else np.array([len(self)])
+        if not (is_mask or ((places >= -len(self)) & (places < len(self))).all()):
+            raise GraspError(
+                f"GraspSet.select: keep is no mask of {len(self)} grasps, nor indices of such"
+            )
         names = ("X_OG", "width", "score", "id")
         parts = {name: getattr(self, name)[keep] for name in names}
         load = None if self.load is None else self.load.select(keep)
@@ -136,7 +130,8 @@ class GraspSet(Frozen):
         dropped = len(self) - len(chosen)
         return chosen if reason is None else chosen.counted({reason: max(dropped, 0)})
 
-    def counted(self, dropped: Mapping[str, int]) -> GraspSet:
+    @checked(GraspError)
+    def counted(self, dropped: Mapping[str, Whole]) -> GraspSet:
         """The same grasps with further candidates counted as rejected, by reason."""
         counts = dict(self.rejected)
         for reason, number in dropped.items():
@@ -148,6 +143,7 @@ class GraspSet(Frozen):
         """Adds the 180-degree flip about z of every grasp: the same grasp, another hand pose."""
         return self.joined(replace(self, X_OG=self.X_OG @ FLIP))
 
+    @checked(GraspError)
     def joined(self, other: GraspSet) -> GraspSet:
         """This set and another one behind it; what was rejected is that of this one."""
         pairs = ((getattr(self, n), getattr(other, n)) for n in ("X_OG", "width", "score", "id"))
@@ -157,6 +153,10 @@ class GraspSet(Frozen):
         if self.carries is not None and other.carries is not None:
             carries = np.concatenate([self.carries, other.carries])
         return GraspSet(X_OG, width, score, self.rejected, id_, load, carries, self.on_object)
+
+
+#: Any grasp sampler, model-free or learned: a distance field in, filtered grasps out.
+GraspSamplerFn = Callable[[Gpdf], GraspSet]
 
 
 def grasp_frames(middle: Array, b: Array, z: Array) -> Array:

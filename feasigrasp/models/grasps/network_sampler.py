@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
@@ -24,6 +26,7 @@ from feasigrasp.models.grasps.network.network import (
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput, grasp_input
 from feasigrasp.models.grasps.thinning import ENOUGH, thin_grasps
+from feasigrasp.models.quantities import ArrayOf, Count, Share
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf, unit_normals
 from feasigrasp.models.shape.surface_error import surface_deviation
@@ -74,20 +77,19 @@ class NetworkSampler:
 
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     network: GraspNetwork = field(default_factory=load_grasp_network)
-    n_points: int = 512
-    n_contacts: int = 48
-    n_approaches: int = 4
-    n_grasps: int = 64
-    least_score: float = LIKELY
-    table: ArrayLike | None = None
+    n_points: Count = 512
+    n_contacts: Count = 48
+    n_approaches: Count = 4
+    n_grasps: Count = 64
+    least_score: Share = LIKELY
+    table: Annotated[ArrayLike, ArrayOf((4,))] | None = None
     top_up: bool = True
 
     def __post_init__(self) -> None:
-        """Checks the counts."""
-        for name in ("n_points", "n_contacts", "n_approaches", "n_grasps"):
-            if getattr(self, name) < 1:
-                raise GraspError(f"NetworkSampler.{name} = {getattr(self, name)}; give 1 or more")
+        """Checks the numbers."""
+        check_fields(self, GraspError)
 
+    @checked(GraspError)
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Filtered grasps, best first, in the frame of the field (object frame O)."""
         surface = grasp_input(gpdf, self.n_points)
@@ -100,6 +102,7 @@ class NetworkSampler:
             grasps = self._judged(gpdf, (both[0], both[1], both[2]))
         return grasps
 
+    @checked(GraspError)
     def candidates(self, gpdf: Gpdf) -> Candidates:
         """Unfiltered grasps of the network: poses X_OG, widths [m], probabilities (n, 2)."""
         surface = grasp_input(gpdf, self.n_points)

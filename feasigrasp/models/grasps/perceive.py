@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import GraspError, PointCloudError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.checks import checked_cloud
 from feasigrasp.models.clouds.fusion import FusedCloud
@@ -15,6 +18,7 @@ from feasigrasp.models.clouds.table import check_no_table
 from feasigrasp.models.grasps.carry import Carrier, carried
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
+from feasigrasp.models.quantities import CLOUD, POINT, Positive, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
@@ -38,21 +42,26 @@ class Perception:
     gpdf: Gpdf
     grasps: GraspSet
     gripper: ParallelGripper
-    viewpoint: Array | None
-    outliers: int
-    down: Array | None = None
+    viewpoint: Annotated[Array, POINT] | None
+    outliers: Whole
+    down: Annotated[Array, POINT] | None = None
+
+    def __post_init__(self) -> None:
+        """Checks what it is made of."""
+        check_fields(self, GraspError)
 
 
+@checked(PointCloudError)
 def perceive(
-    points: ArrayLike,
-    viewpoint: ArrayLike | None = (0.0, 0.0, 0.0),
+    points: Annotated[ArrayLike, CLOUD],
+    viewpoint: Annotated[ArrayLike, POINT] | None = (0.0, 0.0, 0.0),
     *,
     sampler: str | GraspSamplerFn = SamplerName.NETWORK,
-    voxel_size: float = 0.003,
+    voxel_size: Positive = 0.003,
     gripper: ParallelGripper | None = None,
-    seed: int = 0,
-    mass: float | None = None,
-    down: ArrayLike | None = None,
+    seed: Whole = 0,
+    mass: Positive | None = None,
+    down: Annotated[ArrayLike, POINT] | None = None,
 ) -> Perception:
     """Fits the distance field to one cloud of an object and samples grasps, as the pipeline does.
 
@@ -82,7 +91,7 @@ def perceive(
     gripper = gripper or ParallelGripper()
     if isinstance(sampler, str):
         sampler = make_sampler(sampler, gripper, seed=seed)
-    view = None if viewpoint is None else np.asarray(viewpoint, dtype=float)
+    view = None if viewpoint is None else np.asarray(viewpoint)
     points = checked_cloud(points)
     check_no_table(points, view)
     bad = outliers(points, view)
@@ -94,6 +103,6 @@ def perceive(
     else:
         cloud = FusedCloud.empty(voxel_size, smooth=True).merged(points, view)
         gpdf = complete_shape(cloud)
-    g = None if down is None else np.asarray(down, dtype=float)
+    g = None if down is None else np.asarray(down)
     grasps = carried(Carrier(gripper, mass).loaded(gpdf, sampler(gpdf)), g)
     return Perception(cloud, gpdf, grasps, gripper, view, int(bad.sum()), g)

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feasigrasp.errors import GraspError, needed_by
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
+from feasigrasp.models.quantities import Count, Share, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
 
@@ -58,15 +60,16 @@ class Unfiltered:
         return thin_grasps(grasps, self.sampler.n_grasps, least_score=0.0)
 
 
+@checked(GraspError)
 def make_sampler(
     name: str = SamplerName.NETWORK,
     gripper: ParallelGripper | None = None,
     *,
     filtered: bool = True,
-    n_candidates: int = 800,
-    n_grasps: int = 64,
-    least_score: float | None = None,
-    seed: int = 0,
+    n_candidates: Count = 800,
+    n_grasps: Count = 64,
+    least_score: Share | None = None,
+    seed: Whole = 0,
 ) -> GraspSamplerFn:
     """A grasp sampler: from a distance field to filtered grasps, best first.
 

@@ -7,9 +7,13 @@ conventions at singularities). Joint limits are looked at here, collisions in
 `feasigrasp.models.ik.least_squares`.
 """
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.ik.arm_circle import (
@@ -17,7 +21,10 @@ from feasigrasp.models.ik.arm_circle import (
     closed_form_kernel,
     configuration_kernel,
 )
+from feasigrasp.models.quantities import ANY_POSES, ArrayOf
 from feasigrasp.models.robot.iiwa import IIWA_7
+
+_ANGLES = ArrayOf(("...",), "rad", finite=False)
 
 
 @compiled
@@ -66,7 +73,8 @@ def _closed_form_batch(X_WF, psi, out):
             out[k] = np.nan
 
 
-def closed_form(X_WF: ArrayLike, psi: ArrayLike) -> Array:
+@checked()
+def closed_form(X_WF: Annotated[ArrayLike, ANY_POSES], psi: Annotated[ArrayLike, _ANGLES]) -> Array:
     """All configurations that reach flange poses with given arm angles, limits not considered.
 
     Args:
@@ -74,18 +82,19 @@ def closed_form(X_WF: ArrayLike, psi: ArrayLike) -> Array:
         psi: Arm angles [rad], one for all poses or of shape (...).
 
     Returns:
-        Shape (..., 8, 7) [rad]; NaN where the wrist centre is out of reach or ``X_WF`` is no pose
-        (an entry is not finite, or its rotation none). Row ``4 elbow + 2 shoulder + wrist``: 0
+        Shape (..., 8, 7) [rad]; NaN where the wrist centre is out of reach, or where ``X_WF`` or
+        ``psi`` are not finite. Row ``4 elbow + 2 shoulder + wrist``: 0
         where joint 4, 2 or 6 is positive, 1 where it is negative.
 
     Raises:
-        ValueError: ``X_WF`` has another shape.
+        ArgumentError: ``X_WF`` has another shape or a rotation that is none (within
+            `ROTATION_TOLERANCE` it is projected), or ``psi`` has another shape.
     """
-    poses = np.ascontiguousarray(X_WF, dtype=float)
-    if poses.shape[-2:] != (4, 4):
-        raise ValueError(f"poses must have shape (..., 4, 4), got {poses.shape}")
+    poses, psi = np.asarray(X_WF), np.asarray(psi)
     lead = poses.shape[:-2]
-    angles = np.array(np.broadcast_to(np.asarray(psi, dtype=float), lead))
+    if psi.shape not in ((), lead):
+        raise ArgumentError(f"closed_form: psi has shape {psi.shape}, X_WF {lead}; give as many")
+    angles = np.array(np.broadcast_to(psi, lead))
     out = np.empty((*lead, 8, IIWA_7.joints))
     _closed_form_batch(
         poses.reshape(-1, 4, 4), angles.reshape(-1), out.reshape(-1, 8, IIWA_7.joints)
@@ -96,15 +105,3 @@ def closed_form(X_WF: ArrayLike, psi: ArrayLike) -> Array:
 def arm_angle(q: ArrayLike) -> float:
     """Arm angle of a configuration [rad]: with it, `closed_form` of its flange pose contains it."""
     return float(arm_angle_kernel(IIWA_7.positions(q, 1)))
-
-
-def flange_poses(X_WF: ArrayLike) -> Array:
-    """Poses as the kernels take them: contiguous, (n, 4, 4); one pose may come as (4, 4).
-
-    Raises:
-        ValueError: Another shape.
-    """
-    poses = np.ascontiguousarray(X_WF, dtype=float)
-    if poses.shape[-2:] != (4, 4) or poses.ndim > 3:
-        raise ValueError(f"poses must have shape (n, 4, 4), got {poses.shape}")
-    return poses.reshape(-1, 4, 4)

@@ -21,12 +21,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import ThreadpoolController
 
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.ik.flow_layers import (
     FEATURES,
@@ -37,6 +39,7 @@ from feasigrasp.models.ik.flow_layers import (
     turn_kernel,
 )
 from feasigrasp.models.ik.least_squares import refine
+from feasigrasp.models.quantities import POSES, ArrayOf, Count, Whole
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.weights_file import WEIGHTS, WeightArrays, WeightsFormat, check_arrays
 
@@ -49,6 +52,7 @@ _FILE = WeightsFormat("IK flow", "feasigrasp ik_flow 1", "feasigrasp train ik-fl
 DAMPING = 0.01
 # Rows that go through the networks together: bounds the memory.
 _CHUNK = 4096
+_CONFIGURATIONS, _LATENTS = ArrayOf(("n", IIWA_7.joints), "rad"), ArrayOf(("n", IIWA_7.joints))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +67,18 @@ class IkFlow(Frozen):
     shape: FlowShape
     arrays: dict[str, WeightArray]
 
+    def __post_init__(self) -> None:
+        """Checks the arrays.
+
+        Raises:
+            ArgumentError: One is missing, or has another shape than the sizes say.
+        """
+        check_fields(self)
+        try:
+            check_arrays(self.arrays, self.shape.array_shapes())
+        except ValueError as error:
+            raise ArgumentError(f"IkFlow.arrays: {error}") from None
+
     @classmethod
     def load_default(cls) -> IkFlow:
         """The flow that comes with the package, loaded once.
@@ -73,6 +89,7 @@ class IkFlow(Frozen):
         return _load_default()
 
     @classmethod
+    @checked()
     def load(cls, path: str | Path) -> IkFlow:
         """Loads a flow that `save` wrote.
 
@@ -84,16 +101,19 @@ class IkFlow(Frozen):
     @classmethod
     def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> IkFlow:
         shape = FlowShape.from_dict(header["shape"])
-        check_arrays(arrays, shape.array_shapes())
         for array in arrays.values():
             array.flags.writeable = False
         return cls(shape, arrays)
 
+    @checked()
     def save(self, path: str | Path) -> None:
         """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
         _FILE.save(path, {"shape": self.shape.as_dict()}, self.arrays)
 
-    def sample(self, X_WF: ArrayLike, seed: int = 0, per_pose: int = 1) -> Array:
+    @checked()
+    def sample(
+        self, X_WF: Annotated[ArrayLike, POSES], seed: Whole = 0, per_pose: Count = 1
+    ) -> Array:
         """Draws configurations, not refined yet.
 
         The latents depend on the seed and the place in the batch alone: the same call with poses
@@ -108,14 +128,17 @@ class IkFlow(Frozen):
             Shape (n, per_pose, 7) [rad], inside the joint limits.
 
         Raises:
-            ValueError: The poses have another shape or are not finite.
+            ArgumentError: The poses have another shape, are not finite, or are none.
         """
-        X_WF = _poses(X_WF)
+        X_WF = np.asarray(X_WF)
         u = np.random.default_rng(seed).random((len(X_WF), per_pose, IIWA_7.joints))
         repeated = np.repeat(X_WF, per_pose, axis=0)
         return self.inverse(repeated, u.reshape(-1, IIWA_7.joints)).reshape(u.shape)
 
-    def solve(self, X_WF: ArrayLike, seed: int = 0, refinement_steps: int = 3) -> Array:
+    @checked()
+    def solve(
+        self, X_WF: Annotated[ArrayLike, POSES], seed: Whole = 0, refinement_steps: Whole = 3
+    ) -> Array:
         """One configuration of each pose: a sample, refined by damped least squares.
 
         Args:
@@ -128,13 +151,16 @@ class IkFlow(Frozen):
             forward kinematics, and see `feasigrasp.models.robot.self_collision`.
 
         Raises:
-            ValueError: See `sample`.
+            ArgumentError: See `sample`.
         """
-        X_WF = _poses(X_WF)
+        X_WF = np.asarray(X_WF)
         q = self.sample(X_WF, seed)[:, 0]
         return refine(X_WF, q, refinement_steps, DAMPING, limit_margin=0.0)[0]
 
-    def inverse(self, X_WF: ArrayLike, u: ArrayLike) -> Array:
+    @checked()
+    def inverse(
+        self, X_WF: Annotated[ArrayLike, POSES], u: Annotated[ArrayLike, _LATENTS]
+    ) -> Array:
         """From latents to configurations.
 
         Args:
@@ -145,12 +171,12 @@ class IkFlow(Frozen):
             Joint positions (n, 7) [rad], inside the limits.
 
         Raises:
-            ValueError: Latents outside the unit cube, or poses as in `sample`.
+            ArgumentError: Latents outside the unit cube, or poses as in `sample`.
         """
-        X_WF = _poses(X_WF)
-        u = np.asarray(u, dtype=float)
-        if u.shape != (len(X_WF), IIWA_7.joints) or not ((u >= 0.0) & (u <= 1.0)).all():
-            raise ValueError(f"latents must be ({len(X_WF)}, 7) numbers in [0, 1]")
+        X_WF = np.asarray(X_WF)
+        u = np.asarray(u)
+        if not ((u >= 0.0) & (u <= 1.0)).all():
+            raise ArgumentError("IkFlow.inverse: u holds latents outside [0, 1]")
         q = np.empty(u.shape)
         with _one_thread():
             for start in range(0, len(q), _CHUNK):
@@ -167,7 +193,10 @@ class IkFlow(Frozen):
             turn_kernel(target, joint, angle)
             q[:, joint] = angle
 
-    def forward(self, X_WF: ArrayLike, q: ArrayLike) -> tuple[Array, Array]:
+    @checked()
+    def forward(
+        self, X_WF: Annotated[ArrayLike, POSES], q: Annotated[ArrayLike, _CONFIGURATIONS]
+    ) -> tuple[Array, Array]:
         """The inverse of `inverse`: from configurations inside the limits to latents.
 
         Args:
@@ -178,12 +207,12 @@ class IkFlow(Frozen):
             Latents (n, 7) and log densities (n,) of the configurations [1/rad^7].
 
         Raises:
-            ValueError: A configuration outside the limits, or poses as in `sample`.
+            ArgumentError: A configuration outside the limits, or poses as in `sample`.
         """
-        X_WF = _poses(X_WF)
-        q = np.asarray(q, dtype=float)
-        if q.shape != (len(X_WF), IIWA_7.joints) or not (np.abs(q) <= IIWA_7.position_limits).all():
-            raise ValueError(f"q must be ({len(X_WF)}, 7) joint positions inside the limits")
+        X_WF = np.asarray(X_WF)
+        q = np.asarray(q)
+        if not (np.abs(q) <= IIWA_7.position_limits).all():
+            raise ArgumentError("IkFlow.forward: q must hold positions inside the limits")
         u, log_density = np.empty(q.shape), np.zeros(len(q))
         target = X_WF[:, :3].copy()
         for joint in range(IIWA_7.joints):
@@ -226,12 +255,3 @@ def _threads() -> ThreadpoolController:
 def _one_thread() -> Any:
     """Context in which matrix products keep to one thread: more cost time on a busy machine."""
     return _threads().limit(limits=1, user_api="blas")
-
-
-def _poses(X_WF: ArrayLike) -> Array:
-    X_WF = np.ascontiguousarray(X_WF, dtype=float)
-    if X_WF.ndim != 3 or X_WF.shape[1:] != (4, 4):
-        raise ValueError(f"poses must have shape (n, 4, 4), got {X_WF.shape}")
-    if not np.isfinite(X_WF).all():
-        raise ValueError("a pose is not finite")
-    return X_WF

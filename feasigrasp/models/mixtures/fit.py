@@ -4,30 +4,33 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.em import Samples, Stop, expectation_maximization
-from feasigrasp.models.mixtures.mixture import RiemannianMixture, bic, checked_poses
+from feasigrasp.models.mixtures.mixture import RiemannianMixture, bic
 from feasigrasp.models.mixtures.seeding import seed_means
+from feasigrasp.models.quantities import POSES, ArrayOf, Count, Number, Positive
 
 
+@checked(GraspError)
 def fit_riemannian_mixture(
-    X: ArrayLike,
-    n_components: int,
+    X: Annotated[ArrayLike, POSES],
+    n_components: Count,
     rng: np.random.Generator,
     *,
-    sample_weights: ArrayLike | None = None,
-    length_scale: float = 0.1,
-    rotation_floor: float = 0.05,
-    translation_floor: float = 0.005,
-    max_iterations: int = 50,
+    sample_weights: Annotated[ArrayLike, ArrayOf(("n",))] | None = None,
+    length_scale: Positive = 0.1,
+    rotation_floor: Positive = 0.05,
+    translation_floor: Positive = 0.005,
+    max_iterations: Count = 50,
     tolerance: float = 1e-4,
 ) -> RiemannianMixture:
     """Fits a mixture to poses by expectation maximisation with Riemannian means.
@@ -52,7 +55,7 @@ def fit_riemannian_mixture(
         GraspError: If X is empty, not finite or not rigid, or a parameter is out of range.
     """
     problem = _Problem(
-        checked_poses(X, "fit_riemannian_mixture: X"),
+        np.asarray(X),
         sample_weights,
         length_scale,
         rotation_floor,
@@ -60,18 +63,17 @@ def fit_riemannian_mixture(
         max_iterations,
         tolerance,
     )
-    if not (math.isfinite(n_components) and n_components > 0):
-        raise GraspError(f"fit_riemannian_mixture: n_components = {n_components} must be positive.")
     return problem.seeded(n_components, rng).mixture()
 
 
+@checked(GraspError)
 def fit_best_mixture(
-    X: ArrayLike,
+    X: Annotated[ArrayLike, POSES],
     rng: np.random.Generator,
-    max_components: int = 10,
+    max_components: Count = 10,
     *,
     start: RiemannianMixture | None = None,
-    max_rotation: float = math.pi,
+    max_rotation: Annotated[float, Number(above=0.0, most=math.pi)] = math.pi,
     **options: Any,
 ) -> RiemannianMixture:
     """The fit with the lowest Bayesian information criterion (BIC).
@@ -94,7 +96,7 @@ def fit_best_mixture(
     Raises:
         GraspError: As :func:`fit_riemannian_mixture`.
     """
-    problem = _Problem(checked_poses(X, "fit_best_mixture: X"), **options)
+    problem = _Problem(np.asarray(X), **options)
     most = max(1, min(max_components, len(problem.X)))
     if start is None:
         fits = [problem.seeded(k, rng) for k in range(1, most + 1)]
@@ -141,6 +143,8 @@ class _Problem:
     floor: Array = field(init=False)
 
     def __post_init__(self) -> None:
+        if len(self.X) == 0:
+            raise GraspError("a mixture's X is empty; give poses (n, 4, 4), n >= 1")
         for name in ("length_scale", "rotation_floor", "translation_floor", "max_iterations"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.kernels import Parameters, evaluate_poses
+from feasigrasp.models.quantities import ANY_POSES, POSES, ArrayOf
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,23 +43,19 @@ class RiemannianMixture(Frozen):
             mean is not a rigid pose, or a covariance is not positive definite.
     """
 
-    weights: Array
-    means: Array
-    covariances: Array
+    weights: Annotated[Array, ArrayOf(("K",))]
+    means: Annotated[Array, ArrayOf(("K", 4, 4), "m", rotation=True)]
+    covariances: Annotated[Array, ArrayOf(("K", 6, 6))]
     parameters: Parameters = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Checks and freezes the arrays and factorises the covariances once."""
-        weights = np.array(self.weights, dtype=float).reshape(-1)
-        n = len(weights)
-        means = checked_poses(self.means, "RiemannianMixture.means").copy()
-        covariances = np.array(self.covariances, dtype=float)
-        if n == 0 or means.shape != (n, 4, 4) or covariances.shape != (n, 6, 6):
-            raise GraspError(
-                f"RiemannianMixture: weights {weights.shape}, means {means.shape} and covariances "
-                f"{covariances.shape} disagree; give (K,), (K, 4, 4) and (K, 6, 6) with K >= 1."
-            )
-        if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.sum() > 0):
+        check_fields(self, GraspError)
+        weights, means = self.weights.copy(), self.means.copy()
+        covariances = self.covariances.copy()
+        if len(weights) == 0:
+            raise GraspError("RiemannianMixture: weights is empty; give K >= 1 components.")
+        if not ((weights >= 0).all() and weights.sum() > 0):
             raise GraspError(
                 f"RiemannianMixture: weights {weights} must be finite, not negative and not all 0."
             )
@@ -67,8 +66,6 @@ class RiemannianMixture(Frozen):
             raise GraspError(
                 "RiemannianMixture: a covariance is not positive definite; raise the floors."
             ) from error
-        if not np.isfinite(factors).all():
-            raise GraspError("RiemannianMixture: NaN or infinity in the covariances.")
         with np.errstate(divide="ignore"):
             log_weights = np.log(weights)
         diagonal = np.diagonal(factors, axis1=1, axis2=2)
@@ -86,23 +83,28 @@ class RiemannianMixture(Frozen):
         """Number of components K."""
         return len(self.weights)
 
-    def tangents(self, X: ArrayLike) -> Array:
+    @checked(GraspError)
+    def tangents(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Log_mu_i(x), shape (..., K, 6) [rad, m]."""
         return self._evaluate(X)[0]
 
-    def component_log_densities(self, X: ArrayLike) -> Array:
+    @checked(GraspError)
+    def component_log_densities(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Log of N(x; mu_i, Sigma_i), without the weights, shape (..., K)."""
         return self._evaluate(X)[1]
 
-    def responsibilities(self, X: ArrayLike) -> Array:
+    @checked(GraspError)
+    def responsibilities(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Probability that each component made x, shape (..., K); sums to 1 at any distance."""
         return self._evaluate(X)[2]
 
-    def log_density(self, X: ArrayLike) -> Array:
+    @checked(GraspError)
+    def log_density(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Log density of the mixture, shape (...); finite far from every component."""
         return self._evaluate(X)[3]
 
-    def log_density_gradient(self, X: ArrayLike) -> Array:
+    @checked(GraspError)
+    def log_density_gradient(self, X: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Gradient of the log density for a body perturbation ``x exp(eps)``, shape (..., 6).
 
         ``sum_i r_i J_r^-T(xi_i) (-Sigma_i^-1 xi_i)`` with ``xi_i = Log_mu_i(x)``. The paper prints
@@ -114,17 +116,15 @@ class RiemannianMixture(Frozen):
         J = se3.right_jacobian_inverse(tangents)
         return np.asarray(-np.einsum("...k,...kji,...kj->...i", r, J, pulls))
 
-    def medoids(self, X_samples: ArrayLike) -> NDArray[np.intp]:
+    @checked(GraspError)
+    def medoids(self, X_samples: Annotated[ArrayLike, POSES]) -> NDArray[np.intp]:
         """Index of the most likely of the samples (n, 4, 4) under each component, shape (K,)."""
-        X_samples = checked_poses(X_samples, "medoids: X_samples")
+        if len(np.asarray(X_samples)) == 0:
+            raise GraspError("medoids: X_samples is empty; give one pose or more")
         return np.asarray(np.argmax(self.component_log_densities(X_samples), axis=0))
 
     def _evaluate(self, X: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        X = np.ascontiguousarray(X, dtype=float)
-        if X.shape[-2:] != (4, 4):
-            raise GraspError(
-                f"RiemannianMixture: expected poses of shape (..., 4, 4), got {X.shape}."
-            )
+        X = np.asarray(X)
         lead, X = X.shape[:-2], X.reshape(-1, 4, 4)
         n, k = len(X), len(self)
         out = np.empty((n, k, 6)), np.empty((n, k)), np.empty((n, k)), np.empty(n)
@@ -135,23 +135,6 @@ class RiemannianMixture(Frozen):
             out[2].reshape(*lead, k),
             out[3].reshape(lead),
         )
-
-
-def checked_poses(X: ArrayLike, name: str) -> Array:
-    """Poses (n, 4, 4), n >= 1, that are finite and rigid."""
-    X = np.ascontiguousarray(X, dtype=float)
-    if X.ndim != 3 or X.shape[1:] != (4, 4) or len(X) == 0:
-        raise GraspError(f"{name}: expected poses of shape (n, 4, 4), n >= 1, got {X.shape}.")
-    if not np.isfinite(X).all():
-        raise GraspError(f"{name}: NaN or infinity in the poses; drop them first.")
-    R = X[:, :3, :3]
-    error = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
-    if error.max() > 1e-4 or (np.linalg.det(R) < 0).any():
-        raise GraspError(
-            f"{name}: pose {int(np.argmax(error))} is not rigid (|R R^T - I| = {error.max():.1e}, "
-            "limit 1e-4, or a reflection); orthonormalise the rotations."
-        )
-    return X
 
 
 def bic(components: int, poses: int, log_likelihood: float) -> float:

@@ -7,12 +7,18 @@ while the object turns with constant speed about a fixed axis.
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.se3_kernels import so3_exp_kernel
+from feasigrasp.models.quantities import POINT, ArrayOf
+
+_THREE, _ROTATION = ArrayOf((3,)), ArrayOf((3, 3), rotation=True)
 
 
 class ObjectMotion:
@@ -47,22 +53,28 @@ class HarmonicMotion(ObjectMotion):
         R_WO: Orientation at t = 0, shape (3, 3).
     """
 
-    center: Array
-    amplitude: Array
-    harmonic: Array
-    offset_deg: Array
+    center: Annotated[Array, POINT]
+    amplitude: Annotated[Array, POINT]
+    harmonic: Annotated[Array, _THREE]
+    offset_deg: Annotated[Array, _THREE]
     rate: float
     start_phase: float
-    spin_axis: Array
+    spin_axis: Annotated[Array, _THREE]
     spin: float
-    R_WO: Array = field(default_factory=lambda: np.eye(3))
+    R_WO: Annotated[Array, _ROTATION] = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
-        """Makes float arrays of whatever was given."""
-        for name in ("center", "amplitude", "harmonic", "offset_deg", "spin_axis", "R_WO"):
-            array = np.array(getattr(self, name), dtype=float)
-            object.__setattr__(self, name, array)
+        """Makes float arrays of whatever was given.
 
+        Raises:
+            ArgumentError: An entry has another shape or is not finite, ``R_WO`` is no rotation, or
+                ``spin_axis`` is zero.
+        """
+        check_fields(self)
+        if not self.spin_axis.any():
+            raise ArgumentError("HarmonicMotion.spin_axis is zero; give a direction")
+
+    @checked()
     def state(self, t: float) -> tuple[Array, Array, Array]:
         """``X_WO`` (4, 4), ``V_WO`` (6,) and the acceleration of the origin (3,) at time t [s]."""
         X_WO, V_WO, acceleration = motion_kernel(self.parameters, t)

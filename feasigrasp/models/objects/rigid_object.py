@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import trimesh
 
 from feasigrasp.errors import MeshError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices
 from feasigrasp.models.objects.mesh import (
     MAX_FACES,
@@ -22,6 +23,7 @@ from feasigrasp.models.objects.mesh import (
     read_solid,
 )
 from feasigrasp.models.objects.mesh_cache import kept
+from feasigrasp.models.quantities import POINT, ArrayOf, Positive
 from feasigrasp.outputs import write_text
 from feasigrasp.resources import model_path
 
@@ -51,16 +53,17 @@ class RigidObject(Frozen):
     """
 
     name: str
-    vertices: Array
-    faces: Indices
-    mass: float
-    p_MO: Array
-    inertia: Array
+    vertices: Annotated[Array, ArrayOf(("n", 3), "m")]
+    faces: Annotated[Indices, ArrayOf(("m", 3), dtype=np.int64)]
+    mass: Positive
+    p_MO: Annotated[Array, POINT]
+    inertia: Annotated[Array, ArrayOf((3, 3), "kg m^2")]
     color: tuple[float, float, float, float] = _DEFAULT_COLOR
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of_mesh(cls, name: str, mesh: trimesh.Trimesh, mass: float, **about: Any) -> RigidObject:
+    @checked(MeshError)
+    def of_mesh(cls, name: str, mesh: trimesh.Trimesh, mass: Positive, **about: Any) -> RigidObject:
         """A closed mesh [m] of uniform density; ``about`` is its color and notes."""
         unit = mesh.mass_properties  # of density 1
         p_MO = np.asarray(unit.center_mass)
@@ -68,13 +71,18 @@ class RigidObject(Frozen):
         return cls(name, mesh.vertices - p_MO, mesh.faces, mass, p_MO, inertia, **about)
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
-        self._freeze(
-            vertices=np.array(self.vertices, dtype=float).reshape(-1, 3),
-            faces=np.array(self.faces, dtype=np.int64).reshape(-1, 3),
-            p_MO=np.array(self.p_MO, dtype=float).reshape(3),
-            inertia=np.array(self.inertia, dtype=float).reshape(3, 3),
-        )
+        """Checks and freezes the arrays.
+
+        Raises:
+            MeshError: An entry has another shape or kind, or a face names no vertex.
+        """
+        check_fields(self, MeshError)
+        if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
+            raise MeshError(
+                f"RigidObject.faces names vertices outside 0 ... {len(self.vertices) - 1}"
+            )
+        names = ("vertices", "faces", "p_MO", "inertia")
+        self._freeze(**{name: getattr(self, name).copy() for name in names})
 
     @property
     def mesh(self) -> trimesh.Trimesh:
@@ -92,12 +100,13 @@ def builtin_objects() -> list[str]:
     return sorted(_read_catalogue(model_path("objects")))
 
 
+@checked(MeshError)
 def load_object(
     name_or_path: str | Path,
     *,
-    scale: float = 1.0,
-    density: float | None = None,
-    mass: float | None = None,
+    scale: Positive = 1.0,
+    density: Positive | None = None,
+    mass: Positive | None = None,
 ) -> RigidObject:
     """Loads a built-in object or any closed mesh file.
 
@@ -125,9 +134,6 @@ def load_object(
     path, entry = _resolve(name_or_path)
     if mass is not None and density is not None:
         raise MeshError(f"{path}: both mass={mass} and density={density} given; give one of them.")
-    for what, value in (("mass", mass), ("density", density)):
-        if value is not None:
-            _check_positive(f"{path}: {what}", value)
 
     def make() -> tuple[trimesh.Trimesh, tuple[str, ...]]:
         solid, repairs = read_solid(path, scale)

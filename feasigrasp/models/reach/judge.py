@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import ReachabilityError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.quantities import ANY_POSES
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
 from feasigrasp.models.reach.reachable_space import ReachableSpace
@@ -52,12 +55,14 @@ class PoseJudge(Frozen):
 
     def __post_init__(self) -> None:
         """Checks the method, and loads the packaged space where one is needed."""
+        check_fields(self, ReachabilityError)
         method = parse_choice(JudgeMethod, self.method, "reachability method", ReachabilityError)
         object.__setattr__(self, "method", method)
         if method in (JudgeMethod.RMM, JudgeMethod.BOTH) and self.space is None:
             object.__setattr__(self, "space", ReachableSpace.load_default())
 
-    def verdicts(self, X_WG: ArrayLike) -> NDArray[np.int8]:
+    @checked(ReachabilityError)
+    def verdicts(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> NDArray[np.int8]:
         """Verdicts on hand poses (n, 4, 4) in the base frame, places in `VERDICTS`, shape (n,)."""
         if self.method == JudgeMethod.IK:
             return self.reachability.verdicts(X_WG)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.grasps.matching import HYSTERESIS
 from feasigrasp.models.objects.prediction import Motion, future_poses
+from feasigrasp.models.quantities import TWIST, UNKNOWN_POSE, ArrayOf, Count, NotNegative, Share
 from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
@@ -37,19 +41,20 @@ class JudgedGrasps(Frozen):
     verdicts: tuple[str, ...] = ()
 
 
+@checked(ReachabilityError)
 def judge_grasps(
     grasps: GraspSet,
-    X_WO: Array,
-    V_WO: Array,
+    X_WO: Annotated[Array, UNKNOWN_POSE],
+    V_WO: Annotated[Array, TWIST],
     judge: PoseJudge | Reachability,
-    horizon: float = 1.0,
-    n_best: int = 24,
-    score_share: float = 0.6,
+    horizon: NotNegative = 1.0,
+    n_best: Count = 24,
+    score_share: Share = 0.6,
     motion: Motion | None = None,
     *,
     twins: bool = True,
-    way_in: float = 0.0,
-    kept_before: ArrayLike = (),
+    way_in: NotNegative = 0.0,
+    kept_before: Annotated[ArrayLike, ArrayOf(("k",), dtype=np.int64)] = (),
 ) -> JudgedGrasps:
     """Which grasps, flips included, are in reach now and all through the next ``horizon`` seconds.
 

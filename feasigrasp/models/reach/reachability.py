@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.errors import ReachabilityError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.closed_form import flange_poses
+from feasigrasp.models.quantities import ANY_POSES, JOINT_POSITIONS, JOINTS, Count
 from feasigrasp.models.reach.kernels import REACHABLE as REACHABLE
 from feasigrasp.models.reach.kernels import (
     Search,
@@ -57,13 +60,13 @@ class Reachability(Frozen):
     Attributes:
         gripper: Tool at the flange.
         n_arm_angles: Arm angles tried per pose, evenly spaced over the circle.
-        limit_margin: Distance kept from the joint limits [rad].
-        clearance: Distance kept between bodies, and to the table [m].
+        limit_margin: Distance kept from the joint limits [rad]; negative for a tolerance.
+        clearance: Distance kept between bodies, and to the table [m]; likewise.
         table_height: Height of the table top in the base frame [m].
     """
 
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
-    n_arm_angles: int = 12
+    n_arm_angles: Count = 12
     limit_margin: float = 0.05
     clearance: float = 0.02
     table_height: float = 0.0
@@ -72,34 +75,47 @@ class Reachability(Frozen):
 
     def __post_init__(self) -> None:
         """Derives what every query needs."""
+        check_fields(self, ReachabilityError)
         object.__setattr__(self, "search", _make_search(self))
         object.__setattr__(self, "_X_GF", se3.inverse(self.gripper.X_FG))
 
-    def reachable(self, X_WG: ArrayLike) -> Mask:
+    @checked(ReachabilityError)
+    def reachable(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> Mask:
         """Which hand poses (n, 4, 4) have an admissible configuration, shape (n,)."""
         return self.verdicts(X_WG) == REACHABLE
 
-    def verdicts(self, X_WG: ArrayLike) -> NDArray[np.int8]:
+    @checked(ReachabilityError)
+    def verdicts(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> NDArray[np.int8]:
         """Why hand poses cannot be reached, as places in `VERDICTS`.
 
         Args:
             X_WG: Hand poses in the base frame, shape (n, 4, 4) [m].
 
         Returns:
-            Shape (n,). "wrist out of reach" also stands for what is no pose (not finite); "joint
+            Shape (n,). "wrist out of reach" also stands for an unknown pose (not finite); "joint
             limits": no arm angle is inside them; "self-collision": every configuration inside the
             limits collides; "table": those that do not are too close to the table, or the hand is.
+
+        Raises:
+            ReachabilityError: Another shape, or a rotation that is none; within
+                `ROTATION_TOLERANCE` it is projected onto SO(3).
         """
         return self.flange_verdicts(self.flange(X_WG))
 
-    def flange_verdicts(self, X_WF: ArrayLike) -> NDArray[np.int8]:
+    @checked(ReachabilityError)
+    def flange_verdicts(self, X_WF: Annotated[ArrayLike, ANY_POSES]) -> NDArray[np.int8]:
         """`verdicts` of flange poses (n, 4, 4)."""
-        poses = flange_poses(X_WF)
+        poses = np.asarray(X_WF).reshape(-1, 4, 4)
         verdicts = np.empty(len(poses), dtype=np.int8)
         verdict_batch_kernel(poses, self.search, verdicts)
         return verdicts
 
-    def nearest(self, X_WG: ArrayLike, q: ArrayLike) -> tuple[Array, Array]:
+    @checked(ReachabilityError)
+    def nearest(
+        self,
+        X_WG: Annotated[ArrayLike, ANY_POSES],
+        q: Annotated[ArrayLike, JOINT_POSITIONS],
+    ) -> tuple[Array, Array]:
         """The admissible configuration for each hand pose that is soonest reached from ``q``.
 
         Args:
@@ -112,20 +128,21 @@ class Reachability(Frozen):
         """
         X_WF = self.flange(X_WG)
         found, times = np.full((len(X_WF), IIWA_7.joints), np.nan), np.empty(len(X_WF))
-        near = IIWA_7.positions(q, 1)
-        nearest_batch_kernel(X_WF, near, self.search, found, times)
+        nearest_batch_kernel(X_WF, np.asarray(q), self.search, found, times)
         return found, times
 
-    def admissible(self, q: ArrayLike) -> Mask:
+    @checked(ReachabilityError)
+    def admissible(self, q: Annotated[ArrayLike, JOINTS]) -> Mask:
         """Which configurations (n, 7) are inside the limits and clear of arm, hand and table."""
-        Q = IIWA_7.positions(q).reshape(-1, IIWA_7.joints)
+        Q = np.asarray(q).reshape(-1, IIWA_7.joints)
         out = np.empty(len(Q), dtype=np.bool_)
         admissible_batch_kernel(Q, self.search, out)
         return out
 
-    def flange(self, X_WG: ArrayLike) -> Array:
+    @checked(ReachabilityError)
+    def flange(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> Array:
         """Flange poses (n, 4, 4) of hand poses (n, 4, 4)."""
-        return np.ascontiguousarray(flange_poses(X_WG) @ self._X_GF)
+        return np.ascontiguousarray(np.asarray(X_WG).reshape(-1, 4, 4) @ self._X_GF)
 
 
 def _make_search(reachability: Reachability) -> Search:

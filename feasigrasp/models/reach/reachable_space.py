@@ -13,17 +13,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import FeasigraspError, ReachabilityError
 from feasigrasp.inputs import read_arrays
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.mixtures.float32_kernels import Float32Array, log_densities, pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp.models.quantities import UNKNOWN_POSES
 from feasigrasp.outputs import replacing
 from feasigrasp.resources import model_path
 
@@ -62,27 +64,27 @@ class ReachableSpace(Frozen):
 
     def __post_init__(self) -> None:
         """Checks the threshold and packs the mixture for the batch kernel."""
-        if not np.isfinite(self.threshold):
-            raise ReachabilityError(
-                f"ReachableSpace: threshold = {self.threshold} is no log density; fit anew."
-            )
+        check_fields(self, ReachabilityError)
         object.__setattr__(self, "_packed", pack(self.mixture))
 
-    def log_density(self, X_WF: ArrayLike) -> Array:
+    @checked(ReachabilityError)
+    def log_density(self, X_WF: Annotated[ArrayLike, UNKNOWN_POSES]) -> Array:
         """Log density of poses, shape (n,), in single precision: to about 1e-5 near the threshold.
 
         Args:
             X_WF: Poses of the fitted frame in the base frame, shape (n, 4, 4) [m].
 
         Raises:
-            GraspError: ``X_WF`` does not have shape (n, 4, 4).
+            ReachabilityError: ``X_WF`` does not have shape (n, 4, 4), or holds no rotation.
         """
         return log_densities(X_WF, self._packed)
 
-    def contains(self, X_WF: ArrayLike) -> Mask:
+    @checked(ReachabilityError)
+    def contains(self, X_WF: Annotated[ArrayLike, UNKNOWN_POSES]) -> Mask:
         """Which poses (n, 4, 4) are dense enough to count as reachable, shape (n,)."""
         return np.asarray(self.log_density(X_WF) >= self.threshold)
 
+    @checked(ReachabilityError)
     def save(self, path: str | Path) -> None:
         """Writes the space as ``.npz``, whole or not at all."""
         with replacing(path) as file:
@@ -96,6 +98,7 @@ class ReachableSpace(Frozen):
             )
 
     @classmethod
+    @checked(ReachabilityError)
     def load(cls, path: str | Path) -> ReachableSpace:
         """Reads what `save` wrote.
 
@@ -132,6 +135,7 @@ class ReachableSpace(Frozen):
         return cls.load_named(SpaceName.DEFAULT)
 
     @classmethod
+    @checked(ReachabilityError)
     def load_named(cls, name: str) -> ReachableSpace:
         """A packaged reachable space of the iiwa 7's flange, by its `SpaceName`.
 

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.errors import GraspError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.quantities import NotNegative
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,7 @@ class ParallelGripper(Frozen):
 
     def __post_init__(self) -> None:
         """Checks the sizes and derives the pose of the grasp frame in the flange frame."""
+        check_fields(self, GraspError)
         self._check()
         X_FG = np.eye(4)
         X_FG[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # closing direction x_G along y_F
@@ -102,6 +105,7 @@ class ParallelGripper(Frozen):
                 f"pad centre, the flange is only tool_offset = {self.tool_offset} m behind it"
             )
 
+    @checked(GraspError)
     def surface_points(self, opening: float) -> Array:
         """Points on the hand's outside, for collision checks against a distance field.
 
@@ -137,7 +141,8 @@ class ParallelGripper(Frozen):
         camera = _grid([-cx, 0.0, cx], [-cy, cy], [cz]) + np.array(self.camera_center)
         return np.concatenate([*fingers, front, camera, back])
 
-    def skin_points(self, opening: float) -> Array:
+    @checked(GraspError)
+    def skin_points(self, opening: NotNegative) -> Array:
         """Points all over fingers, palm and camera, pads included: what must not hit anything.
 
         No more than 1 cm apart on the fingers, and 1.5 cm on the rest.

@@ -6,12 +6,15 @@ named tuples for constants, and drops from the machine code what is not used of 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.quantities import JOINTS, Whole
 
 
 class DriverLimits(NamedTuple):
@@ -77,22 +80,22 @@ class Arm(NamedTuple):
         """From the frame of each link, the base included, to the next, the flange last [m]."""
         return tuple(np.diff([0.0, *self.joint_heights, self.flange_height]).tolist())
 
-    def positions(self, q: ArrayLike, ndim: int | None = None) -> Array:
+    @checked()
+    def positions(self, q: Annotated[ArrayLike, JOINTS], ndim: Whole | None = None) -> Array:
         """Joint positions as compiled code takes them, a contiguous array of shape (..., joints).
 
         Raises:
-            ValueError: The last axis has another length, or there are not ``ndim`` axes.
+            ArgumentError: The last axis has another length, there are not ``ndim`` axes, or a joint
+                turns by more than 2 pi (degrees?).
         """
-        Q = np.ascontiguousarray(q, dtype=float)
-        if Q.ndim == 0 or Q.shape[-1] != self.joints or ndim not in (None, Q.ndim):
-            expected = {None: f"(..., {self.joints})", 1: f"({self.joints},)"}
-            raise ValueError(
-                "joint positions must have shape "
-                f"{expected.get(ndim, f'(n, {self.joints})')}, got {Q.shape}"
-            )
+        Q = np.asarray(q)
+        if ndim not in (None, Q.ndim):
+            form = f"({self.joints},)" if ndim == 1 else f"(n, {self.joints})"
+            raise ArgumentError(f"q has shape {Q.shape}; give shape {form} for ndim = {ndim}")
         return Q
 
-    def random_positions(self, rng: np.random.Generator, n: int) -> Array:
+    @checked()
+    def random_positions(self, rng: np.random.Generator, n: Whole) -> Array:
         """Joint positions uniform inside the limits, shape (n, joints) [rad]."""
         return rng.uniform(-self.position_limits, self.position_limits, (n, self.joints))
 

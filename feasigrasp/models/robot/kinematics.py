@@ -8,13 +8,17 @@ the elbow E, joints 5 to 7 about axes through the wrist W. A column of the Jacob
 ``[a_i; a_i x (p_T - p)]`` with the joint's axis ``a_i`` and one of these three points.
 """
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.numerics.fast_math import fast_sincos, sincos_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, step, turn
+from feasigrasp.models.quantities import JOINTS, POSE
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
@@ -162,11 +166,14 @@ def _tool(X_FT: ArrayLike | None) -> Array:
     return _IDENTITY if X_FT is None else np.ascontiguousarray(X_FT, dtype=float)
 
 
-def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Array, Array]:
+@checked()
+def pose_and_jacobian(
+    q: Annotated[ArrayLike, JOINTS], X_FT: Annotated[ArrayLike, POSE] | None = None
+) -> tuple[Array, Array]:
     """Tool pose and geometric Jacobian.
 
     Args:
-        q: Joint positions [rad], shape (..., 7), at most 1e6 in size.
+        q: Joint positions [rad], shape (..., 7), at most 2 pi in size.
         X_FT: Tool frame in the flange frame, shape (4, 4); the flange itself by default.
 
     Returns:
@@ -174,9 +181,10 @@ def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Arra
         [angular; linear] at the tool origin, expressed in the world. NaN positions give NaN.
 
     Raises:
-        ValueError: The last axis of ``q`` is not 7 long.
+        ArgumentError: ``q`` or ``X_FT`` has another shape; more than a whole turn (degrees?), or no
+            pose.
     """
-    q = IIWA_7.positions(q)
+    q = np.asarray(q)
     lead = q.shape[:-1]
     X_WT, J_WT = np.empty((*lead, 4, 4)), np.empty((*lead, 6, IIWA_7.joints))
     _batch_kernel(
@@ -188,20 +196,24 @@ def pose_and_jacobian(q: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Arra
     return X_WT, J_WT
 
 
-def forward_kinematics(q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
+@checked()
+def forward_kinematics(
+    q: Annotated[ArrayLike, JOINTS], X_FT: Annotated[ArrayLike, POSE] | None = None
+) -> Array:
     """Tool pose ``X_WT``, shape (..., 4, 4). Arguments and errors as `pose_and_jacobian`."""
-    q = IIWA_7.positions(q)
+    q = np.asarray(q)
     X_WT = np.empty((*q.shape[:-1], 4, 4))
     _pose_batch_kernel(q.reshape(-1, IIWA_7.joints), _tool(X_FT), X_WT.reshape(-1, 4, 4))
     return X_WT
 
 
-def manipulability(q: ArrayLike) -> Array:
+@checked()
+def manipulability(q: Annotated[ArrayLike, JOINTS]) -> Array:
     """Yoshikawa's measure sqrt(det J J^T), J in [rad/s; m/s].
 
     It is the same at every tool point. Arguments and errors as `pose_and_jacobian`; shape (...).
     """
-    q = IIWA_7.positions(q)
+    q = np.asarray(q)
     out = np.empty(q.shape[:-1])
     _manipulability_batch_kernel(q.reshape(-1, IIWA_7.joints), out.reshape(-1))
     return out

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud
@@ -27,6 +28,7 @@ from feasigrasp.models.clouds.free_space import free_distance, rim_points
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_image import ViewImage
 from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.quantities import POINTS, ArrayOf, Count, Positive, Whole
 from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_gpdf
@@ -77,13 +79,14 @@ class CompletedField(Gpdf):
         observed: The first so many nodes rest on observed points.
     """
 
-    cloud: Array
-    cloud_normals: Array
+    cloud: Annotated[Array, ArrayOf(("c", 3), "m")]
+    cloud_normals: Annotated[Array, ArrayOf(("c", 3))]
     images: tuple[ViewImage, ...]
-    observed: int
+    observed: Whole
     knows_free_space: ClassVar[bool] = True
 
-    def variance(self, x: ArrayLike) -> Array:
+    @checked(PointCloudError)
+    def variance(self, x: Annotated[ArrayLike, POINTS]) -> Array:
         """Predictive variance of the occupancy at x (m, 3) given the observed nodes, (m,).
 
         Small near observed points, growing towards 1 away from them. Nodes in free space do not
@@ -103,7 +106,8 @@ class CompletedField(Gpdf):
         """Observed points (c, 3) [m] and outward normals there."""
         return self.cloud, self.cloud_normals
 
-    def possible(self, x: Array) -> Mask:
+    @checked(PointCloudError)
+    def possible(self, x: Annotated[Array, POINTS]) -> Mask:
         """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
         free = free_distance(self.images, x) > _CARVED
         near = self._tree.query(x[free], distance_upper_bound=_OBSERVED)[0]  # inf if none is
@@ -126,13 +130,14 @@ class CompletedField(Gpdf):
         return np.asfortranarray(self.cholesky[: self.observed, : self.observed])
 
 
+@checked(PointCloudError)
 def complete_shape(
     cloud: FusedCloud,
     *,
     preset: str = "default",
-    length_scale: float = 0.3,
-    noise_variance: float | None = None,
-    max_points: int = 512,
+    length_scale: Positive = 0.3,
+    noise_variance: Positive | None = None,
+    max_points: Count = 512,
     learnt: bool = True,
 ) -> Gpdf:
     """Fits the distance field to the merged views of an object.

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.quantities import POINT, POINTS, ArrayOf, Count, NotNegative, Positive, Whole
 from feasigrasp.models.shape import gpdf_kernels as kernels
 from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.node_sums import make_tiles
@@ -43,30 +45,33 @@ class Gpdf(Frozen):
         knows_free_space: Whether `possible` tells anything.
     """
 
-    points: Array
-    bounds: Array
-    length_scale: float
-    noise_variance: Array
-    center: Array
-    nodes: Array
-    alpha: Array
-    cholesky: Array
+    points: Annotated[Array, POINTS]
+    bounds: Annotated[Array, ArrayOf((2, 3), "m")]
+    length_scale: Positive
+    noise_variance: Annotated[Array, ArrayOf(("k",))]
+    center: Annotated[Array, POINT]
+    nodes: Annotated[Array, ArrayOf((3, "k"), "m")]
+    alpha: Annotated[Array, ArrayOf(("k",))]
+    cholesky: Annotated[Array, ArrayOf(("k", "k"), finite=False, order="K")]
     damped: bool = True
     knows_free_space: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Checks and freezes the arrays."""
+        check_fields(self, PointCloudError)
         self._freeze(**{k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)})
 
     def seen(self) -> tuple[Array, Array]:
         """Observed points (n, 3) [m] and outward normals there, zero where none is known."""
         return self.points, np.zeros_like(self.points)
 
-    def possible(self, x: Array) -> Mask:
+    @checked(PointCloudError)
+    def possible(self, x: Annotated[Array, POINTS]) -> Mask:
         """Which points (m, 3) could be on the object: those not in known free space, shape (m,)."""
         return np.ones(len(x), dtype=bool)
 
-    def distance(self, x: ArrayLike) -> Array:
+    @checked(PointCloudError)
+    def distance(self, x: Annotated[ArrayLike, POINTS]) -> Array:
         """Raw signed distance ``d = -l ln o``.
 
         Its sign and zero are right; its size is not: 10-30 % too small outside, half or less
@@ -80,17 +85,20 @@ class Gpdf(Frozen):
         """
         return kernels.values(self.tiles, self.length_scale, self.center, checked_queries(x))
 
-    def distance_and_gradient(self, x: ArrayLike) -> tuple[Array, Array]:
+    @checked(PointCloudError)
+    def distance_and_gradient(self, x: Annotated[ArrayLike, POINTS]) -> tuple[Array, Array]:
         """Raw signed distance (m,) and its gradient ``-(l / o) grad o`` (m, 3) at x (m, 3)."""
         return kernels.values_and_gradients(
             self.tiles, self.length_scale, self.center, checked_queries(x)
         )
 
-    def normals(self, x: ArrayLike) -> Array:
+    @checked(PointCloudError)
+    def normals(self, x: Annotated[ArrayLike, POINTS]) -> Array:
         """Outward unit normals ``grad d / |grad d|`` at x (m, 3), shape (m, 3)."""
         return unit_normals(self.distance_and_gradient(x)[1])
 
-    def variance(self, x: ArrayLike) -> Array:
+    @checked(PointCloudError)
+    def variance(self, x: Annotated[ArrayLike, POINTS]) -> Array:
         """Predictive variance ``1 - k (K + s2 I)^-1 k^T`` of the occupancy at x (m, 3), (m,).
 
         Small near observed points, growing towards 1 away from them.
@@ -99,7 +107,10 @@ class Gpdf(Frozen):
         solved, _ = lapack.dtrtrs(self.cholesky, cross.T, lower=1, overwrite_b=1)
         return np.maximum(1.0 - np.einsum("ij,ij->j", solved, solved), 0.0)
 
-    def refine(self, x: ArrayLike, steps: int = 5) -> tuple[Array, Array, Array]:
+    @checked(PointCloudError)
+    def refine(
+        self, x: Annotated[ArrayLike, POINTS], steps: Whole = 5
+    ) -> tuple[Array, Array, Array]:
         """Refined signed distance by marching to the surface.
 
         Repeats ``x <- x - step n`` with the unit normal n recomputed at every step (the paper's
@@ -116,7 +127,8 @@ class Gpdf(Frozen):
         travelled, ends, normals, _ = self._march(x, steps)
         return travelled, ends, normals
 
-    def surface(self, n: int = 8, steps: int = 5, tolerance: float = 1e-3) -> SurfacePoints:
+    @checked(PointCloudError)
+    def surface(self, n: Count = 8, steps: Whole = 5, tolerance: Positive = 1e-3) -> SurfacePoints:
         """The completed surface: an n x n x n grid round the cloud projected onto it.
 
         The grid fills `search_box`. Grid points that do not reach ``|d| < tolerance`` are dropped,
@@ -146,8 +158,13 @@ class Gpdf(Frozen):
         """``surface()`` with its defaults, computed once for samplers, filters and pictures."""
         return self.surface()
 
+    @checked(PointCloudError)
     def ray_exits(
-        self, starts: ArrayLike, directions: ArrayLike, max_length: float, start_length: float
+        self,
+        starts: Annotated[ArrayLike, POINTS],
+        directions: Annotated[ArrayLike, POINTS],
+        max_length: NotNegative,
+        start_length: NotNegative,
     ) -> Array:
         """Where rays through the object come out on the far side.
 
@@ -164,14 +181,19 @@ class Gpdf(Frozen):
             self.tiles,
             self.length_scale,
             checked_queries(starts) - self.center,
-            np.ascontiguousarray(directions, dtype=float),
+            np.asarray(directions),
             start_length,
             max_length,
             _RAY_STEP,
         )
 
+    @checked(PointCloudError)
     def clearance(
-        self, poses: ArrayLike, body_points: ArrayLike, far: float, near: float = 0.0
+        self,
+        poses: Annotated[ArrayLike, ArrayOf(("m", 4, 4), "m", rotation=True)],
+        body_points: Annotated[ArrayLike, ArrayOf(("k", 3), "m")],
+        far: NotNegative,
+        near: float = 0.0,
     ) -> tuple[Array, Indices]:
         """How close a rigid body comes to the completed surface.
 
@@ -186,11 +208,13 @@ class Gpdf(Frozen):
             the body point that has it, -1 where it is far, shape (m,). Of bodies closer than
             ``near``, those of the first such point.
         """
-        centred = np.array(poses, dtype=float, order="C").reshape(-1, 4, 4)
+        centred = np.array(poses)
         centred[:, :3, 3] -= self.center
         reach = self.completion.points - self.center
         box = np.stack([reach.min(axis=0) - far, reach.max(axis=0) + far])
-        body = np.array(body_points, dtype=float, order="C")
+        body = np.asarray(body_points)
+        if len(body) == 0:
+            raise PointCloudError("Gpdf.clearance: body_points is empty; give one point or more")
         order = farthest_points(body, len(body))  # coarse to fine clears most points
         distance, index = kernels.closest_points(
             self.tiles, self.length_scale, centred, body[order], box, far, near

@@ -13,7 +13,7 @@ inside has the wrong sign for a single view. ``surface_offset=None`` gives the p
 
 from __future__ import annotations
 
-from typing import TypedDict
+from typing import Annotated, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,9 +21,11 @@ from scipy.linalg import lapack
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud, directions_to_camera
 from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.quantities import CLOUD, VIEW, Count, Positive
 from feasigrasp.models.shape.covariance import gram_lower
 from feasigrasp.models.shape.gpdf import Gpdf as Gpdf
 from feasigrasp.models.shape.node_sums import LOG2_E, MAX_NODE_RADIUS
@@ -56,14 +58,15 @@ PAPER: FitSettings = {
 }
 
 
+@checked(PointCloudError)
 def fit_gpdf(
-    points: ArrayLike,
+    points: Annotated[ArrayLike, CLOUD],
     *,
-    length_scale: float = 0.3,
-    noise_variance: float = 0.0025,
-    surface_offset: float | None = 0.002,
-    max_points: int = 320,
-    viewpoint: ArrayLike | None = None,
+    length_scale: Positive = 0.3,
+    noise_variance: Positive = 0.0025,
+    surface_offset: Positive | None = 0.002,
+    max_points: Count = 320,
+    viewpoint: Annotated[ArrayLike, VIEW] | None = None,
     damped: bool = True,
 ) -> Gpdf:
     """Fits the distance field to a point cloud of one object.

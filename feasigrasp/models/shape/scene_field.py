@@ -17,16 +17,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.checks import MIN_POINTS, directions_to_camera
 from feasigrasp.models.clouds.fusion import grouped_means, voxel_keys
 from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
+from feasigrasp.models.quantities import POINTS, VIEW, ArrayOf, Bound, Count, NotNegative, Positive
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
@@ -41,6 +44,9 @@ _TOUCHING = 1e-3
 _LEAF = 64
 #: Cosine to the outward normal below which a query lies behind the surface, not beside its rim.
 _BEHIND = -0.5
+
+
+_UNSEEN = ArrayOf(("k", 3), "m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,23 +64,28 @@ class SceneField(Frozen):
             shape (k, 3) [m]; no part of the distance, which is that to what was seen.
     """
 
-    points: Array
-    cube: Indices
+    points: Annotated[Array, POINTS]
+    cube: Annotated[Indices, ArrayOf(("n",), dtype=np.int64)]
     fields: tuple[Gpdf | None, ...]
-    resolution: float
-    thickness: float
-    unseen: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    resolution: Positive
+    thickness: NotNegative
+    unseen: Annotated[Array, _UNSEEN] = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Checks and freezes the arrays."""
+        check_fields(self, PointCloudError)
+        if self.cube.size and not 0 <= self.cube.min() <= self.cube.max() < len(self.fields):
+            raise PointCloudError(f"SceneField.cube is outside 0 ... {len(self.fields) - 1}")
         self._freeze(points=self.points, cube=self.cube, unseen=self.unseen)
 
-    def distance(self, x: ArrayLike) -> Array:
+    @checked(PointCloudError)
+    def distance(self, x: Annotated[ArrayLike, POINTS]) -> Array:
         """Signed distance to the nearest surface at x (m, 3) [m], shape (m,)."""
         return self.distance_and_gradient(x)[0]
 
+    @checked(PointCloudError)
     def distance_and_gradient(
-        self, x: ArrayLike, max_distance: float = np.inf
+        self, x: Annotated[ArrayLike, POINTS], max_distance: Bound = np.inf
     ) -> tuple[Array, Array]:
         """Signed distance to the nearest surface, and its gradient.
 
@@ -112,14 +123,18 @@ class SceneField(Frozen):
         gradient[touching] = normals[touching]
         return np.where(touching, height, sign * distance), gradient
 
-    def closer_than(self, x: ArrayLike, margin: float) -> Mask:
+    @checked(PointCloudError)
+    def closer_than(self, x: Annotated[ArrayLike, POINTS], margin: float) -> Mask:
         """Which points x (m, 3) are closer to a surface than a margin [m], or behind it, (m,).
 
         As `distance`, but most points far away cost a look-up only.
         """
         return self.distance_and_gradient(x, max(margin, self.thickness))[0] < margin
 
-    def unseen_distance(self, x: ArrayLike, max_distance: float = np.inf) -> Array:
+    @checked(PointCloudError)
+    def unseen_distance(
+        self, x: Annotated[ArrayLike, POINTS], max_distance: Bound = np.inf
+    ) -> Array:
         """Distance of points x (m, 3) to the voxels of ``unseen``, taken for balls, (m,) [m].
 
         Farther than ``max_distance`` away, and if there are none, it is infinite.
@@ -153,17 +168,18 @@ class SceneField(Frozen):
         return cKDTree(self.unseen, leafsize=_LEAF)
 
 
+@checked(PointCloudError)
 def fit_scene(
-    points: ArrayLike,
-    viewpoint: ArrayLike,
+    points: Annotated[ArrayLike, POINTS],
+    viewpoint: Annotated[ArrayLike, VIEW],
     *,
-    resolution: float = 0.01,
-    cube_size: float = 0.25,
-    max_points: int = 320,
-    length_scale: float = 0.1,
-    noise_variance: float = 0.0025,
-    surface_offset: float = 0.005,
-    thickness: float = 0.05,
+    resolution: Positive = 0.01,
+    cube_size: Positive = 0.25,
+    max_points: Count = 320,
+    length_scale: Positive = 0.1,
+    noise_variance: Positive = 0.0025,
+    surface_offset: Positive = 0.005,
+    thickness: NotNegative = 0.05,
 ) -> SceneField:
     """Fits the distance field of a scene.
 

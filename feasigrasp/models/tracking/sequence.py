@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Frozen
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.usable import ViewFault, usable_points
@@ -99,6 +100,11 @@ class SequenceTracker(Frozen):
     track: FieldTrack = field(default_factory=FieldTrack)
     shape: LearntShape = field(default_factory=LearntShape)
 
+    def __post_init__(self) -> None:
+        """Checks what it is made of."""
+        check_fields(self)
+
+    @checked()
     def looked(self, view: ObjectView, time: float) -> SequenceTracker:
         """Takes in an image; its keyframe is not merged yet, see `learnt`."""
         return replace(self, track=track(self.track, view, time, self.shape.gpdf, self.shape.views))

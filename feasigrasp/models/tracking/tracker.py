@@ -13,15 +13,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel, parts
 from feasigrasp.models.objects.prediction import MotionEstimate, future_poses
 from feasigrasp.models.objects.tracking import COASTING_AFTER, TrackingState
+from feasigrasp.models.quantities import UNKNOWN_POSE, ArrayOf, Bound, Instant, Share
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.tracking.belief import is_believed, is_found, shows_known
 from feasigrasp.models.tracking.information import surface_deviation
@@ -67,6 +70,9 @@ _KNOWN_PATH, _SLOWING, _STEP = 12, 2.0, 1e-3
 _PATH_ERROR = (1.5e-3, 8e-3)
 
 
+_STATE = ArrayOf(empty_state().shape, finite=False)
+
+
 @dataclass(frozen=True, eq=False)
 class FieldTrack(Frozen):
     """What a tracker knows after an image.
@@ -91,28 +97,33 @@ class FieldTrack(Frozen):
         measured_motion: The same at the last image that a pose was got from.
     """
 
-    image_time: float = -np.inf
-    X_WC: Array | None = None
+    image_time: Instant = -np.inf
+    X_WC: Annotated[Array, UNKNOWN_POSE] | None = None
     measured: TwistFilter | None = None
     estimate: TwistFilter | None = None
     model: TrackedModel | None = None
-    in_view: float = 0.0
-    deviation: float = np.inf
-    information: Array = field(default_factory=lambda: np.zeros((6, 6)))
+    in_view: Share = 0.0
+    deviation: Bound = np.inf
+    information: Annotated[Array, ArrayOf((6, 6))] = field(default_factory=lambda: np.zeros((6, 6)))
     keyframe: Keyframe | None = None
-    cut: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    searched_at: float = -np.inf
-    begun_at: float = -np.inf
-    unknown_since: float = np.inf
-    motion: Array = field(default_factory=empty_state)
-    measured_motion: Array = field(default_factory=empty_state)
+    cut: Annotated[Array, ArrayOf(("k", 3), "m")] = field(default_factory=lambda: np.zeros((0, 3)))
+    searched_at: Instant = -np.inf
+    begun_at: Instant = -np.inf
+    unknown_since: Instant = np.inf
+    motion: Annotated[Array, _STATE] = field(default_factory=empty_state)
+    measured_motion: Annotated[Array, _STATE] = field(default_factory=empty_state)
+
+    def __post_init__(self) -> None:
+        """Checks what it is made of."""
+        check_fields(self)
 
     @property
     def measured_at(self) -> float:
         """Time of the last image that a pose was got from [s]; NaN before."""
         return np.nan if self.measured is None else self.measured.time
 
-    def state(self, time: float, silence: float) -> TrackingState:
+    @checked()
+    def state(self, time: float, silence: Bound) -> TrackingState:
         """What the tracker does at a time."""
         if self.estimate is None:
             return TrackingState.SEARCHING
@@ -123,6 +134,7 @@ class FieldTrack(Frozen):
         return TrackingState.TRACKING if known else TrackingState.COASTING
 
 
+@checked()
 def track(
     before: FieldTrack,
     view: ObjectView,

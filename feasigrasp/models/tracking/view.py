@@ -8,14 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, minimum_filter
 
+from feasigrasp.errors import CameraError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.quantities import CLOUD, POINTS, UNKNOWN_POSE
 
 #: Pixels along the side of a cell, in which silhouettes are kept.
 CELL = 2
@@ -33,30 +36,47 @@ class ObjectView(Frozen):
         camera: The camera.
         X_WC: Its pose when the image was taken, z forward, shape (4, 4).
         points_W: Points of the object, shape (n, 3) [m].
-        depth: The whole image, 0 where nothing was measured and infinite where it is known that
-            there is nothing, shape (h, w) [m]; None if there is none, and nothing is known of what
-            is beside the object.
+        depth: The whole image, 0 or NaN where nothing was measured and infinite where it is known
+            that there is nothing, shape (h, w) [m]; None if there is none, and nothing is known of
+            what is beside the object.
     """
 
     camera: Camera
-    X_WC: Array
-    points_W: Array
+    X_WC: Annotated[Array, UNKNOWN_POSE]
+    points_W: Annotated[Array, CLOUD]
     depth: NDArray[Any] | None = None
+
+    def __post_init__(self) -> None:
+        """Checks what it is made of.
+
+        Raises:
+            CameraError: An entry has another type or shape, or the image is not the camera's.
+        """
+        check_fields(self, CameraError)
+        size = self.camera.height, self.camera.width
+        if self.depth is not None and (self.depth.shape != size or self.depth.dtype.kind != "f"):
+            raise CameraError(
+                f"ObjectView.depth is {self.depth.dtype} of shape {self.depth.shape}; give depths "
+                f"in metres of shape {size}, as the camera has them"
+            )
 
     @cached_property
     def points_C(self) -> Array:
         """The points in the camera's frame, shape (n, 3) [m]."""
         return self.in_camera(self.points_W)
 
-    def in_camera(self, points_W: Array) -> Array:
+    @checked(CameraError)
+    def in_camera(self, points_W: Annotated[Array, POINTS]) -> Array:
         """Points (n, 3) of the world in the camera's frame."""
         return np.asarray((points_W - self.X_WC[:3, 3]) @ self.X_WC[:3, :3])
 
-    def sigma(self, points_C: Array) -> Array:
+    @checked(CameraError)
+    def sigma(self, points_C: Annotated[Array, POINTS]) -> Array:
         """Standard deviation of the depth of points (n, 3), shape (n,) [m]."""
         return self.camera.depth_noise * np.square(points_C[:, 2])
 
-    def beside(self, points_C: Array) -> tuple[Mask, Array]:
+    @checked(CameraError)
+    def beside(self, points_C: Annotated[Array, POINTS]) -> tuple[Mask, Array]:
         """Which points of a model are where the camera saw none of it, and the way back.
 
         Args:
@@ -87,7 +107,8 @@ class ObjectView(Frozen):
         scale = points_C[found, 2:] / np.array(self.camera.intrinsics[:2])
         return found, excess * scale
 
-    def on_object(self, points_C: Array) -> Mask:
+    @checked(CameraError)
+    def on_object(self, points_C: Annotated[Array, POINTS]) -> Mask:
         """Which points (n, 3) of a model are where the camera saw some of it, shape (n,).
 
         All of them, if nothing is known of what is beside the object.
@@ -102,7 +123,8 @@ class ObjectView(Frozen):
         near = distance[np.where(inside, row, 0), np.where(inside, column, 0)] <= 2.0
         return np.asarray(inside & near)
 
-    def hidden(self, points_C: Array) -> Mask:
+    @checked(CameraError)
+    def hidden(self, points_C: Annotated[Array, POINTS]) -> Mask:
         """Which points (n, 3) inside the image something nearer hides, or nothing was measured at.
 
         None, if nothing is known of what is beside the object.

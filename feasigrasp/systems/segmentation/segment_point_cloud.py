@@ -11,6 +11,8 @@ from pydrake.perception import PointCloud
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I
 
+from feasigrasp.errors import CameraError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Mask
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.edges import (
@@ -21,6 +23,7 @@ from feasigrasp.models.clouds.edges import (
     grown_mask,
     outline,
 )
+from feasigrasp.models.quantities import Positive, Whole
 from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
 
 #: Labels of pixels that show nothing that is known: that of the world, and none.
@@ -52,13 +55,14 @@ class SegmentPointCloud(LeafSystem):
     it is in the cloud. It is None if the camera is not known.
     """
 
+    @checked(CameraError)
     def __init__(
         self,
-        label: int,
+        label: Whole,
         *,
         camera: Camera | None = None,
         hiding: Collection[int] = (),
-        edge_jump: float | None = EDGE_JUMP,
+        edge_jump: Positive | None = EDGE_JUMP,
     ) -> None:
         """Keeps the pixels whose label is ``label`` (Drake's cameras label by body index).
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from pydrake.common.schema import Transform
@@ -20,11 +21,13 @@ from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
 from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.company import Companion
+from feasigrasp.models.quantities import CONFIGURATION, POSE, NotNegative, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import model_path
@@ -70,16 +73,26 @@ class StationConfig:
     directives: list[ModelDirective] = field(default_factory=list)
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    q_start: np.ndarray = field(default_factory=lambda: np.zeros(IIWA_7.joints))
-    friction: float = ObjectConfig.friction
+    q_start: Annotated[np.ndarray, CONFIGURATION] = field(
+        default_factory=lambda: np.zeros(IIWA_7.joints)
+    )
+    friction: NotNegative = ObjectConfig.friction
     enforce_constraints: bool = True
     touch_object: bool = True
     camera_noise: dict[str, DepthNoise] = field(default_factory=dict)
     hand_eye: dict[str, HandEyeError] = field(default_factory=dict)
-    noise_seed: int = 0
-    hand_error: np.ndarray = field(default_factory=lambda: np.eye(4))
+    noise_seed: Whole = 0
+    hand_error: Annotated[np.ndarray, POSE] = field(default_factory=lambda: np.eye(4))
     pulls: list[ObjectPulled] = field(default_factory=list)
     company: list[Companion] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Checks what it is made of.
+
+        Raises:
+            ScenarioError: An entry has another type, shape or range.
+        """
+        check_fields(self, ScenarioError)
 
 
 def add_cell(plant: MultibodyPlant, config: StationConfig) -> None:

@@ -16,6 +16,8 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSyst
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.objects.carrying import body_pose_kernel
 from feasigrasp.models.objects.motion import ObjectMotion
@@ -83,6 +85,7 @@ class Station(Diagram):
     carried along its motion and 0 once it is let go. Point clouds are in the world frame.
     """
 
+    @checked(ScenarioError)
     def __init__(self, config: StationConfig, obj: RigidObject, motion: ObjectMotion) -> None:
         """Builds the cell around one object that moves as ``motion`` says."""
         super().__init__()

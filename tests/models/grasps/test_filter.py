@@ -196,7 +196,7 @@ def test_no_candidates_give_no_grasps(ball):
 
 
 def test_mismatched_and_broken_candidates_are_refused(ball):
-    with pytest.raises(GraspError, match="widths"):
+    with pytest.raises(GraspError, match="width has shape"):
         filter_grasps(ball, grasp()[None], [0.06, 0.06], GRIPPER)
     with pytest.raises(GraspError, match="NaN"):
         filter_grasps(ball, grasp()[None], [np.nan], GRIPPER)

@@ -166,13 +166,13 @@ def test_a_pair_of_opposite_poses_gets_two_components_on_request(rng):
         (np.zeros((0, 4, 4)), {}, "n >= 1"),
         (np.eye(4), {}, r"shape \(n, 4, 4\)"),
         (np.full((2, 4, 4), np.nan), {}, "NaN"),
-        (2.0 * np.eye(4)[None], {}, "not rigid"),
-        (np.diag([1.0, 1.0, -1.0, 1.0])[None], {}, "not rigid"),
+        (2.0 * np.eye(4)[None], {}, "X .* is no rotation"),
+        (np.diag([1.0, 1.0, -1.0, 1.0])[None], {}, "X .* is no rotation"),
         (np.eye(4)[None], {"n_components": 0}, "n_components"),
         (np.eye(4)[None], {"rotation_floor": 0.0}, "rotation_floor"),
         (np.eye(4)[None], {"sample_weights": [-1.0]}, "sample_weights"),
         (np.eye(4)[None], {"sample_weights": [0.0]}, "all sample_weights are 0"),
-        (np.eye(4)[None], {"sample_weights": [1.0, 1.0]}, "one finite weight"),
+        (np.eye(4)[None], {"sample_weights": [1.0, 1.0]}, "sample_weights has shape"),
     ],
 )
 def test_bad_input_to_a_fit_is_named(rng, poses, options, message):

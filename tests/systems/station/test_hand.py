@@ -104,7 +104,7 @@ def test_a_file_changes_what_it_says(tmp_path):
         ("max_openning: 0.1", "max_openning.*do you mean max_opening"),
         ("max_opening: 110", "max_opening = 110.* between 0 and 1 m"),
         ("max_opening: wide", "hand.yaml: max_opening is 'wide'; give a number"),
-        ("palm_size: [0.1, 0.1]", "three lengths"),
+        ("palm_size: [0.1, 0.1]", "palm_size is .*; give 3 entries"),
         ("just words", "has no keys"),
         ("{", "no YAML file"),
     ],
@@ -131,7 +131,7 @@ def test_a_misspelt_name_is_refused_with_the_right_one():
         ("max_opening:", "max_opening is None; give a number"),
         ("palm_size: 0.1", "palm_size is 0.1; give three numbers"),
         ("camera_tilt: 15", "camera_tilt = 15.0: give an angle in radians"),
-        ("camera_tilt: .nan", "camera_tilt = nan: give an angle in radians"),
+        ("camera_tilt: .nan", "camera_tilt = nan; give a finite number"),
         ("camera_center: [85, 0, 0]", "camera_center = .*give x, y, z in metres"),
     ],
 )

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
@@ -36,6 +37,7 @@ from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.prediction import Motion
+from feasigrasp.models.quantities import Bound, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -60,8 +62,8 @@ class JointControlOptions:
     """
 
     law: str = Law.PRECONDITIONED
-    gain: float = 8.0
-    max_speed: float = 0.8
+    gain: Positive = 8.0
+    max_speed: Bound = 0.8
     feed_forward: bool = True
     solutions: SolutionOptions = field(default_factory=SolutionOptions)
     prices: Prices = field(default_factory=Prices.of_a_field)
@@ -73,8 +75,9 @@ class JointControlOptions:
         """Checks the words.
 
         Raises:
-            ControlError: There is no such law or look-ahead.
+            ControlError: There is no such law or look-ahead, or a number is out of range.
         """
+        check_fields(self, ControlError)
         parse_choice(Law, self.law, "law", ControlError)
         parse_choice(LookAhead, self.look_ahead, "look_ahead", ControlError)
 

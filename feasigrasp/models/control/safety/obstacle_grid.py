@@ -10,16 +10,19 @@ Between the nodes the distance is trilinear, and its gradient is that of this.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array, Frozen, kept_with_value
 from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.geometry.points import nearest_distance
 from feasigrasp.models.grasps.hand_clearance import INVENTED, MARGIN_GROWTH
+from feasigrasp.models.quantities import TWIST, UNKNOWN_POSE, ArrayOf, NotNegative
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.scene_field import SceneField
@@ -49,12 +52,13 @@ class ObstacleGrid(Frozen):
         seen: The same without surface that is far from all that was seen; None if there is none.
     """
 
-    values: NDArray[np.float32]
-    frame: Array
+    values: Annotated[NDArray[np.float32], ArrayOf(("x", "y", "z"), "m", dtype=np.float32)]
+    frame: Annotated[Array, ArrayOf((5,), "m")]
     seen: ObstacleGrid | None = None
 
     def __post_init__(self) -> None:
-        """Freezes the arrays."""
+        """Checks and freezes the arrays."""
+        check_fields(self, ControlError)
         self._freeze(values=self.values, frame=self.frame)
 
     def distance_and_gradient(self, x: ArrayLike) -> tuple[Array, Array]:
@@ -68,7 +72,8 @@ class ObstacleGrid(Frozen):
         return distance, gradient
 
 
-class MovingObject(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class MovingObject:
     """An object that the hand keeps off while it moves.
 
     Attributes:
@@ -80,10 +85,14 @@ class MovingObject(NamedTuple):
     """
 
     grid: ObstacleGrid
-    X_WO: Array
-    V_WO: Array
-    reserve: float = 0.0
+    X_WO: Annotated[Array, UNKNOWN_POSE]
+    V_WO: Annotated[Array, TWIST]
+    reserve: NotNegative = 0.0
     astray: bool = False
+
+    def __post_init__(self) -> None:
+        """Checks what it is made of."""
+        check_fields(self, ControlError)
 
 
 @compiled

@@ -27,13 +27,14 @@ with others in ``docs/safety.md``.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Annotated, Any
 
 import daqp
 import numpy as np
 from numpy.typing import NDArray
 
 from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, record
 from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
@@ -43,6 +44,7 @@ from feasigrasp.models.control.safety.problem import (
     problem_kernel,
     stop_kernel,
 )
+from feasigrasp.models.quantities import JACOBIAN, JOINT_POSITIONS, JOINT_RATES, TWIST
 from feasigrasp.models.robot.capsules import capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -98,11 +100,12 @@ class SafetyOptions:
             ControlError: A number is not finite or has the wrong sign, a scale is above 1, or the
                 gain asks for a quicker stop than the joints' accelerations allow.
         """
+        check_fields(self, ControlError)
         for entry in fields(self):
             value = getattr(self, entry.name)
             signed = entry.name == "table_height"
             zero_allowed = entry.name == "position_margin" or entry.name.endswith("clearance")
-            if not np.isfinite(value) or not (signed or value > 0 or (zero_allowed and value == 0)):
+            if not (signed or value > 0 or (zero_allowed and value == 0)):
                 raise ControlError(f"SafetyOptions.{entry.name} = {value}: give a positive number")
         for name in ("velocity_scale", "acceleration_scale"):
             if getattr(self, name) > 1.0:
@@ -138,6 +141,7 @@ class Safety(Frozen):
 
     def __post_init__(self) -> None:
         """Lays out the geometry for the kernels, and compiles them."""
+        check_fields(self, ControlError)
         model = capsule_model(self.gripper)
         balls = arm_balls(model)
         guarded = _kept_off_an_object(self.gripper)
@@ -192,6 +196,10 @@ class Safety(Frozen):
         Returns:
             Joint velocity [rad/s], shape (7,), always finite. A request that is not finite counts
             as one to stop; if the state is not finite, all joints brake as hard as they may.
+
+        Raises:
+            ControlError: An argument of another type or shape, J without V or V without J, or a
+                joint that is more than a whole turn from zero (degrees?).
         """
         matrix, vector, n_hard = self.problem(
             q, qd_preferred, J, V, qd_last=qd_last, obstacles=obstacles, moving=moving
@@ -219,14 +227,15 @@ class Safety(Frozen):
         stop_kernel(np.eye(IIWA_7.joints), np.zeros(IIWA_7.joints))
         brake_kernel(_NONE, self.options.acceleration_scale, self.options.period)
 
+    @checked(ControlError, "Safety")
     def problem(
         self,
-        q: Array,
-        qd_preferred: Array,
-        J: Array | None = None,
-        V: Array | None = None,
+        q: Annotated[Array, JOINT_POSITIONS],
+        qd_preferred: Annotated[Array, JOINT_RATES],
+        J: Annotated[Array, JACOBIAN] | None = None,
+        V: Annotated[Array, TWIST] | None = None,
         *,
-        qd_last: Array | None = None,
+        qd_last: Annotated[Array, JOINT_RATES] | None = None,
         obstacles: ObstacleGrid | None = None,
         moving: MovingObject | None = None,
     ) -> tuple[Array, Array, int]:
@@ -234,27 +243,32 @@ class Safety(Frozen):
 
         Returns:
             ``matrix`` (7 + m, 7), H above the rows A; and ``vector`` (3, 7 + m): lower bounds of qd
-            and of A qd, their upper bounds, and f followed by numbers without meaning. The matrix
+            and of A qd, their upper bounds, and f followed by zeros. The matrix
             is empty if the state is not finite. Rows that no velocity inside the bounds breaks are
             left out.
+
+        Raises:
+            ControlError: As `velocity`.
         """
+        if (J is None) != (V is None):
+            raise ControlError("Safety: J and V belong together; give both or neither")
         most = len(self._senses[0])
-        matrix, vector = np.empty((most, IIWA_7.joints)), np.empty((3, most))
+        matrix, vector = np.empty((most, IIWA_7.joints)), np.zeros((3, most))
         grid = _NO_GRID if obstacles is None else obstacles
         target = _NO_OBJECT if moving is None else moving
         n_hard, m = problem_kernel(
-            np.ascontiguousarray(q, dtype=float),
-            np.ascontiguousarray(qd_preferred, dtype=float),
-            _NO_ROWS if J is None or V is None else np.ascontiguousarray(J, dtype=float),
-            _NONE if J is None or V is None else np.ascontiguousarray(V, dtype=float),
-            _NONE if qd_last is None else np.ascontiguousarray(qd_last, dtype=float),
+            q,
+            qd_preferred,
+            _NO_ROWS if J is None else J,
+            _NONE if V is None else V,
+            _NONE if qd_last is None else qd_last,
             *self._arrays,
             grid.values,
             grid.frame,
             target.grid.values,
             target.grid.frame,
-            np.ascontiguousarray(target.X_WO, dtype=float),
-            np.ascontiguousarray(target.V_WO, dtype=float),
+            target.X_WO,
+            target.V_WO,
             float(target.reserve),
             matrix,
             vector,

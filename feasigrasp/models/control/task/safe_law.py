@@ -26,6 +26,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
@@ -39,6 +40,7 @@ from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_veloc
 from feasigrasp.models.control.task.reference import strand_reference
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
 from feasigrasp.models.objects.prediction import Motion
+from feasigrasp.models.quantities import Bound, NotNegative, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
@@ -79,14 +81,14 @@ class TaskControlOptions:
         safety: Margins of the QP.
     """
 
-    gain: float = 5.0
-    max_linear: float = 0.4
-    max_angular: float = 1.5
+    gain: Positive = 5.0
+    max_linear: Bound = 0.4
+    max_angular: Bound = 1.5
     law: str = Law.PRECONDITIONED
-    damping: float = 0.02
+    damping: NotNegative = 0.02
     feed_forward: bool = True
     targets: str = Targets.MEDOIDS
-    near: float = 0.2
+    near: NotNegative = 0.2
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     pursuit: PursuitOptions = field(default_factory=PursuitOptions)
     safety: SafetyOptions = field(default_factory=SafetyOptions)
@@ -95,8 +97,9 @@ class TaskControlOptions:
         """Checks the words.
 
         Raises:
-            ControlError: There is no such law or target.
+            ControlError: There is no such law or target, or a number is out of range.
         """
+        check_fields(self, ControlError)
         parse_choice(Law, self.law, "law", ControlError)
         parse_choice(Targets, self.targets, "targets", ControlError)
 

@@ -1,0 +1,230 @@
+"""Arguments of public functions: refused by name where type, shape, unit or range are wrong.
+
+`checked` holds every call of a function to its annotations, `check_fields` a dataclass::
+
+    @checked()
+    def manipulability(q: Annotated[ArrayLike, JOINTS]) -> Array:
+
+Arrays arrive in the function contiguous and in double precision. What is annotated with a class has
+to be an instance of it; a ``float`` has to be finite, an ``int`` whole. See
+`feasigrasp.models.quantities` for shapes and ranges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import fields
+from functools import cache, wraps
+from inspect import Parameter, signature
+from numbers import Integral
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    ParamSpec,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+
+from feasigrasp.errors import ArgumentError, FeasigraspError
+from feasigrasp.models.quantities import ArrayOf, Call, Number, Refusal, shown
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+#: Returns the value as a function takes it, or raises `Refusal`.
+_Check = Callable[[Any, Call], Any]
+
+
+def checked(
+    error: type[FeasigraspError] = ArgumentError, title: str | None = None
+) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """Decorator of a function whose arguments are checked by their annotations.
+
+    Args:
+        error: What is raised for a wrong one.
+        title: What the message begins with; the function's name by default.
+    """
+
+    def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        own = function.__qualname__.removesuffix(".__init__").removesuffix(".__call__")
+        parameters = signature(function).parameters.values()
+        names = [p.name for p in parameters if p.kind <= Parameter.POSITIONAL_OR_KEYWORD]
+        variable = {p.name for p in parameters if p.kind is Parameter.VAR_KEYWORD}
+        plan: list[tuple[dict[str, _Check], list[_Check | None]]] = []
+
+        @wraps(function)
+        def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+            if not plan:  # at the first call: annotations may name what is defined later
+                found = {n: c for n, c in _checks(function).items() if n not in variable}
+                plan.append((found, [found.get(name) for name in names]))
+            checks, in_order = plan[0]
+            values, made = list(args), Call()
+            try:
+                for i, check in enumerate(in_order[: len(values)]):
+                    if check is not None:
+                        made.argument = names[i]
+                        values[i] = check(values[i], made)
+                for name in kwargs:
+                    if name in checks:
+                        made.argument = name
+                        kwargs[name] = checks[name](kwargs[name], made)
+            except Refusal as refusal:
+                raise error(f"{title or own}: {made.argument} {refusal}") from None
+            return function(*values, **kwargs)  # type: ignore[arg-type]
+
+        return call
+
+    return decorate
+
+
+def check_fields(value: Any, error: type[FeasigraspError] = ArgumentError) -> None:
+    """Checks the fields of a dataclass by their annotations, and converts its arrays.
+
+    Args:
+        value: The instance, in its ``__post_init__``.
+        error: What is raised for a wrong field.
+    """
+    made = Call()
+    cls: Any = type(value)
+    for name, check in _field_checks(cls):
+        made.argument, given = name, getattr(value, name)
+        try:
+            right = check(given, made)
+        except Refusal as refusal:
+            raise error(f"{type(value).__name__}.{name} {refusal}") from None
+        if right is not given:
+            object.__setattr__(value, name, right)
+
+
+@cache
+def _field_checks(cls: Any) -> list[tuple[str, _Check]]:
+    checks = _checks(cls)
+    return [(f.name, checks[f.name]) for f in fields(cls) if f.init and f.name in checks]
+
+
+def _checks(thing: Any) -> dict[str, _Check]:
+    """By name what the annotations of a function or class ask for."""
+    hints = get_type_hints(thing, include_extras=True)
+    found = {n: _check_of(hint) for n, hint in hints.items() if n != "return"}
+    return {name: check for name, check in found.items() if check is not None}
+
+
+def _check_of(hint: Any) -> _Check | None:
+    """What an annotation asks for; None if it asks for nothing."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if hint in (Any, object) or isinstance(hint, TypeVar) or origin is ClassVar:
+        return None
+    if hint in _SIMPLE:
+        return _SIMPLE[hint]
+    if origin is Annotated:
+        quantity: ArrayOf | Number = parts[1]
+        return _in_turn(_SIMPLE[int], quantity.check) if parts[0] is int else quantity.check
+    if origin in (Union, UnionType):
+        return _one_of([_check_of(part) for part in parts if part is not NoneType], parts)
+    if origin is Callable:
+        return _required(callable, "a function")
+    if origin is tuple and parts[-1:] != (...,):
+        return _items([_check_of(part) for part in parts])
+    if origin in (type, np.ndarray) or origin is None or not issubclass(origin, Collection):
+        return _instance(origin or hint)
+    return _container(origin, [_check_of(part) for part in parts if part is not ...])
+
+
+def _required(test: Callable[[Any], bool], what: str) -> _Check:
+    def check(value: Any, _: Call) -> Any:
+        if not test(value):
+            raise Refusal(f"is {shown(value)}; give {what}")
+        return value
+
+    return check
+
+
+def _instance(cls: Any) -> _Check:
+    if getattr(cls, "_is_protocol", False):
+        methods = [name for name in vars(cls) if not name.startswith("_")]
+        return _required(lambda v: all(hasattr(v, m) for m in methods), f"a {cls.__name__}")
+    other = (str, bytes) if cls is Iterable else ()  # letters are no items
+    return _required(
+        lambda value: isinstance(value, cls) and not isinstance(value, other), f"a {cls.__name__}"
+    )
+
+
+def _in_turn(first: _Check, second: _Check) -> _Check:
+    return lambda value, made: second(first(value, made), made)
+
+
+def _one_of(checks: list[_Check | None], parts: tuple[Any, ...]) -> _Check | None:
+    """The first of several that a value passes; what is wrong with it by the one nearest to it."""
+    known = [check for check in checks if check is not None]
+    if len(known) < len(checks):
+        return None
+    optional = NoneType in parts
+    if optional and len(known) == 1:
+        return lambda value, made: None if value is None else known[0](value, made)
+
+    def check(value: Any, made: Call) -> Any:
+        if value is None and optional:
+            return None
+        reasons = []
+        for one in known:
+            try:
+                return one(value, made)
+            except Refusal as refusal:
+                reasons.append(str(refusal))
+        gives = [reason.rpartition("; give ")[2] for reason in reasons]
+        if optional:
+            gives.append("None")
+        raise Refusal(f"{reasons[0].rpartition('; give ')[0]}; give {' or '.join(gives)}")
+
+    return check
+
+
+def _items(checks: list[_Check | None]) -> _Check:
+    """A row of as many values."""
+
+    def check(value: Any, made: Call) -> Any:
+        if not isinstance(value, Sequence | np.ndarray) or len(value) != len(checks):
+            raise Refusal(f"is {value!r}; give {len(checks)} entries")
+        for i, (item, one) in enumerate(zip(value, checks, strict=True)):
+            _of_part(one, item, made, i)
+        return value
+
+    return check
+
+
+def _container(cls: type, checks: list[_Check | None]) -> _Check:
+    """A collection or mapping whose items, and keys, pass."""
+
+    def check(value: Any, made: Call) -> Any:
+        sequence = isinstance(value, cls) or (cls is not dict and isinstance(value, np.ndarray))
+        if not sequence or isinstance(value, str | bytes):
+            raise Refusal(f"is {shown(value)}; give a {cls.__name__.lower()}")
+        for i, item in enumerate(value):
+            _of_part(checks[0] if checks else None, item, made, i)
+            if len(checks) == 2:
+                _of_part(checks[1], value[item], made, item)
+        return value
+
+    return check
+
+
+def _of_part(check: _Check | None, item: Any, made: Call, place: Any) -> None:
+    if check is not None:
+        try:
+            check(item, made)
+        except Refusal as refusal:
+            raise Refusal(f"[{place!r}] {refusal}") from None
+
+
+_SIMPLE: dict[Any, _Check] = {
+    float: Number().check,
+    int: _required(lambda v: isinstance(v, Integral) and not isinstance(v, bool), "a whole number"),
+    bool: _required(lambda v: isinstance(v, bool | np.bool_), "True or False"),
+    NoneType: _required(lambda v: v is None, "None"),
+}

@@ -1,0 +1,284 @@
+"""Arguments with which every public function can be called, and what is public."""
+
+import inspect
+from dataclasses import fields
+from enum import Enum
+from importlib import import_module
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.framework import DiagramBuilder
+
+from feasigrasp import Result
+from feasigrasp.evaluation.runs.run import crash_record
+from feasigrasp.models.clouds import DepthNoise, FusedCloud
+from feasigrasp.models.clouds.edges import Outline
+from feasigrasp.models.clouds.view_record import ViewRecord
+from feasigrasp.models.control import JointControlOptions, Safety, SafetyOptions, TaskControlOptions
+from feasigrasp.models.control.joint.solutions import Solutions
+from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
+from feasigrasp.models.control.task.memory import TaskMemory
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps import AntipodalSampler, GraspSet, NetworkSampler, Perception
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig
+from feasigrasp.models.ik import IkFlow
+from feasigrasp.models.mixtures import RiemannianMixture
+from feasigrasp.models.objects import HarmonicMotion, load_object
+from feasigrasp.models.objects.pose_filter import empty_state
+from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.tracker_config import TrackerConfig
+from feasigrasp.models.reach import PoseJudge, Reachability, ReachableSpace
+from feasigrasp.models.robot import IIWA_7, ParallelGripper
+from feasigrasp.models.shape import complete_shape, fit_gpdf, fit_scene
+from feasigrasp.models.tracking import Camera, FieldTrack, ObjectView, SequenceTracker
+from feasigrasp.recordings import CameraInfo, DepthFrame, read_depth_folder, recorded
+from feasigrasp.scenario import Scenario
+from feasigrasp.systems import (
+    GPJointController,
+    GraspController,
+    GripperSequencer,
+    ObjectTracker,
+    RMMTaskController,
+    StationConfig,
+    Subsystems,
+)
+from feasigrasp.systems.controller_inputs import ControllerInputs
+from tools.make_docs import faces
+
+#: Public, but not called with arguments of a user's.
+NOT_WALKED = {
+    "Arm": "a named tuple, which compiled code takes for a constant; nothing makes another one",
+    "DynamicGrasp": "made by make_dynamic_grasp",
+    "ControllerInputs": "made by GraspController at every tick",
+    "ObjectMotion": "abstract",
+    "ObjectMotion.state": "abstract; that of HarmonicMotion is walked",
+    "GraspController.velocity": "abstract; those of the two controllers are walked",
+    "GraspController.update": "abstract; those of the two controllers are walked",
+}
+
+
+def public_callables():
+    """Functions, constructors and public methods by name."""
+    found = {}
+    for face in faces():
+        module = import_module(face)
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if inspect.ismodule(thing):
+                functions = inspect.getmembers(thing, inspect.isfunction)
+                found |= {
+                    f"{name}.{key}": function
+                    for key, function in functions
+                    if function.__module__ == thing.__name__ and not key.startswith("_")
+                }
+            elif inspect.isclass(thing) and not issubclass(thing, Enum):
+                found[name] = thing
+                found |= {f"{name}.{key}": method for key, method in public_methods(thing)}
+            elif inspect.isfunction(thing):
+                found[name] = thing
+    return {name: thing for name, thing in found.items() if name not in NOT_WALKED}
+
+
+def public_methods(cls):
+    for base in reversed(cls.__mro__):
+        if base.__module__.startswith("feasigrasp"):
+            for key, value in vars(base).items():
+                function = getattr(value, "__func__", value)
+                if inspect.isfunction(function) and (key[0] != "_" or key == "__call__"):
+                    yield key, function
+
+
+def ball(count=200, radius=0.04):
+    """Points spread evenly over a sphere."""
+    i = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1.0 - 2.0 * i / count), np.pi * (1.0 + 5.0**0.5) * i
+    x, y = np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar)
+    return radius * np.column_stack([x, y, np.cos(polar)])
+
+
+class Still(GraspController):
+    """A controller of one's own."""
+
+    def velocity(self, memory, inputs):
+        return np.zeros(7)
+
+
+class Examples:
+    """Instances by the name of their class; arguments by ``Function.parameter`` or parameter."""
+
+    def __init__(self, folder):
+        rng = np.random.default_rng(0)
+        cloud, poses = ball(), se3.random_pose(rng, 5)
+        self.gpdf = fit_gpdf(cloud)
+        seen = FusedCloud.empty(0.003, smooth=True).merged(cloud[cloud[:, 2] > 0], [0, 0, 0.4])
+        grasp = np.diag([1.0, -1.0, -1.0, 1.0])
+        grasps = GraspSet(np.stack([grasp] * 3), np.full(3, 0.08), np.ones(3), {"colour": 1})
+        mixture = RiemannianMixture(np.ones(2), poses[:2], np.stack([np.eye(6)] * 2))
+        gripper, reach = ParallelGripper(), Reachability()
+        camera = Camera((280.0, 280.0, 159.5, 119.5), 320, 240, 0.07, 0.005)
+        X_WC = se3.make_pose(grasp[:3, :3], [0.0, 0.0, 0.4])
+        view = ObjectView(camera, X_WC, cloud, np.full((240, 320), 0.4))
+        grid = ObstacleGrid(np.ones((3, 3, 3), dtype=np.float32), np.array([0.0, 0, 0, 0.1, 1.0]))
+        q, twist, K = np.full(7, 0.3), np.full(6, 0.1), np.diag([280.0, 280.0, 1.0])
+        motion = HarmonicMotion(*np.ones((4, 3)), 1.0, 0.0, np.ones(3), 0.1)
+        scene = fit_scene(cloud, [0.0, 0.0, 1.0])
+        controller = Still(reach)
+        context = controller.CreateDefaultContext()
+        controller.GetInputPort("position").FixValue(context, q)
+        plant, info = MultibodyPlantConfig(), CameraInfo((280.0, 280.0, 159.5, 119.5))
+        picture = np.full((240, 320), 400, dtype=np.uint16)
+        frame = DepthFrame(0.0, 0, picture, np.zeros((240, 320, 3), dtype=np.uint8))
+        recording = folder / "recording"
+        list(recorded(recording, info, [frame]))
+        image, sequence = recording / "depth" / "000000.png", read_depth_folder(recording)
+        files = {"cloud": folder / "cloud.npy", "space": folder / "space.npz"}
+        np.save(files["cloud"], cloud)
+        ReachableSpace(mixture, 0.0).save(files["space"])
+        flow = IkFlow.load_default()
+        flow.save(folder / "flow.npz")
+        mesh = load_object("ball")
+        self.instances = {
+            "DepthNoise": DepthNoise(),
+            "FusedCloud": FusedCloud(cloud, cloud, 0.003, 1, False, cloud, np.ones(len(cloud))),
+            "JointControlOptions": JointControlOptions(),
+            "Safety": Safety(gripper=gripper),
+            "SafetyOptions": SafetyOptions(),
+            "TaskControlOptions": TaskControlOptions(),
+            "AntipodalSampler": AntipodalSampler(),
+            "GraspSet": grasps,
+            "NetworkSampler": NetworkSampler(),
+            "Perception": Perception(seen, self.gpdf, grasps, gripper, np.ones(3), 0, np.ones(3)),
+            "IkFlow": flow,
+            "RiemannianMixture": mixture,
+            "HarmonicMotion": motion,
+            "ObjectMotion": motion,
+            "RigidObject": mesh,
+            "PoseJudge": PoseJudge(reach),
+            "Reachability": reach,
+            "ReachableSpace": ReachableSpace(mixture, 0.0),
+            "Arm": IIWA_7,
+            "ParallelGripper": gripper,
+            "Gpdf": self.gpdf,
+            "CompletedField": complete_shape(seen, learnt=False),
+            "SceneField": scene,
+            "Camera": camera,
+            "FieldTrack": FieldTrack(0.0, np.eye(4)),
+            "ObjectView": view,
+            "SequenceTracker": SequenceTracker(),
+            "Scenario": Scenario(),
+            "StationConfig": StationConfig(plant),
+            "Result": Result(crash_record(Scenario(), "", ""), {}, np.zeros(2), np.zeros((3, 2))),
+            "CameraInfo": info,
+            "DepthFolder": sequence,
+            "DepthFrame": frame,
+            "ControllerInputs": ControllerInputs(controller, context),
+            "GraspController": controller,
+            "GPJointController": GPJointController(reach),
+            "RMMTaskController": RMMTaskController(reach),
+            "GripperSequencer": GripperSequencer(GraspSequenceConfig(), gripper),
+            "ObjectTracker": ObjectTracker(),
+        }
+        self.values = {
+            # clouds
+            "points": cloud, "directions": cloud, "p_OC": np.array([0.0, 0.0, 0.4]),
+            "outline": Outline(np.zeros((0, 3)), np.zeros((0, 3))), "focal_length": 280.0,
+            "intrinsics": K, "rng": rng, "voxel_size": 0.003,
+            "gone": np.zeros(len(cloud), dtype=bool), "crop": (-1.0, 1.0, -1.0, 1.0, -1.0, 1.0),
+            "viewpoint": np.array([0.0, 0.0, 0.4]), "filename": files["cloud"],
+            "points_C": cloud + [0.0, 0.0, 0.4], "points_W": cloud,
+            "Camera.rays.u": np.ones(4), "Camera.rays.v": np.ones(4), "views": ViewRecord(),
+            # control
+            "options": SafetyOptions(), "gripper": gripper, "q": q, "qd_preferred": q, "qd": q,
+            "qd_last": q, "J": np.ones((6, 7)), "V": twist, "obstacles": grid,
+            "moving": MovingObject(grid, np.eye(4), np.zeros(6)),
+            # geometry
+            "v": twist, "X": poses, "w": twist[:3], "R": poses[:, :3, :3], "z": np.eye(3),
+            "wxyz": np.ones(4), "p": np.ones((5, 3)), "n": 2, "X_WB": poses[0], "V_WB": twist,
+            "dt": 0.1, "X_WA": poses[0], "share": 0.5,
+            # grasps
+            "X_OG": grasps.X_OG, "score": grasps.score,
+            "rejected": {"colour": 1}, "keep": np.array([0, 1]), "reason": "colour",
+            "dropped": {"colour": 1}, "other": grasps, "grasps": grasps, "gpdf": self.gpdf,
+            "carries": np.ones(3), "on_object": np.arange(4), 
+            "prior": np.full((3, 2), 0.5), "table": np.array([0.0, 0.0, 1.0, -0.1]),
+            "least_score": 0.5, "mass": 0.3, "down": np.array([0.0, 0.0, -1.0]),
+            # ik
+            "X_WF": poses, "psi": np.zeros(5), "u": np.full((5, 7), 0.5),
+            "IkFlow.forward.q": np.full((5, 7), 0.1), "path": folder / "saved.npz",
+            "IkFlow.load.path": folder / "flow.npz", "ReachableSpace.load.path": files["space"],
+            # mixtures
+            "X_samples": poses, "n_components": 1, "sample_weights": np.ones(5), "start": mixture,
+            # objects
+            "t": 0.5, "name": "network", "mesh": mesh.mesh, "density": 300.0,
+            "name_or_path": "ball", "load_object.mass": None,
+            "ReachableSpace.load_named.name": "paper",
+            # reach
+            "X_WG": poses, "X_WO": np.eye(4), "V_WO": twist, "judge": reach,
+            "motion": MotionEstimate(empty_state(), 0.0), "kept_before": np.array([1]),
+            "space": ReachableSpace(mixture, 0.0), "reachability": reach,
+            "reachable_space": ReachableSpace(mixture, 0.0),
+            # robot
+            "X_FT": np.eye(4), "ndim": 1, "opening": 0.05,
+            # shape
+            "x": cloud, "starts": cloud, "Gpdf.ray_exits.directions": -cloud,
+            "CompletedField.ray_exits.directions": -cloud, "max_length": 0.1,
+            "start_length": 0.002, "poses": poses, "body_points": ball(9), "far": 0.1,
+            "cloud": seen, "noise_variance": 0.0025, "margin": 0.01,
+            # tracking
+            "before": FieldTrack(), "view": view, "time": 1.0, "silence": 1.0,
+            "second": lambda: None,
+            # scenario and systems
+            "load_scenario.scenario": "ReachCircular",
+            "Result.write_log.filename": folder / "log.npz",
+            "depth": image, "DepthNoise.apply.depth": np.full((20, 30), 0.4), "file": image,
+            "captured_points.camera": recording / "camera.json", "mask": image, "rate": 30.0,
+            "box": (10, 10, 90, 90), "given": recording / "camera.json", "shape": (240, 320),
+            "folder": recording, "recorded.folder": folder / "other", "recorded.camera": info,
+            "frames": [frame], "k": 0, "grid": grid, "replay": folder / "replay.html",
+            "width": 320, "height": 240, "GraspSet.width": grasps.width,
+            "filter_grasps.width": grasps.width, "ghost": ControlMode.PAPER,
+            "run.keep": lambda record: None, "line": None, "live": None, "size": (320, 240),
+            "StationConfig.q_start": q, "GPJointController.update.memory": Solutions.empty(),
+            "GPJointController.velocity.memory": Solutions.empty(), "GraspController.memory": None,
+            "scenario": Scenario(), "config": GraspSequenceConfig(),
+            "ObjectTracker.config": TrackerConfig(), "Station.config": StationConfig(plant),
+            "obj": mesh, "Station.motion": motion, "label": 3, "camera": camera,
+            "sampler": AntipodalSampler(), "period": 0.1, "memory": TaskMemory(),
+            "inputs": ControllerInputs(controller, context), "context": context,
+            "GraspController.safety": SafetyOptions(),
+            "GPJointController.options": JointControlOptions(),
+            "RMMTaskController.options": TaskControlOptions(), "plant": plant,
+            "groups": ("task",), "edge_jump": 0.02,
+        }  # fmt: skip
+        for system in fields(Subsystems):
+            self.values[f"Subsystems.{system.name}"] = controller
+        builder = DiagramBuilder()
+        builder.AddSystem(Still(reach))
+        self.values["Subsystems.station"] = builder.Build()
+
+    def call(self, name, function):
+        """What is called, a method bound to its instance, and arguments by name."""
+        owner, _, method = name.partition(".")
+        instance = self.instances.get(owner)
+        if method and owner != "se3":
+            if instance is None:
+                assert list(inspect.signature(function).parameters) == ["self"], name
+                return function, {}
+            function = getattr(instance, method)
+        found = {}
+        for parameter in inspect.signature(function).parameters.values():
+            if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+                continue
+            found[parameter.name] = self.value(name, parameter, None if method else instance)
+        return function, found
+
+    def value(self, name, parameter, instance):
+        own, key = f"{name}.{parameter.name}", parameter.name
+        if own in self.values:
+            return self.values[own]
+        given = getattr(instance, key, None)
+        if given is None:
+            given = self.values.get(key, parameter.default)
+        assert given is not parameter.empty, f"{own}: give an example in {__name__}"
+        return given
