@@ -1,7 +1,7 @@
 # Every target sets up what it needs and is missing first; see tools/setup.sh.
 PYTHON := .venv/bin/python
 
-.PHONY: setup setup-demo demo test warm-up lint format docs wheel release clean clean-caches
+.PHONY: setup setup-demo demo test try-newest warm-up lint format docs wheel release clean clean-caches
 
 setup:
 	@tools/setup.sh dev
@@ -19,6 +19,10 @@ test: export OMP_NUM_THREADS = 1
 test: setup
 	@$(MAKE) --no-print-directory --jobs 2 lint warm-up
 	$(PYTHON) -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+# One run with the newest Python and Drake that can be had here.
+try-newest: setup
+	tools/try_newest.sh
 
 warm-up: setup
 	$(PYTHON) -m feasigrasp.cli warm-up

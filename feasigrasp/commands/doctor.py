@@ -20,12 +20,19 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
+from packaging.requirements import Requirement
+
 from feasigrasp import __version__
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.resources import diagram_path, model_path
 
 #: Modules of packages that are called otherwise.
 _MODULES = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
+#: What needs one of `LARGE_PACKAGES`.
+_PARTS = {
+    "torch": "training and the samplers paper and diffusion",
+    "open3d": "meshes of more than 4000 faces, training data and the evaluation of tracking",
+}
 _REINSTALL = "pip install --force-reinstall --no-deps"
 #: Files that come with the package: of each network, and of the reachable space.
 _WEIGHTS = ("grasp_network", "grasp_network_paper", "hidden_side", "ik_flow", "grasp_diffusion")
@@ -103,18 +110,29 @@ def _carefully(look: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
 
 
 def libraries() -> Iterator[Finding]:
-    """Whether every package that is required can be imported."""
+    """Whether every package that is required can be imported, in a release that is supported."""
     python = ".".join(map(str, sys.version_info[:3]))
     yield Finding(Health.OK, f"feasigrasp {__version__}, Python {python}")
     for entry in requires("feasigrasp") or []:
         if "extra ==" in entry:
             continue
-        name = re.split(r"[^\w.-]", entry)[0]
+        needed = Requirement(entry)
+        name = needed.name
         try:
             import_module(_MODULES.get(name, name))
-            yield Finding(Health.OK, f"{name} {version(name)}")
+            if needed.specifier.contains(version(name), prereleases=True):
+                yield Finding(Health.OK, f"{name} {version(name)}")
+            else:
+                text = (
+                    f"{name} {version(name)} is none of {needed.specifier}: pip install '{entry}'"
+                )
+                yield Finding(Health.PROBLEM, text)
         except (PackageNotFoundError, ModuleNotFoundError):
-            yield Finding(Health.PROBLEM, f"{name} is not installed: pip install '{entry}'")
+            text = f"{name} is not installed: pip install '{entry}'"
+            if name in _PARTS:
+                yield Finding(Health.WITHOUT, f"{text}, for {_PARTS[name]}")
+            else:
+                yield Finding(Health.PROBLEM, text)
         except Exception as error:  # whatever a library stumbles over when it is loaded
             text = f"{name} does not load ({error}): {_REINSTALL} '{entry}', or make setup"
             yield Finding(Health.PROBLEM, text)

@@ -53,6 +53,18 @@ def test_a_problem_is_counted(monkeypatch, capsys):
     ]
 
 
+def test_a_release_out_of_range_is_a_problem_and_a_part_left_out_is_none(monkeypatch):
+    wanted = ["numpy>=99", "drake>=1.51,<1.52", "drake>=1.2", "torch>=2.2"]
+    monkeypatch.setattr(doctor, "requires", lambda name: wanted)
+    monkeypatch.setattr(doctor, "version", lambda name: "1.58.0")
+    monkeypatch.setitem(sys.modules, "torch", None)  # import torch raises ModuleNotFoundError
+    _, old, new, fine, left_out = doctor.libraries()
+    assert old.health is new.health is Health.PROBLEM
+    assert new.text == "drake 1.58.0 is none of <1.52,>=1.51: pip install 'drake>=1.51,<1.52'"
+    assert fine == Finding(Health.OK, "drake 1.58.0")
+    assert left_out.health is Health.WITHOUT and "pip install 'torch>=2.2', for" in left_out.text
+
+
 def test_a_library_that_is_missing_or_broken_is_named(monkeypatch, tmp_path):
     (tmp_path / "brokenlib.py").write_text("raise OSError('libEGL.so.1: no such file')")
     monkeypatch.syspath_prepend(str(tmp_path))

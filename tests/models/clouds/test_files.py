@@ -25,6 +25,18 @@ def test_all_formats_hold_the_same_points(suffix, cloud, tmp_path):
     np.testing.assert_allclose(read_cloud(path), cloud, atol=1e-6)
 
 
+@pytest.mark.parametrize("how", [{"compressed": True}, {"write_ascii": True}, {}])
+def test_pcd_files_of_all_kinds_are_read(how, tmp_path):
+    """As another library writes them, with colours beside; runs of zeros, to be compressed."""
+    rng = np.random.default_rng(1)
+    points = np.repeat(rng.uniform(0.1, 1.0, (500, 3)), rng.integers(1, 60, 500), axis=0)
+    points[::3, 1] = 0.25
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    cloud.colors = o3d.utility.Vector3dVector(rng.uniform(size=points.shape))
+    o3d.io.write_point_cloud(tmp_path / "cloud.pcd", cloud, **how)
+    np.testing.assert_allclose(read_cloud(tmp_path / "cloud.pcd"), points, atol=1e-6)
+
+
 def test_invalid_points_of_an_organised_cloud_are_dropped(cloud, tmp_path):
     organised = np.concatenate([cloud, np.ones((200, 3))], axis=1).reshape(10, 20, 6)
     organised[0, 0, :3] = np.nan

@@ -8,6 +8,8 @@ import trimesh
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects import mesh_cache, rigid_object
+from feasigrasp.models.objects.mesh import decimate_within
+from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object, load_objects
 
 
@@ -261,3 +263,15 @@ def test_what_was_made_of_a_large_file_is_kept(tmp_path, monkeypatch, capsys):
     assert len(list(kept.parent.iterdir())) == 2
     monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
     np.testing.assert_array_equal(load_object(path).vertices, first.vertices)
+
+
+@pytest.mark.parametrize("name", ["banana", "mug", "drill", "small_box"])
+@pytest.mark.parametrize("tolerance", [2e-4, 5e-4, 2e-3])
+def test_a_mesh_with_fewer_faces_stays_within_the_tolerance(name, tolerance):
+    fine = load_object(name).mesh
+    coarse = decimate_within(fine, tolerance)
+    assert coarse.is_watertight and coarse.is_winding_consistent
+    assert len(coarse.faces) < len(fine.faces)
+    for one, other in ((coarse, fine), (fine, coarse)):
+        everywhere = np.vstack([other.vertices, other.triangles_center])
+        assert Raycaster(one.vertices, one.faces).distance(everywhere).max() < tolerance

@@ -245,7 +245,7 @@ def _parse(preset: str) -> Preset:
 
 
 def _architecture(preset: Preset) -> type[nn.Module]:
-    with needed_by(f"the grasp network {preset!r} in torch"):
+    with needed_by(f"the grasp network '{preset}'"):
         from feasigrasp.models.grasps.network.architectures import ContactNetwork, PaperNetwork
 
     return ContactNetwork if preset == Preset.DEFAULT else PaperNetwork
