@@ -38,7 +38,7 @@ from feasigrasp.models.quantities import ArrayOf, Call, Number, Refusal, shown
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 #: Returns the value as a function takes it, or raises `Refusal`.
-_Check = Callable[[Any, Call], Any]
+Check = Callable[[Any, Call], Any]
 
 
 def checked(
@@ -56,7 +56,7 @@ def checked(
         parameters = signature(function).parameters.values()
         names = [p.name for p in parameters if p.kind <= Parameter.POSITIONAL_OR_KEYWORD]
         variable = {p.name for p in parameters if p.kind is Parameter.VAR_KEYWORD}
-        plan: list[tuple[dict[str, _Check], list[_Check | None]]] = []
+        plan: list[tuple[dict[str, Check], list[Check | None]]] = []
 
         @wraps(function)
         def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -103,19 +103,19 @@ def check_fields(value: Any, error: type[FeasigraspError] = ArgumentError) -> No
 
 
 @cache
-def _field_checks(cls: Any) -> list[tuple[str, _Check]]:
+def _field_checks(cls: Any) -> list[tuple[str, Check]]:
     checks = _checks(cls)
     return [(f.name, checks[f.name]) for f in fields(cls) if f.init and f.name in checks]
 
 
-def _checks(thing: Any) -> dict[str, _Check]:
+def _checks(thing: Any) -> dict[str, Check]:
     """By name what the annotations of a function or class ask for."""
     hints = get_type_hints(thing, include_extras=True)
-    found = {n: _check_of(hint) for n, hint in hints.items() if n != "return"}
+    found = {n: check_of(hint) for n, hint in hints.items() if n != "return"}
     return {name: check for name, check in found.items() if check is not None}
 
 
-def _check_of(hint: Any) -> _Check | None:
+def check_of(hint: Any) -> Check | None:
     """What an annotation asks for; None if it asks for nothing."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in (Any, object) or isinstance(hint, TypeVar) or origin is ClassVar:
@@ -126,17 +126,17 @@ def _check_of(hint: Any) -> _Check | None:
         quantity: ArrayOf | Number = parts[1]
         return _in_turn(_SIMPLE[int], quantity.check) if parts[0] is int else quantity.check
     if origin in (Union, UnionType):
-        return _one_of([_check_of(part) for part in parts if part is not NoneType], parts)
+        return _one_of([check_of(part) for part in parts if part is not NoneType], parts)
     if origin is Callable:
         return _required(callable, "a function")
     if origin is tuple and parts[-1:] != (...,):
-        return _items([_check_of(part) for part in parts])
+        return _items([check_of(part) for part in parts])
     if origin in (type, np.ndarray) or origin is None or not issubclass(origin, Collection):
         return _instance(origin or hint)
-    return _container(origin, [_check_of(part) for part in parts if part is not ...])
+    return _container(origin, [check_of(part) for part in parts if part is not ...])
 
 
-def _required(test: Callable[[Any], bool], what: str) -> _Check:
+def _required(test: Callable[[Any], bool], what: str) -> Check:
     def check(value: Any, _: Call) -> Any:
         if not test(value):
             raise Refusal(f"is {shown(value)}; give {what}")
@@ -145,7 +145,7 @@ def _required(test: Callable[[Any], bool], what: str) -> _Check:
     return check
 
 
-def _instance(cls: Any) -> _Check:
+def _instance(cls: Any) -> Check:
     if getattr(cls, "_is_protocol", False):
         methods = [name for name in vars(cls) if not name.startswith("_")]
         return _required(lambda v: all(hasattr(v, m) for m in methods), f"a {cls.__name__}")
@@ -155,11 +155,11 @@ def _instance(cls: Any) -> _Check:
     )
 
 
-def _in_turn(first: _Check, second: _Check) -> _Check:
+def _in_turn(first: Check, second: Check) -> Check:
     return lambda value, made: second(first(value, made), made)
 
 
-def _one_of(checks: list[_Check | None], parts: tuple[Any, ...]) -> _Check | None:
+def _one_of(checks: list[Check | None], parts: tuple[Any, ...]) -> Check | None:
     """The first of several that a value passes; what is wrong with it by the one nearest to it."""
     known = [check for check in checks if check is not None]
     if len(known) < len(checks):
@@ -185,7 +185,7 @@ def _one_of(checks: list[_Check | None], parts: tuple[Any, ...]) -> _Check | Non
     return check
 
 
-def _items(checks: list[_Check | None]) -> _Check:
+def _items(checks: list[Check | None]) -> Check:
     """A row of as many values."""
 
     def check(value: Any, made: Call) -> Any:
@@ -198,7 +198,7 @@ def _items(checks: list[_Check | None]) -> _Check:
     return check
 
 
-def _container(cls: type, checks: list[_Check | None]) -> _Check:
+def _container(cls: type, checks: list[Check | None]) -> Check:
     """A collection or mapping whose items, and keys, pass."""
 
     def check(value: Any, made: Call) -> Any:
@@ -214,7 +214,7 @@ def _container(cls: type, checks: list[_Check | None]) -> _Check:
     return check
 
 
-def _of_part(check: _Check | None, item: Any, made: Call, place: Any) -> None:
+def _of_part(check: Check | None, item: Any, made: Call, place: Any) -> None:
     if check is not None:
         try:
             check(item, made)
@@ -222,7 +222,7 @@ def _of_part(check: _Check | None, item: Any, made: Call, place: Any) -> None:
             raise Refusal(f"[{place!r}] {refusal}") from None
 
 
-_SIMPLE: dict[Any, _Check] = {
+_SIMPLE: dict[Any, Check] = {
     float: Number().check,
     int: _required(lambda v: isinstance(v, Integral) and not isinstance(v, bool), "a whole number"),
     bool: _required(lambda v: isinstance(v, bool | np.bool_), "True or False"),

@@ -37,14 +37,15 @@ from feasigrasp.models.control.safety.touch import yielding_velocity
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
-from feasigrasp.models.objects.prediction import MotionEstimate
+from feasigrasp.models.objects.prediction import Motion, MotionEstimate
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.quantities import JACOBIAN, JOINT_RATES, TWIST, Positive
+from feasigrasp.models.quantities import CONFIGURATION, JACOBIAN, JOINT_RATES, TWIST, Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.models.shape.scene_field import fit_scene
+from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, evaluate, optional
@@ -161,15 +162,17 @@ class GraspController(LeafSystem):
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._twist = declare_input(self, "object_velocity", SpatialVelocity())
         self._last = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
-        scene = declare_input(self, "scene")
-        self._motion = declare_input(self, "object_motion")
+        scene = declare_input(self, "scene", kind=SceneField | None)
+        self._motion = declare_input(self, "object_motion", kind=Motion | None)
         self._phase = self.DeclareVectorInputPort("phase", 1)
-        self._gpdf = declare_input(self, "gpdf")
+        self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._touch = self.DeclareVectorInputPort("touch", IIWA_7.joints)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
-        self._sought = declare_input(self, "sought")
-        self._look_from = declare_input(self, "look_from")
-        self._tracking = declare_input(self, "tracking")
+        self._sought = declare_input(self, "sought", kind=Sought | None)
+        self._look_from = declare_input(
+            self, "look_from", kind=Annotated[Array, CONFIGURATION] | None
+        )
+        self._tracking = declare_input(self, "tracking", kind=Tracking | None)
         self._plan = declare_input(self, "plan")
         self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
         whole = self._declare_grid("surface of the object", self._gpdf, object_grid)

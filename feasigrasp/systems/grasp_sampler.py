@@ -85,7 +85,7 @@ class GraspSampler(LeafSystem):
         self._sampler = sampler
         self._recheck = None if gripper is None else partial(recheck_grasps, gripper=gripper)
         self._carrier = None if gripper is None else Carrier(gripper, mass)
-        self._gpdf = declare_input(self, "gpdf")
+        self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._rest = rest
         self._before = PeriodicState(self, _Sampled(GraspHistory()), period, self._update)
         inputs = {self._gpdf.ticket(), self._before.ticket()}

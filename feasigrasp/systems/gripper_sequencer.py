@@ -37,6 +37,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.scenario.schema import ReachabilityConfig
+from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import (
     PeriodicState,
     declare_cache,
@@ -145,11 +146,11 @@ class GripperSequencer(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
-        self._motion = declare_input(self, "object_motion")
+        self._motion = declare_input(self, "object_motion", kind=Motion | None)
         self._gripper_state = self.DeclareVectorInputPort("gripper_state", 2)
-        self._gpdf = declare_input(self, "gpdf")
-        self._tracking = declare_input(self, "tracking")
-        self._perceived = declare_input(self, "perceived")
+        self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
+        self._tracking = declare_input(self, "tracking", kind=Tracking | None)
+        self._perceived = declare_input(self, "perceived", kind=Perceived | None)
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._arrival = declare_input(self, "arrival", GraspSet.empty())

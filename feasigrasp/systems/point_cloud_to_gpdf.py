@@ -187,7 +187,7 @@ class PointCloudToGPDF(LeafSystem):
         self._object_pose = declare_input(self, "object_pose", RigidTransform())
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._tracking = declare_input(self, "tracking", Tracking.of_age(0.0, np.inf))
-        self._outline = declare_input(self, "outline")
+        self._outline = declare_input(self, "outline", kind=Outline | None)
         self._seen = PeriodicState(self, Perceived(nothing, None), period, self._look)
         declare_perceived(self, self._seen.Eval, {self._seen.ticket()})
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, Literal
 
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     CacheEntry,
     Context,
@@ -17,6 +17,10 @@ from pydrake.systems.framework import (
     State,
     ValueProducer,
 )
+
+from feasigrasp.errors import ArgumentError
+from feasigrasp.models.arguments import Check, check_of
+from feasigrasp.models.quantities import Call, Refusal
 
 Calc = Callable[[Context], Any]
 
@@ -36,19 +40,67 @@ def to_value(value: Any) -> AbstractValue:
     return AbstractValue.Make(_stored(value))
 
 
-def evaluate(source: InputPort | OutputPort | CacheEntry, context: Context) -> Any:
+def evaluate(source: InputPort | ObjectInput | OutputPort | CacheEntry, context: Context) -> Any:
     """The value of a port or cache entry; None where it holds `Nothing`."""
     return _read(source.Eval(context))
 
 
-def optional(port: InputPort, context: Context) -> Any:
+def optional(port: InputPort | ObjectInput, context: Context) -> Any:
     """As `evaluate`; None also if nothing is connected to the input port."""
     return evaluate(port, context) if port.HasValue(context) else None
 
 
-def declare_input(system: LeafSystem, name: str, model: Any = None) -> InputPort:
-    """An input port for values of the type of ``model``; None for any Python object."""
-    return system.DeclareAbstractInputPort(name, to_value(model))
+class ObjectInput:
+    """An input port for Python objects of one kind, which refuses others by name when it is read.
+
+    Drake compares the types of its own values when they are given; to it, all of these are alike.
+    """
+
+    def __init__(self, port: InputPort, check: Check) -> None:
+        """The port, and what its values have to pass."""
+        self._port, self._check = port, check
+
+    def Eval(self, context: Context) -> Any:
+        """The value; None where it holds `Nothing`.
+
+        Raises:
+            ArgumentError: It is of another kind.
+        """
+        try:
+            return self._check(_read(self._port.Eval(context)), Call())
+        except Refusal as refusal:
+            system = type(self._port.get_system()).__name__
+            raise ArgumentError(
+                f"input port {self._port.get_name()} of {system} {refusal}"
+            ) from None
+
+    def HasValue(self, context: Context) -> bool:
+        """Whether something is connected to it."""
+        return bool(self._port.HasValue(context))
+
+    def ticket(self) -> DependencyTicket:
+        """Says that something depends on it."""
+        return self._port.ticket()
+
+
+def declare_input(
+    system: LeafSystem, name: str, model: Any = None, *, kind: Any = None
+) -> InputPort | ObjectInput:
+    """An input port for values of the type of ``model``.
+
+    Args:
+        system: Whose port it is.
+        name: Of the port.
+        model: A value; None for Python objects.
+        kind: The annotation that those have to satisfy, see `feasigrasp.models.arguments`; the type
+            of ``model``, or anything, unless given.
+    """
+    value = to_value(model)
+    port = system.DeclareAbstractInputPort(name, value)
+    if kind is None and model is not None:
+        kind = type(model)
+    check = check_of(kind) if isinstance(value, Value[object]) and kind is not None else None
+    return port if check is None else ObjectInput(port, check)
 
 
 def declare_output(

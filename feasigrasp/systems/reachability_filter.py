@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import WAY_IN, JudgedGrasps, judge_grasps
@@ -88,7 +89,7 @@ class ReachabilityFilter(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
         self._velocity = declare_input(self, "object_velocity", SpatialVelocity.Zero())
-        self._motion = declare_input(self, "object_motion")
+        self._motion = declare_input(self, "object_motion", kind=Motion | None)
         self._kept_before = PeriodicState(
             self,
             np.zeros(0, dtype=np.int64),

@@ -47,7 +47,7 @@ class SceneFilter(LeafSystem):
         self._gripper, self._margin, self._either = gripper, margin, either_way_round
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._pose = declare_input(self, "object_pose", RigidTransform())
-        self._scene = declare_input(self, "scene")
+        self._scene = declare_input(self, "scene", kind=SceneField | None)
         inputs = {self._grasps.ticket(), self._pose.ticket(), self._scene.ticket()}
         declare_output(self, "grasps", self._calc, inputs)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array, Frozen
+from feasigrasp.models.control.planning.lookout import Sought
 from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.status import Situation, Status, StatusCode, judge
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
@@ -18,11 +19,14 @@ from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
+from feasigrasp.models.quantities import CONFIGURATION
 from feasigrasp.models.reach.reachability import Verdict
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.scene_field import SceneField
+from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
 
 #: Time between looks at the situation [s].
@@ -125,19 +129,21 @@ class StatusMonitor(LeafSystem):
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         self._pose = declare_input(self, "object_pose", RigidTransform())
-        self._tracking = declare_input(self, "tracking")
-        self._perceived = declare_input(self, "perceived")
+        self._tracking = declare_input(self, "tracking", kind=Tracking | None)
+        self._perceived = declare_input(self, "perceived", kind=Perceived | None)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
-        self._verdicts = declare_input(self, "verdicts")
+        self._verdicts = declare_input(self, "verdicts", kind=tuple[str, ...])
         self._reachable = declare_input(self, "reachable", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._faults = self.DeclareVectorInputPort("command_faults", 1)
-        self._scene = declare_input(self, "scene")
+        self._scene = declare_input(self, "scene", kind=SceneField | None)
         self._balls = arm_balls(capsule_model(gripper))
         self._touches = self.DeclareVectorInputPort("touches", 1)
-        self._sought = declare_input(self, "sought")
+        self._sought = declare_input(self, "sought", kind=Sought | None)
         self._lapsed = self.DeclareVectorInputPort("lapsed", 1)
-        self._look_from = declare_input(self, "look_from")
+        self._look_from = declare_input(
+            self, "look_from", kind=Annotated[Array, CONFIGURATION] | None
+        )
         self._said = PeriodicState(self, _Said(), period, self._look)
         state = {self._said.ticket()}
         declare_output(self, "status", self._calc_status, state)

@@ -17,6 +17,7 @@ from feasigrasp.models.segmentation.camera_view import CameraView
 from feasigrasp.models.segmentation.foreground import Known, segment
 from feasigrasp.models.segmentation.hue import of_hue
 from feasigrasp.models.segmentation.known_bodies import CARRIER, FREE, KnownBodies
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import declare_input, declare_output, evaluate, to_value
 
 
@@ -68,7 +69,7 @@ class ForegroundSegmentation(LeafSystem):
         self._tracking = declare_input(
             self, "tracking", Tracking(TrackingState.SEARCHING, float("inf"))
         )
-        self._gpdf = declare_input(self, "gpdf")
+        self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         # Time and view at the start, which tells what has moved since; None before.
         self._first = self.DeclareAbstractState(to_value((None, None)))

@@ -23,6 +23,7 @@ from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.tracking.tracker import FieldTrack, track
 from feasigrasp.models.tracking.view import ObjectView
+from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
 
 #: Images of two cameras that are no farther apart than this count as taken at once [s].
@@ -88,9 +89,9 @@ class FieldTracker(LeafSystem):
         self._camera_pose = declare_input(self, "camera_pose", RigidTransform())
         self._depth = declare_input(self, "depth_image", ImageDepth32F(1, 1))
         self._image_time = self.DeclareVectorInputPort("image_time", 1)
-        self._perceived = declare_input(self, "perceived")
+        self._perceived = declare_input(self, "perceived", kind=Perceived | None)
         self._phase = self.DeclareVectorInputPort("phase", 1)
-        self._told = declare_input(self, "track")
+        self._told = declare_input(self, "track", kind=FieldTrack | None)
         self._second = None if second is None else _SecondCamera(self, second)
         self._track = PeriodicState(self, FieldTrack(), self._config.image_period, self._looked)
         state = {self._track.ticket(), self._told.ticket()}

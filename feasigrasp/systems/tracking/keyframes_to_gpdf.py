@@ -72,7 +72,7 @@ class KeyframesToGPDF(LeafSystem):
         seen = Keyframe(cap[cap[:, 2] > 0.0], np.array([0.0, 0.0, 0.5]), 0.0)
         compiled = nothing.merged(seen, **self._options).gpdf  # before the first tick
         _ = None if compiled is None else compiled.completion
-        self._keyframe = declare_input(self, "keyframe")
+        self._keyframe = declare_input(self, "keyframe", kind=Keyframe | None)
         self._learnt = PeriodicState(self, nothing, period, self._look)
         declare_perceived(self, self._perceived, {self._learnt.ticket()})
 

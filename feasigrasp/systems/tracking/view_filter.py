@@ -12,6 +12,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.systems.ports import declare_input, declare_output, evaluate
 
 
@@ -39,7 +40,7 @@ class ViewFilter(LeafSystem):
         super().__init__()
         self._gripper, self._camera, self._standoff = gripper, camera, standoff
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
-        self._gpdf = declare_input(self, "gpdf")
+        self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._pose = declare_input(self, "camera_pose", RigidTransform())
         declare_output(self, "grasps", self._calc)
