@@ -120,6 +120,8 @@ def check_of(hint: Any) -> Check | None:
     origin, parts = get_origin(hint), get_args(hint)
     if hint in (Any, object) or isinstance(hint, TypeVar) or origin is ClassVar:
         return None
+    if (alias := getattr(origin or hint, "__value__", None)) is not None:
+        return check_of(alias)  # of a ``type`` statement, as NDArray is in newer releases of NumPy
     if hint in _SIMPLE:
         return _SIMPLE[hint]
     if origin is Annotated:
