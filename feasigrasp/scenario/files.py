@@ -179,7 +179,8 @@ def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
         # Drake's structs list the C++ types that they take before what they were given.
         _, refused, given = str(error).partition("incompatible function arguments.")
         if refused:
-            given = " ".join(given.partition("Invoked with: ")[2].split())
+            # pybind11 shows the values, nanobind their types alone.
+            given = " ".join(given.partition("Invoked with")[2].lstrip(": ").split())
             raise ScenarioError(f"a value of a wrong length or kind: {given}") from error
         raise ScenarioError(str(error) or type(error).__name__) from error
 

@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from pydrake.systems.framework import Context, PortDataType, System
 
+from feasigrasp.systems.ports import to_value
+
 #: Meshcat path -> property -> keyframes as (frame, value).
 Animation = dict[str, dict[str, list[tuple[float, Any]]]]
 
@@ -22,7 +24,8 @@ def fixed_context() -> Callable[..., Context]:
 def _fixed_context(system: System, **inputs: Any) -> Context:
     context = system.CreateDefaultContext()
     for name, value in inputs.items():
-        system.GetInputPort(name).FixValue(context, value)
+        fixed = to_value(None) if value is None else value
+        system.GetInputPort(name).FixValue(context, fixed)
     return context
 
 

@@ -65,7 +65,7 @@ def closed_loop(make, motion, duration, grasps, *, q=HOME, gpdf=None):
     builder.Connect(source.get_output_port(), controller.GetInputPort("grasps"))
     builder.Connect(target.GetOutputPort("pose"), controller.GetInputPort("object_pose"))
     builder.Connect(target.GetOutputPort("velocity"), controller.GetInputPort("object_velocity"))
-    field = builder.AddSystem(ConstantValueSource(Value[object](gpdf)))
+    field = builder.AddSystem(ConstantValueSource(to_value(gpdf)))
     builder.Connect(field.get_output_port(), controller.GetInputPort("gpdf"))
     builder.Connect(controller.GetOutputPort("commanded_velocity"), arm.get_input_port())
     logger = LogVectorOutput(arm.get_output_port(), builder, 0.05)

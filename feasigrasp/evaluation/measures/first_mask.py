@@ -11,6 +11,7 @@ from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_foreground_segmentation, make_station
+from feasigrasp.systems.ports import to_value
 
 
 def intersection_over_union(mask: Mask, truth: Mask) -> float:
@@ -40,7 +41,7 @@ def first_mask_iou(scenario: Scenario) -> float:
         ("gripper_state", station.GetOutputPort("gripper.state_measured").Eval(at_start)),
         ("object_pose", RigidTransform(np.full((3, 4), np.nan))),
         ("tracking", Tracking(TrackingState.SEARCHING, np.inf)),
-        ("gpdf", None),
+        ("gpdf", to_value(None)),
         ("color_image", station.GetOutputPort(f"{camera}.color_image").Eval(at_start)),
     ):
         foreground.GetInputPort(name).FixValue(context, value)

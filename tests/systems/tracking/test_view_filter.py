@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 
 from feasigrasp.models.clouds.camera import Camera
@@ -13,6 +13,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.systems.ports import to_value
 from feasigrasp.systems.tracking.view_filter import ViewFilter
 
 CAMERA = Camera((223.0, 216.0, 211.5, 119.5), 424, 240, near=0.07, depth_noise=0.02)
@@ -29,7 +30,7 @@ def rated(gpdf, **options):
     X_WC = RigidTransform(forward_kinematics(Q, GRIPPER.X_FG) @ X_HC)
     for name, value in {
         "grasps": AbstractValue.Make(GRASPS),
-        "gpdf": Value[object](gpdf),
+        "gpdf": to_value(gpdf),
         "position": Q,
         "camera_pose": X_WC,
     }.items():
