@@ -21,8 +21,8 @@ from pydrake.manipulation import (
     SchunkWsgStatusSender,
 )
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     StateInterpolatorWithDiscreteDerivative,
@@ -55,21 +55,37 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     scenario = _with_true_mounts(scenario)
     builder = DiagramBuilder()
     station = builder.AddNamedSystem("station", make_station(scenario))
-    bus = builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
-    _add_arm(builder, station, bus)
-    _add_gripper(builder, station, bus, scenario)
+    builder.AddNamedSystem("lcm", _Messages(lcm))
+    _add_arm(builder, station, lcm)
+    _add_gripper(builder, station, lcm, scenario)
     pose = builder.AddNamedSystem("object_pose", ObjectPoseSender(scenario.tracker))
     builder.Connect(station.GetOutputPort("object.pose"), pose.get_input_port())
-    _publish(builder, channels.OBJECT_POSE, lcmt_robot_state, pose.get_output_port(), bus,
+    _publish(builder, channels.OBJECT_POSE, lcmt_robot_state, pose.get_output_port(), lcm,
              scenario.tracker.period, native=False)  # fmt: skip
     mask = scenario.perception.segmentation == Segmentation.LABELS
     for name, camera in scenario.cameras.items():
-        publish_images(builder, station, name, camera, bus, mask=mask)
+        publish_images(builder, station, name, camera, lcm, mask=mask)
     cell = Cell(builder, scenario, load_gripper(scenario.gripper), station)
     add_judges(cell, builder.GetSubsystemByName("handover"))
     diagram = builder.Build()
     diagram.set_name("simulated_cell")
     return diagram
+
+
+class _Messages(LeafSystem):
+    """Takes messages from a bus at the beginning of every step.
+
+    As Drake's ``LcmInterfaceSystem``, which crashes in Drake 1.58 where a handler is in Python.
+    """
+
+    def __init__(self, lcm: DrakeLcm) -> None:
+        """The bus."""
+        super().__init__()
+        self._lcm = lcm
+        self.DeclarePerStepDiscreteUpdateEvent(self._take)
+
+    def _take(self, context, discrete_state) -> None:
+        self._lcm.HandleSubscriptions(0)
 
 
 def _with_true_mounts(scenario: Scenario) -> Scenario:
@@ -89,7 +105,7 @@ def _publish(
     channel: str,
     kind: type,
     port: OutputPort,
-    lcm: LcmInterfaceSystem,
+    lcm: DrakeLcm,
     period: float,
     *,
     native: bool = True,
@@ -101,7 +117,7 @@ def _publish(
     builder.Connect(port, publisher.get_input_port())
 
 
-def _add_arm(builder: DiagramBuilder, station: Station, lcm: LcmInterfaceSystem) -> None:
+def _add_arm(builder: DiagramBuilder, station: Station, lcm: DrakeLcm) -> None:
     n = IIWA_7.joints
     command = LcmSubscriberSystem.Make(
         channels.IIWA_COMMAND, lcmt_iiwa_command, lcm, use_cpp_serializer=True
@@ -138,7 +154,7 @@ def _add_arm(builder: DiagramBuilder, station: Station, lcm: LcmInterfaceSystem)
 
 
 def _add_gripper(
-    builder: DiagramBuilder, station: Station, lcm: LcmInterfaceSystem, scenario: Scenario
+    builder: DiagramBuilder, station: Station, lcm: DrakeLcm, scenario: Scenario
 ) -> None:
     gripper = load_gripper(scenario.gripper)
     command = LcmSubscriberSystem.Make(
