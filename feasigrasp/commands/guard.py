@@ -8,17 +8,25 @@ from __future__ import annotations
 
 import argparse
 
-from feasigrasp.commands.run import add_lcm_option
+from feasigrasp.commands.run import (
+    HARDWARE_SPEED,
+    add_lcm_option,
+    add_speed_option,
+    speed_text,
+)
 from feasigrasp.systems.hardware import guard
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
+    add_speed_option(parser)
     add_lcm_option(parser)
 
 
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
+    speed = HARDWARE_SPEED if args.speed is None else args.speed
+    print(speed_text(speed, on_hardware=True), flush=True)
     say = f"guarding the arm on {args.lcm_url}; Ctrl-C ends it at rest"
-    guard.main(args.lcm_url, lambda: print(say, flush=True), alone=True)
+    guard.main(args.lcm_url, lambda: print(say, flush=True), speed=speed, alone=True)
     return 0

@@ -26,12 +26,12 @@ from feasigrasp.evaluation.views.live import LiveView
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.outputs import check_outputs, replacing, write_text
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import print_notes
+from feasigrasp.results.arguments import print_notes, share
 from feasigrasp.results.interrupts import STATUS
 from feasigrasp.results.rows import write_json
 from feasigrasp.scenario.files import load_scenario, only_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp.scenario.schema import ControlConfig, Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.hardware.channels import LCM_URL
 from feasigrasp.warm_up import GROUPS, is_warm
@@ -39,6 +39,9 @@ from feasigrasp.warm_up import GROUPS, is_warm
 #: What runs if nothing else is asked for.
 DEFAULT_SCENARIO = "ReachCircular"
 _OF_SCENARIO = "Default: the scenario's."
+#: Share of its velocity limits that an arm on hardware may use unless scenario or option say
+#: otherwise: a choice, at which the joints that are quickest turn at 45 deg/s.
+HARDWARE_SPEED = 0.25
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,6 +87,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="Write joints, commands, poses and the chosen grasp here, at every tick of the "
         "control; see docs/results_schema.md.",
     )
+    add_speed_option(parser)
     parser.add_argument("--graphviz", type=Path, metavar="FILE", help="Draw the diagram and stop.")
     parser.add_argument(
         "--hardware",
@@ -103,6 +107,17 @@ def add_lcm_option(parser: argparse.ArgumentParser) -> None:
     """Adds the option that says where messages go."""
     parser.add_argument(
         "--lcm-url", default=LCM_URL, metavar="URL", help="Address of the drivers' messages."
+    )
+
+
+def add_speed_option(parser: argparse.ArgumentParser) -> None:
+    """Adds the option that says how fast the arm may be."""
+    parser.add_argument(
+        "--speed",
+        type=share,
+        metavar="PERCENT",
+        help="Share of the arm's velocity limits that may be used, e.g. 20%% or 0.2. Default: the "
+        f"scenario's, else 100%%; on hardware {100 * HARDWARE_SPEED:.0f}%%.",
     )
 
 
@@ -132,7 +147,7 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     outputs = {name: getattr(args, name) for name in ("replay", "results", "log", "graphviz")}
     check_outputs({f"--{name}": file for name, file in outputs.items()}, files_read(args))
-    name, scenario = load(args)
+    name, scenario = load(args, on_hardware=args.hardware)
     print_notes(load_scenario_object(scenario))
     if args.graphviz is not None:
         draw_diagram(scenario, args.graphviz)
@@ -146,6 +161,8 @@ def main(args: argparse.Namespace) -> int:
         raise FeasigraspError("--no-guard says who commands an arm; give it with --hardware")
     if args.ghost is not None and args.replay is None:
         raise FeasigraspError("--ghost is shown in a replay; give --replay FILE.html as well")
+    if text := speed_text(scenario.control.speed, on_hardware=args.hardware):
+        print(text, flush=True)
     groups = {str(scenario.control.controller)} & set(GROUPS)  # baselines compile as they go
     if not is_warm(groups):
         compile_ahead(groups)
@@ -195,20 +212,32 @@ def files_read(args: argparse.Namespace) -> dict[str, Path | str | None]:
     return {"--scenario-file": args.scenario_file, "--object": args.object}
 
 
-def load(args: argparse.Namespace) -> tuple[str, Scenario]:
-    """Name and content of the scenario that the command line asks for."""
+def load(args: argparse.Namespace, *, on_hardware: bool = False) -> tuple[str, Scenario]:
+    """Name and content of the scenario that the command line asks for.
+
+    An arm ``on_hardware`` is slow unless scenario or command line say otherwise.
+    """
     filename, name = args.scenario_file, args.scenario_name
     if filename is None:
         filename, name = diagram_path("dynamic.scenarios.yaml"), name or DEFAULT_SCENARIO
     name = name or only_scenario(filename)
     chosen = {
-        "control": _given(controller=args.controller, mode=args.mode),
+        "control": _given(controller=args.controller, mode=args.mode, speed=args.speed),
         "object": _given(model=args.object),
         **_given(random_seed=args.seed, simulation_duration=args.duration),
     }
     changes = {key: value for key, value in chosen.items() if value != {}}
     options = yaml.safe_dump(changes, default_flow_style=True) if changes else None
-    return name, load_scenario(filename, name, args.scenario_text, options)
+    base = Scenario(control=ControlConfig(speed=HARDWARE_SPEED)) if on_hardware else None
+    return name, load_scenario(filename, name, args.scenario_text, options, base=base)
+
+
+def speed_text(speed: float, *, on_hardware: bool) -> str:
+    """What the console says of the arm's speed; nothing if it may use all of its own."""
+    if speed == 1.0 and not on_hardware:
+        return ""
+    more = "" if speed == 1.0 else "; --speed 100% or control: {speed: 1} for all of them"
+    return f"speed: {100 * speed:.3g}% of the arm's velocity limits{more}"
 
 
 def _given(**options: object) -> dict[str, object]:

@@ -1,6 +1,7 @@
 """``feasigrasp sim``: simulate a cell behind the messages of its drivers, and judge a run.
 
-The other process is ``feasigrasp run SCENARIO --hardware``. See ``docs/hardware.md``.
+The other process is ``feasigrasp run SCENARIO --hardware``, with the same ``--speed``, by which
+whoever carries the object here judges how long a lift takes. See ``docs/hardware.md``.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ from feasigrasp.commands.run import (
     add_lcm_option,
     add_scenario_name,
     add_scenario_options,
+    add_speed_option,
     files_read,
     keep,
     load,
+    speed_text,
 )
 from feasigrasp.evaluation.runs.console import StatusLine
 from feasigrasp.evaluation.runs.hardware.cell import simulate_cell
@@ -30,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     add_scenario_name(parser)
     add_scenario_options(parser)
+    add_speed_option(parser)
     parser.add_argument(
         "--results", type=Path, metavar="FILE.json", help="Write the record of the run here."
     )
@@ -46,7 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     check_outputs({"--results": args.results}, files_read(args))
-    name, scenario = load(args)
+    name, scenario = load(args, on_hardware=True)
+    print(speed_text(scenario.control.speed, on_hardware=True), flush=True)
     print_notes(load_scenario_object(scenario))
     line = StatusLine()
     try:

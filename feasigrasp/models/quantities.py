@@ -265,6 +265,7 @@ Positive = Annotated[float, Number(above=0.0)]
 NotNegative = Annotated[float, Number(least=0.0)]
 #: Of a whole.
 Share = Annotated[float, Number(least=0.0, most=1.0)]
+PositiveShare = Annotated[float, Number(above=0.0, most=1.0)]
 #: A length, time or speed; infinite for no bound.
 Bound = Annotated[float, Number(least=0.0, unbounded=True)]
 #: A time; infinite for never.

@@ -58,6 +58,14 @@ def factor(text: str) -> float:
     return number
 
 
+def share(text: str) -> float:
+    """Reads a share from the command line: ``20%``, or 0.2."""
+    number = 0.01 * float(text[:-1]) if text.endswith("%") else float(text)
+    if not 0.0 < number <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text} is not from 0 to 100%; give e.g. 20% or 0.2")
+    return number
+
+
 def names(text: str) -> list[str]:
     """Reads names that are separated by commas from the command line, each of them once."""
     found = list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))

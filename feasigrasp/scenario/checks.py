@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses as dc
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.limits import CHOICES, LIMITS
@@ -26,6 +28,8 @@ from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.sampling import camera_errors
 from feasigrasp.scenario.schema import ControlConfig, Scenario, Segmentation
 
+#: Models of the cell that no obstacle may be named like.
+RESERVED = ("iiwa", "gripper", "camera", "table", "object", "world")
 #: Renderers that Drake knows by their name; the empty word is its default.
 _RENDERERS = ("", "RenderEngineVtk", "RenderEngineGl", "RenderEngineGltfClient")
 #: Numbers of which the first must be less.
@@ -50,6 +54,7 @@ def check_scenario(scenario: Scenario) -> None:
         if path[0] not in ("faults", "parts"):
             _check_number(path, index, value)
     _check_gripper(scenario)
+    _check_cell(scenario)
     check_parts(scenario.parts)
     check_segmentation(scenario, own=Part.SEGMENTATION in scenario.parts)
     check_faults(scenario.faults)
@@ -71,6 +76,27 @@ def _check_gripper(scenario: Scenario) -> None:
         load_gripper(scenario.gripper)
     except GraspError as error:
         raise ScenarioError(str(error)) from error
+
+
+def _check_cell(scenario: Scenario) -> None:
+    """Obstacles have names that are free, a file if they are meshes, and three numbers each."""
+    cell, names = scenario.cell, [*scenario.cell.boxes, *scenario.cell.meshes]
+    for name in names:
+        if not re.fullmatch(r"[A-Za-z]\w*", name):
+            raise ScenarioError(f"cell has the obstacle {name!r}; give letters, digits and _")
+        if name in RESERVED or names.count(name) > 1:
+            raise ScenarioError(f"cell has the obstacle {name!r}; that name is taken, give another")
+    for name, mesh in cell.meshes.items():
+        if not mesh.file:
+            raise ScenarioError(f"cell.meshes.{name}.file is empty; give the mesh's file")
+    kinds: dict[str, Mapping[str, BoxConfig | MeshConfig]]
+    kinds = {"boxes": cell.boxes, "meshes": cell.meshes}
+    for kind, of_kind in kinds.items():
+        for name, body in of_kind.items():
+            for key, value in vars(body).items():
+                if isinstance(value, list) and len(value) != 3:
+                    where = f"cell.{kind}.{name}.{key}"
+                    raise ScenarioError(f"{where} has {len(value)} entries; give x, y and z")
 
 
 def _check_steps(scenario: Scenario) -> None:
@@ -236,6 +262,11 @@ def _check_law(scenario: Scenario) -> None:
         raise ScenarioError(
             f"control.density is False, but controller {config.controller} has no density of "
             "grasps; give control.controller: task"
+        )
+    if not config.safe and config.speed != 1.0:
+        raise ScenarioError(
+            f"control.speed is {config.speed:g}, but mode {config.mode} enforces no limit; give "
+            "control.mode: safe, or control.speed: 1"
         )
     for name in () if config.safe else ("density", "score", "look_ahead"):
         value, ours = getattr(config, name), getattr(ControlConfig(), name)

@@ -14,6 +14,7 @@ from feasigrasp.models.choices import nearest
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.keys import check_keys, compose, drop_former_keys
+from feasigrasp.scenario.paths import with_paths_from
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
 
@@ -55,7 +56,9 @@ def only_scenario(filename: str | Path) -> str:
 
 
 @checked(ScenarioError)
-def load_scenario(scenario: str | Path, *texts: str | None) -> Scenario:
+def load_scenario(
+    scenario: str | Path, *texts: str | None, base: Scenario | None = None
+) -> Scenario:
     """Reads one scenario; what it leaves to the control mode is filled in.
 
     A packaged one by its name, or one of a file::
@@ -64,11 +67,14 @@ def load_scenario(scenario: str | Path, *texts: str | None) -> Scenario:
         load_scenario("ReachLinear", "{object: {model: mug}}")
         load_scenario("own.scenarios.yaml", "Mine", "{object: {model: mug}}")
 
+    Paths in it start at the file, those in ``overrides`` at the working directory.
+
     Args:
         scenario: Name of a packaged scenario, as ``feasigrasp scenarios`` lists them. Or a YAML
             file that maps names to scenarios: a ``Path``, or a text that ends in .yaml or .yml.
         *texts: Behind a file the name of the scenario. Then YAML texts that are applied on top, one
             after the other; None for none. Maps are merged; ``"{camera_noise: {}}"`` empties one.
+        base: What holds where the file gives no value; the defaults of the schema if None.
 
     Raises:
         ScenarioError: Unknown file, scenario, key or value.
@@ -84,10 +90,12 @@ def load_scenario(scenario: str | Path, *texts: str | None) -> Scenario:
     what = f"scenario {name!r} in {filename}"
     stages: list[tuple[str, Scenario]] = []
     try:
-        stages.append((what, _load(nodes[name], Scenario())))
+        first = _load(nodes[name], base or Scenario())
+        stages.append((what, with_paths_from(Path(filename).parent, first)))
         for text in overrides:
             what = f"scenario {name!r} as changed by {_shortened(text)}"
-            stages.append((what, _load(compose(text), stages[-1][1])))
+            changed = _load(compose(text), stages[-1][1])
+            stages.append((what, with_paths_from(Path(), changed)))
     except ScenarioError as error:
         raise ScenarioError(f"{what}: {error}") from error
     wrong = _wrong_with(stages[-1][1])

@@ -18,8 +18,8 @@ from feasigrasp.errors import ScenarioError
 from feasigrasp.models.choices import nearest
 
 _TAG = "tag:yaml.org,2002:"
-#: Sections whose keys are names of the user's own.
-_NAMED = ("cameras", "camera_noise")
+#: Mappings whose keys are names of the user's own.
+_NAMED = (("cameras",), ("camera_noise",), ("cell", "boxes"), ("cell", "meshes"))
 #: Keys that older releases of Drake have, and their value there by default; recorded scenarios hold
 #: them.
 _FORMER = {("simulator_config", "publish_every_time_step"): "false"}
@@ -42,8 +42,9 @@ def general(path: Iterable[str]) -> str:
     The numbers of a distribution have the key of what is drawn.
     """
     names = list(path)
-    if len(names) > 1 and names[0] in _NAMED:
-        names[1] = "*"
+    for named in _NAMED:
+        if len(names) > len(named) and names[: len(named)] == [*named]:
+            names[len(named)] = "*"
     return ".".join(name for name in names if name not in _DRAWN)
 
 

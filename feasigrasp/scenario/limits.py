@@ -32,6 +32,15 @@ _PLACE = (-10.0, 10.0, "m")
 LIMITS: dict[str, tuple[float, float, str]] = {
     "random_seed": _SEED,
     "simulation_duration": (0.001, 1e5, "s"),
+    "cell.table_height": (-1.0, 0.1, "m"),
+    "cell.table_clearance": (0.0, 0.2, "m"),
+    "cell.boxes.*.size": (0.001, 10.0, "m"),
+    "cell.meshes.*.scale": (1e-6, 1e6, ""),
+    **{
+        f"cell.{kind}.*.{key}": limits
+        for kind in ("boxes", "meshes")
+        for key, limits in (("position", _PLACE), ("rpy_deg", _TURN))
+    },
     "q_start": (*np.rad2deg(IIWA_7.driver.position.max() * np.array([-1.0, 1.0])), "deg"),
     "object.scale": (1e-6, 1e6, ""),
     "object.mass": (0.001, 20.0, "kg"),
@@ -78,6 +87,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "reachability.period": (0.001, 10.0, "s"),
     "reachability.horizon": (0.0, 30.0, "s"),
     "control.period": (5e-4, 0.05, "s"),
+    "control.speed": (0.01, 1.0, "of the velocity limits"),
     "control.gain": (1e-9, 1000.0, "1/s"),
     "control.damping": (0.0, 1.0, ""),
     "control.length_scale": (0.0, 10.0, "rad"),

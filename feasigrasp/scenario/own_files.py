@@ -17,10 +17,13 @@ def own_files(scenario: Scenario) -> dict[str, str]:
     """SHA-256 of every file that a run depends on and that is not the package's.
 
     Returns:
-        By what it is for: ``object`` (its mesh), ``gripper``, ``parts.sampler`` and so on (the
-        module; what that imports is not looked at). One that is not there is left out.
+        By what it is for: ``object`` (its mesh), ``gripper``, ``cell.meshes.NAME``,
+        ``parts.sampler`` and so on (the module; what that imports is not looked at). One that is
+        not there is left out.
     """
     files = {"object": _mesh(scenario.object.model), "gripper": Path(scenario.gripper)}
+    for name, mesh in scenario.cell.meshes.items():
+        files[f"cell.meshes.{name}"] = Path(mesh.file)
     for key, part in scenario.parts.items():
         files[f"parts.{key}"] = _module(part.name.partition(":")[0])
     return {key: _digest(file, *_state(file)) for key, file in files.items() if file.is_file()}

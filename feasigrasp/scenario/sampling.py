@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.common.schema import Sample, Transform
+from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import checked
@@ -20,6 +21,8 @@ from feasigrasp.models.objects.carriers import CarrierKind
 from feasigrasp.models.objects.company import Carrier, Companion, Distractor
 from feasigrasp.models.objects.motion import HarmonicMotion, ObjectMotion
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object
+from feasigrasp.models.objects.static_obstacles import StaticObstacle
+from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.parts import Part, make_named
 from feasigrasp.scenario.schema import BezierPath, Scenario
 
@@ -58,6 +61,26 @@ def load_scenario_object(scenario: Scenario) -> RigidObject:
     obj = load_object(config.model, scale=config.scale, mass=config.mass)
     factor = config.mass_factor
     return dataclasses.replace(obj, mass=factor * obj.mass, inertia=factor * obj.inertia)
+
+
+def make_static_obstacles(scenario: Scenario) -> list[StaticObstacle]:
+    """The boxes and meshes of the scenario's cell.
+
+    Raises:
+        MeshError: A mesh cannot be read, or is flat.
+    """
+    cell = scenario.cell
+
+    def pose(body: BoxConfig | MeshConfig) -> Array:
+        R = Rotation.from_euler("xyz", body.rpy_deg, degrees=True).as_matrix()
+        return se3.make_pose(R, np.array(body.position, dtype=float))
+
+    boxes = [StaticObstacle.box(name, box.size, pose(box)) for name, box in cell.boxes.items()]
+    meshes = [
+        StaticObstacle.of_file(name, mesh.file, mesh.scale, pose(mesh))
+        for name, mesh in cell.meshes.items()
+    ]
+    return boxes + meshes
 
 
 def make_hand_error(scenario: Scenario) -> Array:

@@ -25,6 +25,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.grippers import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.scenario.cell import CellConfig
 from feasigrasp.scenario.company import CarrierConfig, DistractorConfig
 from feasigrasp.scenario.faults import AnyFault
 from feasigrasp.scenario.parts import Part, PartConfig
@@ -223,6 +224,9 @@ class ControlConfig:
         mode: ``safe`` enforces limits and clearances; ``corrected`` (the paper's law with our
             corrections) and ``paper`` (as printed) enforce nothing.
         period: Control period [s].
+        speed: Share of the arm's velocity limits that may be used, in (0, 1]; nothing exceeds it,
+            plans reckon with it, and lift and shaking take as much longer. Accelerations, and
+            with them braking, keep their limits. For ``safe`` mode; on hardware 0.25 by default.
         law: ``preconditioned``, a rate times the way that is left, or the ``gradient`` itself; for
             the modes that enforce nothing, in ``safe`` mode it is preconditioned.
         gain: Of the law; a rate [1/s], or a step for the task-space gradient, which is in 1/rad and
@@ -247,6 +251,7 @@ class ControlConfig:
     controller: str = ControlSpace.TASK.value
     mode: str = ControlMode.SAFE.value
     period: float = 0.005
+    speed: float = 1.0
     law: str = _of_the_mode()
     gain: float = _of_the_mode()
     damping: float = _of_the_mode()
@@ -312,7 +317,9 @@ class Scenario:
         simulation_duration: Length of the run [s]; a run ends earlier when the grasp is over.
         simulator_config: Drake's simulator settings.
         plant_config: Drake's plant settings.
-        directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``.
+        directives: The robot cell; see ``models/iiwa/cell.dmd.yaml``. Paths start at the scenario's
+            file, here and in every other key.
+        cell: Table height, clearance to the table, and obstacles.
         gripper: The hand: ``EZGripper``, ``WSG_50``, or a YAML file with attributes of
             `ParallelGripper`; its model is made of them.
         cameras: Cameras by name.
@@ -343,6 +350,7 @@ class Scenario:
     simulator_config: SimulatorConfig = dc.field(default_factory=_default_simulator)
     plant_config: MultibodyPlantConfig = dc.field(default_factory=_default_plant)
     directives: list[ModelDirective] = dc.field(default_factory=list)
+    cell: CellConfig = dc.field(default_factory=CellConfig)
     gripper: str = PACKAGED
     cameras: dict[str, CameraConfig] = dc.field(default_factory=dict)
     camera_noise: dict[str, dict[str, float]] = dc.field(default_factory=dict)
@@ -374,6 +382,11 @@ class Scenario:
             raise ScenarioError(f"Scenario.random_seed = {self.random_seed}; give 0 or more")
         if len(self.q_start) != IIWA_7.joints:
             raise ScenarioError(f"q_start has {len(self.q_start)} entries; give {IIWA_7.joints}")
+
+    @property
+    def sequence(self) -> GraspSequenceConfig:
+        """What ``grasp`` is at the speed of the arm."""
+        return self.grasp.at_speed(self.control.speed)
 
     @property
     def controller_name(self) -> str:

@@ -123,7 +123,10 @@ class ControllerInputs:
 
     @property
     def obstacles(self) -> ObstacleGrid | None:
-        """Distances to the scene, which the arm keeps clear of; None unless limits are enforced."""
+        """Distances to scene and static obstacles, which the arm keeps clear of.
+
+        None where there are none, or no limits are enforced.
+        """
         return self._grid(self._controller._obstacles)
 
     @property

@@ -12,19 +12,22 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, Syste
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.checks import check_segmentation
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.from_scenario import looks_for_itself, make_part, make_station
+from feasigrasp.systems.from_scenario import (
+    looks_for_itself,
+    make_part,
+    make_station,
+)
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
 from feasigrasp.systems.stages.cell import Cell, given
 from feasigrasp.systems.stages.control import add_control
+from feasigrasp.systems.stages.controllers import make_reachability
 from feasigrasp.systems.stages.measurement import add_measurement, add_status
 from feasigrasp.systems.stages.perception import add_perception
 from feasigrasp.systems.stages.remote import remote_object, remote_planner
@@ -144,8 +147,9 @@ def make_dynamic_grasp(
         ScenarioError: A part that the scenario names cannot be made, or one that is given would
             have to go to another process.
     """
-    gripper, scenario = load_gripper(scenario.gripper), resolve(scenario)
-    reachability = Reachability(gripper)
+    scenario = resolve(scenario)
+    reachability = make_reachability(scenario)
+    gripper = reachability.gripper
     hand_error = np.eye(4) if station else make_hand_error(scenario)
     builder = DiagramBuilder()
     station = builder.AddNamedSystem("station", station or make_station(scenario))

@@ -12,23 +12,12 @@ from pydrake.systems.framework import LeafSystem
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.clouds.depth_noise import DepthNoise
-from feasigrasp.models.control.joint.law import JointControlOptions
-from feasigrasp.models.control.joint.options import SolutionOptions
-from feasigrasp.models.control.mode import ControlSpace
-from feasigrasp.models.control.planning.prices import Prices
-from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.control.task.choice import ChoiceOptions
-from feasigrasp.models.control.task.nearest import NearestOptions
-from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.faults.object import ObjectPulled
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.samplers import make_sampler
 from feasigrasp.models.objects.tracker_config import TrackerKind
-from feasigrasp.models.reach.lookahead import WAY_IN
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.segmentation.foreground import Label
@@ -44,23 +33,19 @@ from feasigrasp.scenario.sampling import (
     make_hand_eye,
     make_motion,
 )
-from feasigrasp.scenario.schema import ControlConfig, Scenario, Segmentation
-from feasigrasp.systems.baselines.nearest_grasp_controller import NearestGraspController
-from feasigrasp.systems.gp_joint_controller import GPJointController
-from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.scenario.schema import Scenario, Segmentation
 from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
-from feasigrasp.systems.reachability_filter import ReachabilityFilter
-from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
 from feasigrasp.systems.segmentation.mask_segmentation import MaskFn, MaskSegmentation
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
+from feasigrasp.systems.stages.controllers import make_controller
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_boxes import cell_boxes
 from feasigrasp.systems.station.cell_models import StationConfig
-from feasigrasp.systems.station.hand import cell_directives
+from feasigrasp.systems.station.directives import cell_directives
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
@@ -215,98 +200,6 @@ def make_scene(
     config = scenario.scene
     return PointCloudToScene(
         labels, gripper=gripper, period=config.period, resolution=config.resolution
-    )
-
-
-def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> ReachabilityFilter:
-    """The reachability filter of a scenario; the modes of the paper look at no way in."""
-    config = resolve(scenario).reachability
-    return ReachabilityFilter(
-        reachability,
-        method=config.method,
-        reachable_space=ReachableSpace.load_named(config.space),
-        horizon=config.horizon,
-        twins=config.twins,
-        way_in=WAY_IN if scenario.control.safe else 0.0,
-        period=config.period,
-    )
-
-
-def make_controller(scenario: Scenario, reachability: Reachability) -> GraspController:
-    """The controller of a scenario."""
-    scenario = resolve(scenario)
-    config, period = scenario.control, scenario.reachability.period
-    safety = SafetyOptions(period=config.period, table_height=reachability.table_height)
-    if config.controller == ControlSpace.JOINT:
-        solutions = SolutionOptions(
-            source=config.source,
-            n_solutions=config.n_solutions,
-            resample=config.resample,
-            length_scale=config.length_scale,
-        )
-        joint_options = JointControlOptions(
-            law=config.law,
-            gain=config.gain,
-            feed_forward=config.feed_forward,
-            solutions=solutions,
-            prices=_prices(config, Prices.of_a_field(1.5 if scenario.grasp.close else 3.0)),
-            look_ahead=config.look_ahead,
-            safety=safety,
-        )
-        way_in = joint_options.funnel._replace(min_standoff=scenario.grasp.standoff)
-        joint_options = replace(joint_options, funnel=way_in)
-        return GPJointController(reachability, joint_options, period=period, mode=config.mode)
-    if config.controller != ControlSpace.TASK:
-        return _make_baseline(config, reachability, safety, period)
-    prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
-    way_in = Funnel(min_standoff=scenario.grasp.standoff)
-    choice = ChoiceOptions(_prices(config, prices), config.look_ahead, funnel=way_in)
-    if not config.density:
-        choice = replace(choice, neighbourhood=0.0)
-    options = TaskControlOptions(
-        gain=config.gain,
-        law=config.law,
-        damping=config.damping,
-        feed_forward=config.feed_forward,
-        targets=config.targets,
-        choice=choice,
-        safety=safety,
-    )
-    return RMMTaskController(
-        reachability,
-        options,
-        period=period,
-        mode=config.mode,
-        seed=scenario.random_seed,
-    )
-
-
-def _make_baseline(
-    config: ControlConfig, reachability: Reachability, safety: SafetyOptions, period: float
-) -> GraspController:
-    """A controller to compare with, see docs/baselines.md."""
-    law: dict[str, Any] = {
-        "gain": config.gain,
-        "damping": config.damping,
-        "feed_forward": config.feed_forward,
-    }
-    given: dict[str, Any] = {"safety": safety, "period": period, "mode": config.mode}
-    if config.controller == ControlSpace.NEAREST:
-        return NearestGraspController(reachability, NearestOptions(**law), **given)
-    # torch takes a second to import
-    from feasigrasp.models.control.task.diffusion_law import DiffusionControlOptions
-    from feasigrasp.systems.baselines.grasp_diffusion_controller import GraspDiffusionController
-
-    options = DiffusionControlOptions(law=config.law, **law)
-    return GraspDiffusionController(reachability, options, **given)
-
-
-def _prices(config: ControlConfig, prices: Prices) -> Prices:
-    """The prices, without those that the scenario switches off."""
-    return replace(
-        prices,
-        score=prices.score if config.score else 0.0,
-        density=prices.density if config.density else 0.0,
     )
 
 

@@ -33,6 +33,7 @@ from feasigrasp.models.control.safety.obstacle_grid import (
 )
 from feasigrasp.models.control.safety.reserve import is_close, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.static_grid import nearest_of
 from feasigrasp.models.control.safety.touch import yielding_velocity
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -68,6 +69,7 @@ class GraspController(LeafSystem):
         - object_velocity
         - desired_velocity
         - scene
+        - static_obstacles
         - object_motion
         - phase
         - gpdf
@@ -84,7 +86,8 @@ class GraspController(LeafSystem):
     ``position`` and ``commanded_velocity`` are V7 [rad], [rad/s]; ``grasps`` is a `GraspSet` in the
     object frame, reachable ones. Optional are ``desired_velocity``, the last command as the drive
     carried it out, without which accelerations are not limited; ``scene``, a `SceneField` or None,
-    which the arm keeps clear of; ``object_motion``, a `Motion` that predicts, without which the
+    which the arm keeps clear of; ``static_obstacles``, an `ObstacleGrid` of what is there from the
+    start, likewise; ``object_motion``, a `Motion` that predicts, without which the
     object's twist is taken for constant; ``phase``, a `Phase` of `GripperSequencer`, by which a
     hand that has committed to its grasp keeps to it; ``gpdf``, the object's `Gpdf` or None, whose
     surface the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one,
@@ -163,6 +166,7 @@ class GraspController(LeafSystem):
         self._twist = declare_input(self, "object_velocity", SpatialVelocity())
         self._last = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         scene = declare_input(self, "scene", kind=SceneField | None)
+        static = declare_input(self, "static_obstacles", kind=ObstacleGrid)
         self._motion = declare_input(self, "object_motion", kind=Motion | None)
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
@@ -174,7 +178,13 @@ class GraspController(LeafSystem):
         )
         self._tracking = declare_input(self, "tracking", kind=Tracking | None)
         self._plan = declare_input(self, "plan")
-        self._obstacles = self._declare_grid("obstacles", scene, obstacle_grid)
+        seen = self._declare_grid("scene", scene, obstacle_grid)
+        self._obstacles = declare_cache(
+            self,
+            "obstacles",
+            lambda context: nearest_of(optional(static, context), seen.Eval(context)),
+            {static.ticket(), seen.ticket()},
+        )
         whole = self._declare_grid("surface of the object", self._gpdf, object_grid)
         self._open_hand = reachability.gripper.surface_points(reachability.gripper.max_opening)
         self._surface = declare_cache(
@@ -358,7 +368,7 @@ class GraspController(LeafSystem):
         """The velocity that takes the arm to another view: at first back from the object."""
         X_FG, moving = self.reachability.gripper.X_FG, self._kept_off(inputs)
         if moving is None or not is_close(moving, inputs.q, X_FG):
-            return self.enforced(lookout_velocity(inputs.q, q_view), inputs)
+            return self.enforced(lookout_velocity(inputs.q, q_view, safety.options.speed), inputs)
         return retreat_velocity(
             safety, inputs.q, X_FG, moving, qd_last=inputs.qd_last, obstacles=inputs.obstacles
         )
@@ -367,7 +377,8 @@ class GraspController(LeafSystem):
         inputs = ControllerInputs(self, context)
         q_lookout = self._lookout.Eval(context) if inputs.sought else None
         if q_lookout is not None:
-            qd = self.enforced(lookout_velocity(inputs.q, q_lookout), inputs)
+            speed = self._safety_options.speed
+            qd = self.enforced(lookout_velocity(inputs.q, q_lookout, speed), inputs)
         elif self.safety is not None and inputs.look_from is not None:
             qd = self.in_view(self._look_again(self.safety, inputs.look_from, inputs), inputs)
         else:

@@ -30,7 +30,7 @@ from feasigrasp.models.grasps.sequence import (
 )
 from feasigrasp.models.objects.prediction import Motion, future_poses
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.models.quantities import Positive
+from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -125,6 +125,7 @@ class GripperSequencer(LeafSystem):
         gripper: ParallelGripper,
         *,
         period: Positive = ReachabilityConfig.period,
+        speed: PositiveShare = 1.0,
         looks: bool = False,
         reachability: Reachability | None = None,
     ) -> None:
@@ -134,13 +135,14 @@ class GripperSequencer(LeafSystem):
             config: When the gripper closes, and what happens then.
             gripper: The gripper.
             period: Time between states [s].
+            speed: Share of its velocity limits that the arm may use, in (0, 1].
             looks: With a camera on the arm, to look for objects that are out of sight.
             reachability: Which configurations the arm can look from; without it a hand that does
                 not get on stays where it is.
         """
         super().__init__()
         self._looks, self._reachability = looks, reachability
-        self._config = config
+        self._config, self._speed = config, speed
         self._gripper = gripper
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
@@ -235,7 +237,7 @@ class GripperSequencer(LeafSystem):
             return _Approach(attempt.looking(now, None, np.inf) if attempt.blocked else attempt)
         view = gpdf, X_WO, q, self._camera_pose.Eval(context).GetAsMatrix4(), reachability
         if attempt.blocked:
-            attempt = attempt.looking(now, *another_side(attempt.sides, *view))
+            attempt = attempt.looking(now, *another_side(attempt.sides, *view), self._speed)
         if attempt.side is None:
             return _Approach(attempt)
         return _Approach(attempt, view_configuration(attempt.side, *view))

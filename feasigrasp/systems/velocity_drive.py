@@ -6,7 +6,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.control.safety.drive_step import drive_step_kernel, free_step_kernel
-from feasigrasp.models.quantities import Positive
+from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
@@ -31,7 +31,8 @@ class VelocityDrive(LeafSystem):
     velocity limits. All are state, so no output depends on an input at once. At initialisation the
     measured position is latched.
 
-    What is sent keeps its limits whatever is commanded (`drive_step_kernel`); a faulty command is
+    What is sent keeps its limits, of the velocities the share ``speed``, whatever is commanded
+    (`drive_step_kernel`); a faulty command is
     one to stop, as hard as the acceleration limits allow. Without ``enforce_limits`` commands are
     integrated as they come; one that is not finite counts as zero.
     """
@@ -40,10 +41,21 @@ class VelocityDrive(LeafSystem):
     MAX_LEAD = 0.10
 
     @checked(ControlError)
-    def __init__(self, period: Positive, *, enforce_limits: bool = True) -> None:
-        """A drive that updates every ``period`` seconds."""
+    def __init__(
+        self, period: Positive, *, enforce_limits: bool = True, speed: PositiveShare = 1.0
+    ) -> None:
+        """A drive that updates every ``period`` seconds.
+
+        Args:
+            period: Control period [s].
+            enforce_limits: Whether the limits hold.
+            speed: Share of the velocity limits that may be used, in (0, 1].
+
+        Raises:
+            ControlError: Another period or speed.
+        """
         super().__init__()
-        self._period, self._enforce = period, enforce_limits
+        self._period, self._enforce, self._speed = period, enforce_limits, speed
         self._velocity = self.DeclareVectorInputPort("velocity", IIWA_7.joints)
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         state = self.DeclareDiscreteState(2 * IIWA_7.joints)
@@ -84,8 +96,8 @@ class VelocityDrive(LeafSystem):
         desired = np.empty(2 * IIWA_7.joints)
         q_next, v_next = desired[: IIWA_7.joints], desired[IIWA_7.joints :]
         if self._enforce:
-            lead = self.MAX_LEAD
-            fault = drive_step_kernel(q, v, command, measured, self._period, lead, q_next, v_next)
+            bounds = self._period, self.MAX_LEAD, self._speed
+            fault = drive_step_kernel(q, v, command, measured, *bounds, q_next, v_next)
         else:
             fault = free_step_kernel(q, command, self._period, q_next, v_next)
         return desired, fault

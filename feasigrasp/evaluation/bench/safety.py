@@ -99,7 +99,7 @@ def _twist(X_WF: Array, rng: np.random.Generator) -> Array:
 
 
 def _start(rng: np.random.Generator) -> Array:
-    clear = Reachability(clearance=0.03, limit_margin=0.0)
+    clear = Reachability(clearance=0.03, table_clearance=0.03, limit_margin=0.0)
     while True:
         q = rng.uniform(-0.95, 0.95, 7) * IIWA_7.position_limits
         if clear.admissible(q).all():

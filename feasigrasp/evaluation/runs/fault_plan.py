@@ -137,7 +137,7 @@ def _with_fault(run: FaultRun, record: Record, name: str, seed: int) -> FaultRun
 
 def _window(fault: StudiedFault, scenario: Scenario, record: Record) -> tuple[float, float]:
     """From when to when a fault may begin: the nominal approach, or lift."""
-    grasp = scenario.grasp
+    grasp = scenario.sequence
     after = grasp.lift_time + grasp.shake_time + grasp.hold_time
     simulated = record["timings"]["simulated_s"] or scenario.simulation_duration
     if fault.while_lifting:

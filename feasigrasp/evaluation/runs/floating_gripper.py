@@ -23,8 +23,8 @@ from feasigrasp.evaluation.runs.hand_load import HandLoad
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.systems.station.cell_models import FINGER_KD, FINGER_KP
+from feasigrasp.systems.station.directives import hand_urdf
 from feasigrasp.systems.station.friction import set_friction
-from feasigrasp.systems.station.hand import hand_urdf
 from feasigrasp.systems.station.object_model import add_object
 
 #: As in the scenarios.

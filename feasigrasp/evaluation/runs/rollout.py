@@ -37,17 +37,20 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.motion import ObjectMotion
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.one_thread import one_thread
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp.systems.from_scenario import make_controller, make_reachability_filter
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
-from feasigrasp.systems.station.hand import cell_directives
-from feasigrasp.systems.velocity_drive import VelocityDrive
+from feasigrasp.systems.stages.controllers import (
+    make_controller,
+    make_drive,
+    make_reachability,
+    make_reachability_filter,
+)
+from feasigrasp.systems.station.directives import cell_directives
 
 #: Makes the controller of a scenario; its ports are those of `GraspController`.
 ControllerFactory = Callable[[Scenario, Reachability], LeafSystem]
@@ -119,8 +122,8 @@ def make_rollout(
     ``controller``, ``drive`` and ``metrics``, as in `make_dynamic_grasp`; the logs are
     ``log(metrics)`` at the metrics' rate and ``log(drive)`` at the control rate.
     """
-    gripper = load_gripper(scenario.gripper)
-    reachability = Reachability(gripper)
+    reachability = make_reachability(scenario)
+    gripper = reachability.gripper
     builder = DiagramBuilder()
     add, connect = builder.AddNamedSystem, builder.Connect
     pose = add("object", _ObjectPose(make_motion(scenario)))
@@ -130,8 +133,7 @@ def make_rollout(
     held = ZeroOrderHold(scenario.reachability.period, AbstractValue.Make(GraspSet.empty()))
     reachable = add("reachable", held)
     follow = add("controller", controller(scenario, reachability))
-    safe = scenario.control.safe
-    drive = add("drive", VelocityDrive(scenario.control.period, enforce_limits=safe))
+    drive = add("drive", make_drive(scenario))
     arm = add("arm", Demultiplexer([IIWA_7.joints, IIWA_7.joints]))
     metrics = add("metrics", Metrics(gripper))
     phase = add("phase", ConstantVectorSource([0.0]))

@@ -41,7 +41,6 @@ from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.status import Status, StatusCode
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.quantities import ArrayOf
-from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread
 from feasigrasp.outputs import replacing
@@ -55,7 +54,8 @@ from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.metrics import SAMPLE_PERIOD
 from feasigrasp.systems.monitoring.run_log import add_run_log, read_run_log
 from feasigrasp.systems.remote.remote_stage import end_processes
-from feasigrasp.systems.station.hand import cell_directives
+from feasigrasp.systems.stages.controllers import make_reachability
+from feasigrasp.systems.station.directives import cell_directives
 
 #: The ``error`` of a run that Ctrl-C ended.
 INTERRUPTED = "interrupted"
@@ -181,8 +181,8 @@ def run(
                 simulator.Initialize()
                 # Nor what was built: a full collection would hold up one tick for it.
                 gc.freeze()
-                until, hand = scenario.simulation_duration, load_gripper(scenario.gripper)
-                if not scenario.execution.teleport or teleport(simulator, hand, until):
+                until, reach = scenario.simulation_duration, make_reachability(scenario)
+                if not scenario.execution.teleport or teleport(simulator, reach, until):
                     simulator.AdvanceTo(until)
             except Exception as failure:
                 if isinstance(failure, FeasigraspError) and not isinstance(failure, RuntimeError):

@@ -6,14 +6,13 @@ import numpy as np
 from pydrake.systems.analysis import Simulator, SimulatorStatus
 
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 #: Time between two looks for a grasp [s].
 _PERIOD = 0.05
 
 
-def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> bool:
+def teleport(simulator: Simulator, reachability: Reachability, until: float) -> bool:
     """Waits for grasps in reach, then puts the arm at the best of them, at rest.
 
     What the drive sends jumps along with it: the velocities and accelerations of such a run say
@@ -21,7 +20,7 @@ def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> bo
 
     Args:
         simulator: Of the diagram of `make_dynamic_grasp`, initialized.
-        gripper: The hand of its cell.
+        reachability: What the arm can reach with its hand.
         until: It gives up at this time [s].
 
     Returns:
@@ -29,7 +28,7 @@ def teleport(simulator: Simulator, gripper: ParallelGripper, until: float) -> bo
     """
     diagram, root = simulator.get_system(), simulator.get_mutable_context()
     station, drive, sequencer = map(diagram.GetSubsystemByName, ("station", "drive", "sequencer"))
-    reachability, plant = Reachability(gripper), station.plant
+    plant = station.plant
     arm = plant.GetModelInstanceByName("iiwa")
     plant_context = plant.GetMyMutableContextFromRoot(root)
     while root.get_time() < until:

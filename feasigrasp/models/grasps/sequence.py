@@ -84,6 +84,21 @@ class GraspSequenceConfig:
     shake_time: float = 1.5
     hold_time: float = 2.0
 
+    def at_speed(self, speed: float) -> "GraspSequenceConfig":
+        """The same of an arm that may use a share of its velocity limits only, in (0, 1].
+
+        Lift and shaking take as much longer, so that they ask for the same share of what the arm
+        may do, and a hand that gets nearer more slowly is given as much more time for it. The
+        fingers close as they did.
+        """
+        return replace(
+            self,
+            patience=self.patience / speed,
+            lift_time=self.lift_time / speed,
+            shake_time=self.shake_time / speed,
+            shake_frequency=self.shake_frequency * speed,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class GraspState(Frozen):

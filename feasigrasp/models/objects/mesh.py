@@ -80,6 +80,21 @@ def read_solid(path: Path, scale: float = 1.0) -> tuple[trimesh.Trimesh, tuple[s
     return mesh, united + turned + dropped
 
 
+def read_surface(path: Path, scale: float = 1.0) -> trimesh.Trimesh:
+    """Reads the surface of a mesh file, open or closed, of one body or several [m].
+
+    Args:
+        path: Any mesh file that trimesh reads.
+        scale: Factor from the units of the file to metres.
+
+    Raises:
+        MeshError: If the file is missing or unreadable, or has no faces or NaN.
+    """
+    mesh = _read(path)
+    mesh.apply_scale(scale)
+    return mesh
+
+
 def decimate(mesh: trimesh.Trimesh, max_faces: int) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """Reduces a closed mesh by quadric edge collapse, if it has more than ``max_faces`` faces.
 

@@ -42,8 +42,9 @@ class Search(NamedTuple):
         psis: Arm angles at which the nearest configuration is looked for, shape (n,) [rad].
         spacing: Largest step between the arm angles that are tried inside an interval [rad].
         limit_margin: Distance kept from the joint limits [rad].
-        clearance: Distance kept between bodies, and to the table [m].
+        clearance: Distance kept between bodies [m].
         table_height: Height of the table top in the base frame [m].
+        floor: Height above which all that moves is kept, for a clearance to the table [m].
         capsules: Arm and hand, with all pairs and movers to check.
         open: The same, with the pairs and movers that the flange pose alone does not decide.
         hand: Capsules that move with the flange, shape (h,).
@@ -57,6 +58,7 @@ class Search(NamedTuple):
     limit_margin: float
     clearance: float
     table_height: float
+    floor: float
     capsules: CapsuleModel
     open: CapsuleModel
     hand: Indices
@@ -108,7 +110,7 @@ def hand_verdict_kernel(X_WF, search, ends):
             x, y, z = local[c, e, 0], local[c, e, 1], local[c, e, 2] - _LINK_7_TO_FLANGE
             for i in range(3):
                 ends[c, e, i] = X_WF[i, 0] * x + X_WF[i, 1] * y + X_WF[i, 2] * z + X_WF[i, 3]
-        if min(ends[c, 0, 2], ends[c, 1, 2]) - radius[c] < search.table_height + clearance:
+        if min(ends[c, 0, 2], ends[c, 1, 2]) - radius[c] < search.floor:
             return TABLE
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
@@ -124,9 +126,9 @@ def hand_verdict_kernel(X_WF, search, ends):
 
 
 @compiled(forceinline=True)
-def _is_admissible(q, model, search, table_height):
+def _is_admissible(q, model, search, floor):
     return inside_limits_kernel(q, search.limit_margin) and is_clear_kernel(
-        q, model, search.clearance, table_height
+        q, model, search.clearance, floor
     )
 
 
@@ -159,7 +161,7 @@ def _first_in_segments(circle, search, room):
                     _write_candidate(
                         circle, segments.start[k] + (part + 0.5) * size, branch, room.q
                     )
-                    if _is_admissible(room.q, search.open, search, search.table_height):
+                    if _is_admissible(room.q, search.open, search, search.floor):
                         return REACHABLE
                     if verdict != TABLE:
                         without_table = _is_admissible(room.q, search.open, search, -np.inf)
@@ -184,7 +186,7 @@ def _all_candidates(circle, search, room):
                 if (segments.branches[k] >> branch) & 1:
                     q = candidates[n]
                     _write_candidate(circle, segments.start[k] + (part + 0.5) * size, branch, q)
-                    n += 1 if _is_admissible(q, search.open, search, search.table_height) else 0
+                    n += 1 if _is_admissible(q, search.open, search, search.floor) else 0
     return candidates[:n]
 
 
@@ -217,7 +219,7 @@ def nearest_kernel(X_WF, q_near, search, room, q_best):
         return np.inf
     travel_times_kernel(circle, q_near, search.limit_margin, room.lanes)
     while next_nearest_kernel(circle, room.lanes, room.q) < np.inf:
-        if _is_admissible(room.q, search.open, search, search.table_height):
+        if _is_admissible(room.q, search.open, search, search.floor):
             q_best[:] = room.q
             return travel_time_kernel(room.q, q_near)
     shortest = np.inf
@@ -249,4 +251,4 @@ def verdict_batch_kernel(X_WF, search, verdicts):
 def admissible_batch_kernel(Q, search, admissible):
     """Whether configurations (n, 7) are inside the limits and clear of arm, hand and table."""
     for k in range(len(Q)):
-        admissible[k] = _is_admissible(Q[k], search.capsules, search, search.table_height)
+        admissible[k] = _is_admissible(Q[k], search.capsules, search, search.floor)

@@ -61,7 +61,8 @@ class Reachability(Frozen):
         gripper: Tool at the flange.
         n_arm_angles: Arm angles tried per pose, evenly spaced over the circle.
         limit_margin: Distance kept from the joint limits [rad]; negative for a tolerance.
-        clearance: Distance kept between bodies, and to the table [m]; likewise.
+        clearance: Distance kept between bodies [m]; likewise.
+        table_clearance: Distance kept to the table [m]; likewise.
         table_height: Height of the table top in the base frame [m].
     """
 
@@ -69,6 +70,7 @@ class Reachability(Frozen):
     n_arm_angles: Count = 12
     limit_margin: float = 0.05
     clearance: float = 0.02
+    table_clearance: float = 0.02
     table_height: float = 0.0
     search: Search = field(init=False, repr=False)
     _X_GF: Array = field(init=False, repr=False)
@@ -161,6 +163,7 @@ def _make_search(reachability: Reachability) -> Search:
         limit_margin=float(reachability.limit_margin),
         clearance=float(reachability.clearance),
         table_height=float(reachability.table_height),
+        floor=float(reachability.table_height + reachability.table_clearance),
         capsules=capsules,
         open=undecided.with_pairs(capsules.pairs[~decided]),
         hand=np.flatnonzero(capsules.link == IIWA_7.joints),

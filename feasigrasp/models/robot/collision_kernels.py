@@ -175,9 +175,9 @@ def in_collision_kernel(q, model, margin):
 
 
 @compiled(forceinline=True)
-def is_clear_kernel(q, model, clearance, table_height):
-    """Whether all pairs are ``clearance`` [m] apart, and all movers from ``z = table_height``."""
-    first, end, height = 0, 0, table_height + clearance
+def is_clear_kernel(q, model, clearance, height):
+    """Whether all pairs are ``clearance`` [m] apart, and all movers above ``z = height``."""
+    first, end = 0, 0
     if len(model.movers) > 0:  # in the order of their links
         first, end = model.link[model.movers[0]], model.link[model.movers[-1]] + 1
     doubts = doubts_kernel(q, model.balls, model.groups, clearance, height, first, end)

@@ -29,10 +29,15 @@ _RIVAL = (
 class Guard:
     """Listens to the arm's driver and to a controller, and commands the arm."""
 
-    def __init__(self, lcm: DrakeLcm) -> None:
-        """A guard on the bus that driver and controller are on."""
+    def __init__(self, lcm: DrakeLcm, speed: float = 1.0) -> None:
+        """A guard on the bus that driver and controller are on.
+
+        Args:
+            lcm: The bus.
+            speed: Share of the arm's velocity limits that may be used, in (0, 1].
+        """
         self._lcm = lcm
-        self._guard = CommandGuard(channels.IIWA_PERIOD)
+        self._guard = CommandGuard(channels.IIWA_PERIOD, speed)
         self._utime, self._dismissed = -1, False
         self._said, self._heard, self._rival = 0, 0, False
         self._answered_at = time.monotonic()
@@ -120,12 +125,13 @@ def refuse_if_commanded(lcm: DrakeLcm) -> None:
         raise HardwareError(_RIVAL)
 
 
-def main(url: str, begun: Callable[[], None], *, alone: bool = False) -> None:
+def main(url: str, begun: Callable[[], None], *, speed: float = 1.0, alone: bool = False) -> None:
     """A guard as a process of its own, which SIGTERM ends as soon as its arm rests.
 
     Args:
         url: Where driver and controller are.
         begun: Called when it serves.
+        speed: Share of the arm's velocity limits that may be used, in (0, 1].
         alone: Whether no controller has started it: then it serves one after the other, and Ctrl-C
             is meant for it.
 
@@ -136,7 +142,7 @@ def main(url: str, begun: Callable[[], None], *, alone: bool = False) -> None:
     _rehearse()
     lcm = channels.open_lcm(url)
     refuse_if_commanded(lcm)
-    guard = Guard(lcm)
+    guard = Guard(lcm, speed)
     signal.signal(signal.SIGTERM, guard.end)
     if alone:
         signal.signal(signal.SIGINT, guard.end)

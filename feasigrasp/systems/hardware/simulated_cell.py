@@ -164,7 +164,7 @@ def _add_gripper(
     receiver = SchunkWsgCommandReceiver(initial_position=gripper.max_opening)
     builder.AddNamedSystem("wsg_command", receiver)
     builder.Connect(command.get_output_port(), receiver.get_input_port(0))
-    handover = builder.AddNamedSystem("handover", Handover(scenario.grasp, gripper))
+    handover = builder.AddNamedSystem("handover", Handover(scenario.sequence, gripper))
     builder.Connect(receiver.GetOutputPort("position"), handover.GetInputPort("target"))
     state = station.GetOutputPort("gripper.state_measured")
     builder.Connect(state, handover.GetInputPort("gripper_state"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import LeafSystem, OutputPort
-from pydrake.systems.primitives import ZeroOrderHold
+from pydrake.systems.primitives import ConstantValueSource, ZeroOrderHold
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
@@ -12,15 +12,18 @@ from feasigrasp.systems.carry_filter import CarryFilter
 from feasigrasp.systems.from_scenario import (
     carries_its_camera,
     led_by_its_camera,
-    make_reachability_filter,
     make_view_filter,
 )
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.monitoring.contact_sense import ContactSense
 from feasigrasp.systems.scene_filter import SceneFilter
 from feasigrasp.systems.stages.cell import Cell, given
+from feasigrasp.systems.stages.controllers import (
+    make_drive,
+    make_reachability_filter,
+    make_static_grid,
+)
 from feasigrasp.systems.stages.remote import lapsed
-from feasigrasp.systems.velocity_drive import VelocityDrive
 
 
 def _clear_of_scene(cell: Cell, name: str, grasps: OutputPort, **options: bool) -> OutputPort:
@@ -80,8 +83,9 @@ def add_control(
     sequencer = cell.add(
         "sequencer",
         GripperSequencer(
-            scenario.grasp,
+            scenario.sequence,
             cell.gripper,
+            speed=scenario.control.speed,
             period=config.period,
             looks=looks,
             reachability=reachability if safe else None,
@@ -104,12 +108,17 @@ def add_control(
         sequencer,
         torque_external=station.GetOutputPort("iiwa.torque_external"),
     )
-    drive = VelocityDrive(scenario.control.period, enforce_limits=safe)
+    drive = make_drive(scenario)
     cell.builder.AddNamedSystem("drive", drive)
     sources = [sequencer, tracker, drive, sense]
     if scenario.scene.enabled:
         sources.append(cell["scene_perception"])
     cell.builder.AddNamedSystem("controller", controller)
+    static = make_static_grid(scenario) if safe else None
+    if static is not None and controller.HasInputPort("static_obstacles"):
+        source = ConstantValueSource(AbstractValue.Make(static))
+        cell.add("static_obstacles", source)
+        cell.connect(controller, static_obstacles=source.get_output_port())
     for system in filter(None, (planner, controller)):
         cell.connect(system, *sources, **own_camera)
     if planner:

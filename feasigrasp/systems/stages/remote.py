@@ -12,7 +12,6 @@ from pydrake.systems.primitives import Adder
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.faults.control import PerceptionLate
 from feasigrasp.models.objects.tracker_config import TrackerKind
-from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.parts import Part
@@ -28,6 +27,7 @@ from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
 from feasigrasp.systems.stages.cell import Cell
+from feasigrasp.systems.stages.controllers import make_reachability
 
 #: Inputs that each camera has its own of.
 _OF_A_CAMERA = ("point_cloud", "camera_pose", "position", "color_image")
@@ -41,13 +41,12 @@ def make_object_stage(text: str) -> Diagram:
     It has the ports of the scenario's perception, and ``grasps``.
     """
     scenario = parse_scenario(text)
-    gripper = load_gripper(scenario.gripper)
-    reachability = Reachability(gripper)
+    reachability = make_reachability(scenario)
     builder = DiagramBuilder()
     perception = make_part(Part.PERCEPTION, scenario, reachability)
     builder.AddNamedSystem("perception", perception)
     sampling = make_grasp_sampler(
-        scenario, make_part(Part.SAMPLER, scenario, reachability), gripper
+        scenario, make_part(Part.SAMPLER, scenario, reachability), reachability.gripper
     )
     sampler = builder.AddNamedSystem("sampler", sampling)
     builder.Connect(perception.GetOutputPort("gpdf"), sampler.get_input_port())
@@ -67,12 +66,12 @@ def make_scene_stage(text: str, labels: Iterable[int]) -> PointCloudToScene:
 def make_planner_stage(text: str) -> Diagram:
     """From what the controller is given to its ``plan``, for the scenario of a YAML text."""
     scenario = parse_scenario(text)
-    reachability = Reachability(load_gripper(scenario.gripper))
+    reachability = make_reachability(scenario)
     builder = DiagramBuilder()
     controller = make_part(Part.CONTROLLER, scenario, reachability)
     builder.AddNamedSystem("controller", controller)
     for given in inputs_of(controller):
-        if given.get_name() != "plan":
+        if given.get_name() not in ("plan", "static_obstacles"):  # plans do without these
             builder.ExportInput(given, given.get_name())
     plan = declare_output(controller, "plan", controller.memory, controller.memory_tickets)
     builder.ExportOutput(plan, "plan")
@@ -82,9 +81,9 @@ def make_planner_stage(text: str) -> Diagram:
 def make_tracker_stage(text: str) -> Diagram:
     """From images of the cell to the ``track`` of the object, for the scenario of a YAML text."""
     scenario = parse_scenario(text)
-    gripper = load_gripper(scenario.gripper)
-    builder = DiagramBuilder()
-    tracker = make_part(Part.TRACKER, scenario, Reachability(gripper))
+    reachability = make_reachability(scenario)
+    gripper, builder = reachability.gripper, DiagramBuilder()
+    tracker = make_part(Part.TRACKER, scenario, reachability)
     inner: dict[tuple[System, str], OutputPort] = {}
     of_camera: dict[System, str] = {}
     cameras = {"": scenario.perception.camera, "second_": scenario.perception.second_camera}

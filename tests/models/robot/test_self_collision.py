@@ -187,7 +187,7 @@ def test_clear_of_itself_and_of_a_table(height):
         apart = sc.min_distance(q) >= clearance
         for chosen in (model, without_hand):
             above = table_distances(q, height, chosen).min() >= clearance
-            assert is_clear_kernel(q, chosen, clearance, height) == (apart and above)
+            assert is_clear_kernel(q, chosen, clearance, height + clearance) == (apart and above)
             seen.add((apart, above))
     assert {(True, True), (True, False)} <= seen
 

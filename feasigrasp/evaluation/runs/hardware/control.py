@@ -79,7 +79,7 @@ def run_hardware(
         loop, commands = ControlLoop(scenario, lcm, connect), _Commands(lcm)
         # What is alive by now stays: not worth traversing again, least of all between two ticks.
         gc.freeze()
-        watch = _OwnGuard(lcm_url) if own_guard else None
+        watch = _OwnGuard(lcm_url, scenario.control.speed) if own_guard else None
         started = time.perf_counter()
         try:
             say("waiting for the arm's driver")
@@ -126,10 +126,10 @@ def run_hardware(
 class _OwnGuard:
     """A guard in a process of its own, which ends when the arm rests after this one has."""
 
-    def __init__(self, lcm_url: str) -> None:
+    def __init__(self, lcm_url: str, speed: float) -> None:
         context = multiprocessing.get_context("spawn")
         self._begun = context.Event()
-        self._process = context.Process(target=_serve, args=(lcm_url, self._begun))
+        self._process = context.Process(target=_serve, args=(lcm_url, speed, self._begun))
         self._process.start()
 
     def wait_until_it_serves(self) -> None:
@@ -154,10 +154,10 @@ class _OwnGuard:
         self._process.join()
 
 
-def _serve(lcm_url: str, begun: Event) -> None:
+def _serve(lcm_url: str, speed: float, begun: Event) -> None:
     """What its process runs; what is wrong it says without a traceback."""
     try:
-        guard.main(lcm_url, begun.set)
+        guard.main(lcm_url, begun.set, speed=speed)
     except HardwareError as error:
         raise SystemExit(str(error)) from error
 

@@ -85,7 +85,9 @@ def run_pair(
                 if apart:
                     relay = RelayProcess(cell, control, Network(fault), number)
                     running.callback(relay.close)
-                    running.callback(_end, _start("guard", "--lcm-url", cell, output=None))
+                    running.callback(
+                        _end, _start("guard", "--speed", "1", "--lcm-url", cell, output=None)
+                    )
                     driven += ["--no-guard"]
                 controller = _start("run", *both, *driven, output=None)
                 running.callback(_end, controller)

@@ -70,7 +70,7 @@ def _select(candidates, scores, known, search, found):
         for k in range(count):
             apart = apart and distance_kernel(candidates[i], found[k]) > APART
         if apart and is_clear_kernel(
-            candidates[i], search.capsules, search.clearance, search.table_height
+            candidates[i], search.capsules, search.clearance, search.floor
         ):
             found[count] = candidates[i]
             count += 1

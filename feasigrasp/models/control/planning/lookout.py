@@ -35,7 +35,7 @@ _ROLLS = 6
 #: The view begins to circle when the object has been out of sight so long [s], once in so long [s],
 #: and so quickly farther out [rad/s], up to this [rad].
 _CIRCLES_AFTER, _CIRCLE_PERIOD, _WIDENS, _WIDEST = 1.5, 4.0, 0.08, 0.35
-#: Share of the joints' speed limits, and rate at which the way that is left decreases [1/s].
+#: Share of the speed that joints may have, and rate at which the way that is left decreases [1/s].
 SPEED_SHARE, _GAIN = 0.5, 3.0
 
 
@@ -114,10 +114,13 @@ def turned_views(p_WC: Array, z_W: Array, X_WC: Array) -> Array:
     return se3.make_pose(R_WC, p_WC[..., None, :])
 
 
-def lookout_velocity(q: Array, q_lookout: Array) -> Array:
-    """Joint velocity (7,) [rad/s] that takes the arm there, all joints in time with each other."""
+def lookout_velocity(q: Array, q_lookout: Array, speed: float = 1.0) -> Array:
+    """Joint velocity (7,) [rad/s] that takes the arm there, all joints in time with each other.
+
+    ``speed`` is the share of the velocity limits that the arm may use.
+    """
     way = q_lookout - q
-    time = float(np.max(np.abs(way) / (SPEED_SHARE * IIWA_7.velocity_limits)))
+    time = float(np.max(np.abs(way) / (speed * SPEED_SHARE * IIWA_7.velocity_limits)))
     return np.asarray(min(_GAIN, 1.0 / max(time, 1e-9)) * way)
 
 

@@ -161,15 +161,18 @@ class Attempt(Frozen):
             given_up_at=np.append(now.given_up_at, time),
         )
 
-    def looking(self, time: float, side: Array | None, travel: float) -> Attempt:
+    def looking(
+        self, time: float, side: Array | None, travel: float, speed: float = 1.0
+    ) -> Attempt:
         """The same, looking from a side that the arm is at after ``travel`` seconds at its limits.
 
-        Without a side the hand goes on as it is.
+        It takes so much longer at a ``speed`` of less than 1. Without a side the hand goes on as it
+        is.
         """
         now = replace(self, blocked=False, since=time)
         if side is None:
             return replace(now, left=np.inf)
-        until = time + min(travel / SPEED_SHARE + _DWELL, _LONGEST)
+        until = time + min(travel / SPEED_SHARE + _DWELL, _LONGEST) / speed
         return replace(now, side=side, until=until, sides=np.vstack([self.sides, side]))
 
 

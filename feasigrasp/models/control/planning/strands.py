@@ -58,7 +58,7 @@ def _write_nodes(q, X_WF, grasp_rate, search, lanes, ends, prices, Q, rate):
                 circle, elbow * lanes.sine[lane], elbow * lanes.cosine[lane], branch, node
             )
             if inside_limits_kernel(node, search.limit_margin) and is_clear_kernel(
-                node, search.open, search.clearance, search.table_height
+                node, search.open, search.clearance, search.floor
             ):
                 rate[branch, lane % P] = rate_kernel(node, grasp_rate, prices)
 
@@ -145,7 +145,7 @@ def strand_cost_kernel(
         if not (
             solve_kernel(X_WF, branch, psi, q)
             and inside_limits_kernel(q, search.limit_margin)
-            and is_clear_kernel(q, search.capsules, search.clearance, search.table_height)
+            and is_clear_kernel(q, search.capsules, search.clearance, search.floor)
         ):
             break
         rates += rate_kernel(q, grasp_rate, prices)

@@ -1,8 +1,9 @@
 """Compiled rows of the safety QP: how fast each close pair of bodies may approach.
 
 A row is ``grad d . qd >= -gain (d - clearance)`` with the distance d of two capsules, of a
-capsule's end and the table, or of one of the arm's balls and an obstacle. It is left out exactly
-if no velocity between the bounds breaks it; what is left are a handful at most.
+capsule's end and the table, or of one of the arm's balls and an obstacle, each with a clearance of
+its own. It is left out exactly if no velocity between the bounds breaks it; what is left are a
+handful at most.
 """
 
 import math
@@ -94,7 +95,8 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
     fastest = 0.0
     for j in range(IIWA_7.joints):
         fastest += _LEVER * max(abs(lower[j]), abs(upper[j]))
-    far = max(options.clearance, options.obstacle_clearance) + fastest / gain
+    far = max(options.clearance, options.obstacle_clearance, options.table_clearance)
+    far += fastest / gain
 
     m = 0
     rows[0] = 0.0
@@ -117,7 +119,7 @@ def rows_kernel(R, p, lower, upper, options, body, grid, frame, rows, bounds):
             if distance > far:
                 continue
             add_lever(end_point(placed, c, e), _UP, 0, link[c], R, p, rows[m])
-            m = _keep(rows, bounds, m, -gain * (distance - options.clearance), lower, upper)
+            m = _keep(rows, bounds, m, -gain * (distance - options.table_clearance), lower, upper)
     if grid.size == 0:
         return m
     for k in range(len(body.ball_link)):

@@ -11,8 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.drive_step import drive_step_kernel
+from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 
@@ -35,7 +38,7 @@ class CommandGuard:
     SILENCE = 0.25
     #: How fast what is left to a request is made up for [1/s].
     GAIN = 20.0
-    #: Share of the velocity limits that it uses, and rate at which that is approached where
+    #: Share of the allowed velocities that it uses, and rate at which that is approached where
     #: something has to be made up for, since requests came late [1/s]: an arm overshoots a speed
     #: that is reached in a hurry.
     SPEED, SPEED_GAIN = 0.95, 10.0
@@ -44,9 +47,18 @@ class CommandGuard:
     #: The command waits for the arm when it is so far ahead of it [rad].
     MAX_LEAD = 0.10
 
-    def __init__(self, period: float) -> None:
-        """A guard that commands every ``period`` seconds."""
-        self._period = period
+    @checked(ControlError)
+    def __init__(self, period: Positive, speed: PositiveShare = 1.0) -> None:
+        """A guard that commands every ``period`` seconds.
+
+        Args:
+            period: Between commands [s].
+            speed: Share of the velocity limits that may be used, in (0, 1].
+
+        Raises:
+            ControlError: Another period or speed.
+        """
+        self._period, self._speed = period, speed
         self._q, self._v = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
         self._time = self._since = self._heard_at = -np.inf
         self._requested, self._rate = np.zeros(IIWA_7.joints), np.zeros(IIWA_7.joints)
@@ -100,7 +112,7 @@ class CommandGuard:
         if self.heard:
             # What is sent now counts at the end of the period, like the request that is prolonged.
             left = self._requested + (age - self._period) * self._rate - self._q
-            limit = self.SPEED * np.array(IIWA_7.velocity_limits)
+            limit = self.SPEED * self._speed * np.array(IIWA_7.velocity_limits)
             rate, share = np.clip(self._rate, -limit, limit), self.SPEED_GAIN * self._period
             up = self._v + np.maximum(share * (limit - self._v), -self._v)
             down = self._v - np.maximum(share * (limit + self._v), self._v)
@@ -108,6 +120,7 @@ class CommandGuard:
                 self._rate + self.GAIN * left, np.minimum(down, rate), np.maximum(up, rate)
             )
         q, v = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
-        drive_step_kernel(self._q, self._v, wish, measured, self._period, self.MAX_LEAD, q, v)
+        bounds = self._period, self.MAX_LEAD, self._speed
+        drive_step_kernel(self._q, self._v, wish, measured, *bounds, q, v)
         self._q, self._v = q, v
         self.moving = bool(np.any(v != 0.0))

@@ -44,7 +44,13 @@ from feasigrasp.models.control.safety.problem import (
     problem_kernel,
     stop_kernel,
 )
-from feasigrasp.models.quantities import JACOBIAN, JOINT_POSITIONS, JOINT_RATES, TWIST
+from feasigrasp.models.quantities import (
+    JACOBIAN,
+    JOINT_POSITIONS,
+    JOINT_RATES,
+    TWIST,
+    PositiveShare,
+)
 from feasigrasp.models.robot.capsules import capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -62,12 +68,14 @@ class SafetyOptions:
     Attributes:
         period: Time between commands, that of the drive [s].
         position_margin: Distance kept from the joint position limits [rad].
-        velocity_scale: Share of the velocity limits that may be used.
+        speed: The arm's speed, a share of its velocity limits, in (0, 1].
+        velocity_scale: Share of that which may be used.
         acceleration_scale: Share of the acceleration limits that may be used.
-        clearance: Distance kept between bodies, and to the table [m].
+        clearance: Distance kept between bodies [m].
         obstacle_clearance: Distance kept to the obstacles of a scene, whose surfaces are known to a
             centimetre (voxels, noise, edges), and between the arm and the object [m].
         object_clearance: Distance kept between the open hand and the object that it follows [m].
+        table_clearance: Distance kept to the table [m].
         table_height: Height of the table top in the base frame [m].
         approach_gain: g; limits and bodies are approached at most at g x remaining distance [1/s].
         speed_gain: g_v; a joint accelerates at most at g_v x what is left to its speed limit [1/s]:
@@ -80,11 +88,13 @@ class SafetyOptions:
 
     period: float = 0.005
     position_margin: float = IIWA_7.position_margin
+    speed: PositiveShare = 1.0
     velocity_scale: float = 0.9
     acceleration_scale: float = 0.95
     clearance: float = 0.01
     obstacle_clearance: float = 0.02
     object_clearance: float = 0.002
+    table_clearance: float = 0.01
     table_height: float = 0.0
     approach_gain: float = 3.3
     speed_gain: float = 10.0
@@ -113,7 +123,7 @@ class SafetyOptions:
                     f"SafetyOptions.{name} = {getattr(self, name)}: give a share of the limit, "
                     "at most 1"
                 )
-        speed, acceleration = self.velocity_scale, self.acceleration_scale
+        speed, acceleration = self.speed * self.velocity_scale, self.acceleration_scale
         most = float(
             np.min(acceleration * IIWA_7.acceleration_limits / (speed * IIWA_7.velocity_limits))
         )
@@ -121,7 +131,7 @@ class SafetyOptions:
             raise ControlError(
                 f"SafetyOptions.approach_gain = {self.approach_gain}: a joint at full speed could "
                 f"not stop in time; give at most {most:.3g} (acceleration over velocity limit), or "
-                "a smaller velocity_scale"
+                "a smaller speed or velocity_scale"
             )
 
 

@@ -54,7 +54,7 @@ def bounds_kernel(q, qd_last, options, lower, upper):
     """
     gain, period = options.approach_gain, options.period
     for i in range(IIWA_7.joints):
-        speed = options.velocity_scale * IIWA_7.velocity_limits[i]
+        speed = options.speed * options.velocity_scale * IIWA_7.velocity_limits[i]
         acceleration = options.acceleration_scale * IIWA_7.acceleration_limits[i]
         deceleration = acceleration / (2.0 + gain * period)
         limit = IIWA_7.position_limits[i] - options.position_margin

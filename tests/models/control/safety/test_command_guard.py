@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from feasigrasp.errors import ControlError
 from feasigrasp.models.control.safety.command_guard import CommandGuard
 from feasigrasp.models.robot.iiwa import IIWA_7
 
@@ -10,9 +11,9 @@ T = 0.005
 START = np.array([0.1, -0.5, 0.2, -1.2, 0.0, 1.0, 0.3])
 
 
-def simulated(request, seconds, *, status=lambda k: True):
+def simulated(request, seconds, *, status=lambda k: True, speed=1.0):
     """Commands to an arm that is where it was sent, one row a period; NaN where there is none."""
-    guard, q, sent = CommandGuard(T), START.copy(), []
+    guard, q, sent = CommandGuard(T, speed), START.copy(), []
     for k in range(round(seconds / T)):
         if not status(k):
             sent.append(np.full(7, np.nan))
@@ -30,11 +31,11 @@ def swing(t):
     return START + 0.2 * np.sin(2.0 * t) * np.array([1, 0.5, 1, 0.5, 1, 1, 1])
 
 
-def keeps_limits(sent):
+def keeps_limits(sent, speed=1.0):
     moved = np.vstack([START, sent[np.isfinite(sent).all(axis=1)]])
     v = np.diff(moved, axis=0, prepend=moved[:1]) / T
     a = np.diff(v, axis=0, prepend=0.0) / T
-    assert (np.abs(v) <= IIWA_7.velocity_limits * (1 + 1e-9)).all()
+    assert (np.abs(v) <= speed * IIWA_7.velocity_limits * (1 + 1e-9)).all()
     assert (np.abs(a) <= IIWA_7.acceleration_limits * (1 + 1e-6)).all()
     return v
 
@@ -103,3 +104,14 @@ def test_after_a_pause_of_the_driver_it_begins_anew():
                         status=lambda k: k not in gap)  # fmt: skip
     assert np.isnan(sent[360 : 360 + round(0.25 / T)]).all()
     assert np.isfinite(sent[-1]).all()
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.01])
+def test_a_slow_arm_is_never_faster_whatever_is_requested(speed):
+    """Of requests as fast as the whole arm, and of one far away, it takes its share."""
+    for request in (lambda t: START + 0.24 * np.sin(6.0 * t), lambda t: START + 0.2):
+        sent, guard = simulated(request, 3.0, speed=speed)
+        v = keeps_limits(sent, speed)
+        assert np.abs(v).max() > 0.9 * speed * IIWA_7.velocity_limits.min()
+    with pytest.raises(ControlError, match="speed = 20.0; give a finite number above 0"):
+        CommandGuard(T, 20.0)

@@ -18,7 +18,7 @@ LIMIT = IIWA_7.position_limits - IIWA_7.position_margin
 LEAD = 0.1
 
 
-def sent(q, commands, *, measured=None, period=0.005, lead=LEAD):
+def sent(q, commands, *, measured=None, period=0.005, lead=LEAD, speed=1.0):
     """Positions (n + 1, 7) that the arm is sent, and how many commands are faults.
 
     ``measured`` says where the arm is when the desired position is q; by default just there.
@@ -27,7 +27,7 @@ def sent(q, commands, *, measured=None, period=0.005, lead=LEAD):
     for k, command in enumerate(commands):
         here = q if measured is None else measured(k, q)
         q_next, v_next = np.empty(7), np.empty(7)
-        faults += drive_step_kernel(q, v, command, here, period, lead, q_next, v_next)
+        faults += drive_step_kernel(q, v, command, here, period, lead, speed, q_next, v_next)
         # What is called the desired velocity is the difference of the positions.
         np.testing.assert_allclose(v_next * period, q_next - q, atol=1e-12)
         q, v = q_next, v_next
@@ -35,11 +35,11 @@ def sent(q, commands, *, measured=None, period=0.005, lead=LEAD):
     return np.array(path), faults
 
 
-def assert_limits_kept(path, period=0.005):
+def assert_limits_kept(path, period=0.005, speed=1.0):
     """Position, velocity and acceleration by differences, from rest."""
     assert (np.abs(path) <= LIMIT + 1e-12).all()
     v = np.diff(np.vstack([path[:1], path]), axis=0) / period
-    assert (np.abs(v) <= V + 1e-9).all()
+    assert (np.abs(v) <= speed * V + 1e-9).all()
     assert (np.abs(np.diff(v, axis=0)) / period <= A * (1.0 + 1e-6) + 1e-6).all()
 
 
@@ -59,8 +59,13 @@ def _walks(draw):
 
 
 @settings(max_examples=50, deadline=None)
-@given(_walks(), st.sampled_from([0.001, 0.005, 0.02]), st.sampled_from(["ideal", "still", "wild"]))
-def test_position_velocity_and_acceleration_keep_their_limits(walk, period, arm):
+@given(
+    _walks(),
+    st.sampled_from([0.001, 0.005, 0.02]),
+    st.sampled_from(["ideal", "still", "wild"]),
+    st.sampled_from([0.05, 0.2, 1.0]),
+)
+def test_position_velocity_and_acceleration_keep_their_limits(walk, period, arm, speed):
     """1e5 ticks and more in all, of any command, from any start, wherever the arm is measured."""
     rng, q, commands = walk
     measured = {
@@ -68,7 +73,8 @@ def test_position_velocity_and_acceleration_keep_their_limits(walk, period, arm)
         "still": lambda k, _: q,
         "wild": lambda k, there: there + rng.choice([0.01, 1.0, np.nan]) * rng.standard_normal(7),
     }[arm]
-    assert_limits_kept(sent(q, commands, measured=measured, period=period)[0], period)
+    path, _ = sent(q, commands, measured=measured, period=period, speed=speed)
+    assert_limits_kept(path, period, speed)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

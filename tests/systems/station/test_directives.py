@@ -11,7 +11,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario import load_scenario
 from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.station.cell_check import check_cell
-from feasigrasp.systems.station.hand import cell_directives
+from feasigrasp.systems.station.directives import cell_directives
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 

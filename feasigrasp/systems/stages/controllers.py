@@ -1,0 +1,179 @@
+"""What a scenario has the arm controlled by: what it can reach, its controller, its drive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.control.joint.law import JointControlOptions
+from feasigrasp.models.control.joint.options import SolutionOptions
+from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.control.planning.prices import Prices
+from feasigrasp.models.control.safety.arm_balls import arm_balls
+from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
+from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
+from feasigrasp.models.control.safety.static_grid import static_grid
+from feasigrasp.models.control.task.choice import ChoiceOptions
+from feasigrasp.models.control.task.nearest import NearestOptions
+from feasigrasp.models.control.task.pursuit import PursuitOptions
+from feasigrasp.models.control.task.safe_law import TaskControlOptions
+from feasigrasp.models.grasps.funnel import Funnel
+from feasigrasp.models.reach.lookahead import WAY_IN
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.scenario.presets import resolve
+from feasigrasp.scenario.sampling import (
+    make_static_obstacles,
+)
+from feasigrasp.scenario.schema import ControlConfig, Scenario
+from feasigrasp.systems.baselines.nearest_grasp_controller import NearestGraspController
+from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.reachability_filter import ReachabilityFilter
+from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp.systems.velocity_drive import VelocityDrive
+
+
+def make_reachability(scenario: Scenario) -> Reachability:
+    """What the arm of a scenario can reach with its hand above its table."""
+    cell, ours = scenario.cell, Reachability.table_clearance - SafetyOptions.table_clearance
+    return Reachability(
+        load_gripper(scenario.gripper),
+        table_clearance=cell.table_clearance + ours,
+        table_height=cell.table_height,
+    )
+
+
+def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
+    """Distances to the boxes and meshes of the scenario's cell; None if it has none.
+
+    Raises:
+        ScenarioError: The arm begins in one of them.
+        MeshError: A mesh cannot be read, or is flat.
+    """
+    obstacles = make_static_obstacles(scenario)
+    if not obstacles:
+        return None
+    balls = arm_balls(capsule_model(load_gripper(scenario.gripper)))
+    center = balls.placed(np.deg2rad(scenario.q_start))
+    for obstacle in obstacles:
+        room = float(np.min(obstacle.distance(center) - balls.radius))
+        if room < 0.0:
+            raise ScenarioError(
+                f"the obstacle {obstacle.name} of cell is {-100.0 * room:.1f} cm in the arm at "
+                "q_start; move one of them"
+            )
+    return static_grid(obstacles)
+
+
+def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> ReachabilityFilter:
+    """The reachability filter of a scenario; the modes of the paper look at no way in."""
+    config = resolve(scenario).reachability
+    return ReachabilityFilter(
+        reachability,
+        method=config.method,
+        reachable_space=ReachableSpace.load_named(config.space),
+        horizon=config.horizon,
+        twins=config.twins,
+        way_in=WAY_IN if scenario.control.safe else 0.0,
+        period=config.period,
+    )
+
+
+def make_controller(scenario: Scenario, reachability: Reachability) -> GraspController:
+    """The controller of a scenario."""
+    scenario = resolve(scenario)
+    config, period = scenario.control, scenario.reachability.period
+    safety = SafetyOptions(
+        period=config.period,
+        speed=config.speed,
+        table_height=reachability.table_height,
+        table_clearance=scenario.cell.table_clearance,
+    )
+    if config.controller == ControlSpace.JOINT:
+        solutions = SolutionOptions(
+            source=config.source,
+            n_solutions=config.n_solutions,
+            resample=config.resample,
+            length_scale=config.length_scale,
+        )
+        joint_options = JointControlOptions(
+            law=config.law,
+            gain=config.gain,
+            max_speed=config.speed * JointControlOptions.max_speed,
+            feed_forward=config.feed_forward,
+            solutions=solutions,
+            prices=_prices(config, Prices.of_a_field(1.5 if scenario.grasp.close else 3.0)),
+            look_ahead=config.look_ahead,
+            safety=safety,
+        )
+        way_in = joint_options.funnel._replace(min_standoff=scenario.grasp.standoff)
+        joint_options = replace(joint_options, funnel=way_in)
+        return GPJointController(reachability, joint_options, period=period, mode=config.mode)
+    if config.controller != ControlSpace.TASK:
+        return _make_baseline(config, reachability, safety, period)
+    prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
+    way_in = Funnel(min_standoff=scenario.grasp.standoff)
+    choice = ChoiceOptions(_prices(config, prices), config.look_ahead, funnel=way_in)
+    if not config.density:
+        choice = replace(choice, neighbourhood=0.0)
+    options = TaskControlOptions(
+        gain=config.gain,
+        law=config.law,
+        damping=config.damping,
+        feed_forward=config.feed_forward,
+        targets=config.targets,
+        choice=choice,
+        pursuit=PursuitOptions(speed_share=config.speed * PursuitOptions.speed_share),
+        safety=safety,
+    )
+    return RMMTaskController(
+        reachability,
+        options,
+        period=period,
+        mode=config.mode,
+        seed=scenario.random_seed,
+    )
+
+
+def _make_baseline(
+    config: ControlConfig, reachability: Reachability, safety: SafetyOptions, period: float
+) -> GraspController:
+    """A controller to compare with, see docs/baselines.md."""
+    law: dict[str, Any] = {
+        "gain": config.gain,
+        "damping": config.damping,
+        "feed_forward": config.feed_forward,
+    }
+    given: dict[str, Any] = {"safety": safety, "period": period, "mode": config.mode}
+    if config.controller == ControlSpace.NEAREST:
+        return NearestGraspController(reachability, NearestOptions(**law), **given)
+    # torch takes a second to import
+    from feasigrasp.models.control.task.diffusion_law import DiffusionControlOptions
+    from feasigrasp.systems.baselines.grasp_diffusion_controller import GraspDiffusionController
+
+    options = DiffusionControlOptions(law=config.law, **law)
+    return GraspDiffusionController(reachability, options, **given)
+
+
+def _prices(config: ControlConfig, prices: Prices) -> Prices:
+    """The prices at the arm's speed, without those that the scenario switches off."""
+    return replace(
+        prices,
+        speed_share=config.speed * prices.speed_share,
+        follow_share=config.speed * prices.follow_share,
+        regrip_time=prices.regrip_time / config.speed,
+        score=prices.score if config.score else 0.0,
+        density=prices.density if config.density else 0.0,
+    )
+
+
+def make_drive(scenario: Scenario) -> VelocityDrive:
+    """What the controller's velocity goes through to the arm."""
+    config = scenario.control
+    return VelocityDrive(config.period, enforce_limits=config.safe, speed=config.speed)

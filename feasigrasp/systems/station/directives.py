@@ -1,0 +1,89 @@
+"""The directives of a scenario's cell: its own, with another hand, table height and obstacles."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from pydrake.common.schema import Transform
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import (
+    AddModel,
+    AddWeld,
+    FlattenModelDirectives,
+    ModelDirective,
+    ModelDirectives,
+    PackageMap,
+)
+
+from feasigrasp.models.objects.static_obstacles import StaticObstacle
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.grippers import PACKAGED, load_gripper
+from feasigrasp.models.robot.hand_model import camera_pose, hand_files
+from feasigrasp.resources import model_path
+from feasigrasp.scenario.sampling import make_static_obstacles
+from feasigrasp.scenario.schema import Scenario
+
+
+def cell_directives(scenario: Scenario) -> list[ModelDirective]:
+    """The directives of a scenario's cell, with its hand, table height and obstacles.
+
+    The packaged hand is the one that the directives have. For any other the file of the model
+    ``gripper`` is one made of its description (`hand_urdf`), and the weld of
+    ``camera::camera_body`` is where the description has the camera. Each obstacle is a model of
+    its own name, welded to the world.
+
+    Raises:
+        MeshError: A mesh of the cell cannot be read.
+    """
+    height, other_hand = scenario.cell.table_height, scenario.gripper != PACKAGED
+    directives: list[ModelDirective] = scenario.directives
+    if other_hand or height != 0.0:
+        packages = PackageMap()
+        packages.AddPackageXml(str(model_path("package.xml")))
+        given = ModelDirectives(directives=directives)
+        directives = FlattenModelDirectives(given, packages).directives
+    for each in directives if other_hand else ():
+        gripper = load_gripper(scenario.gripper)
+        if each.add_model is not None and each.add_model.name == "gripper":
+            each.add_model.file = hand_urdf(gripper).as_uri()
+        if each.add_weld is not None and each.add_weld.child == "camera::camera_body":
+            each.add_weld.X_PC = Transform(RigidTransform(camera_pose(gripper)))
+    for each in directives if height != 0.0 else ():
+        weld = each.add_weld
+        if weld is not None and weld.parent == "world" and weld.child.startswith("table::"):
+            X_WT = RigidTransform((weld.X_PC or Transform()).GetDeterministicValue())
+            X_WT.set_translation([*X_WT.translation()[:2], height])
+            weld.X_PC = Transform(X_WT)
+    obstacles = [_obstacle(each) for each in make_static_obstacles(scenario)]
+    return [*directives, *itertools.chain(*obstacles)] if obstacles else directives
+
+
+def _obstacle(obstacle: StaticObstacle) -> list[ModelDirective]:
+    """What adds an obstacle to a cell."""
+    file = _folder(obstacle.files()) / "obstacle.urdf"
+    child, X_WB = f"{obstacle.name}::{obstacle.name}", RigidTransform(obstacle.X_WB)
+    return [
+        ModelDirective(add_model=AddModel(name=obstacle.name, file=file.as_uri())),
+        ModelDirective(add_weld=AddWeld(parent="world", child=child, X_PC=Transform(X_WB))),
+    ]
+
+
+def hand_urdf(gripper: ParallelGripper) -> Path:
+    """A URDF file of a hand, made of its description; it lasts as long as the process."""
+    return _folder(hand_files(gripper)) / "gripper.urdf"
+
+
+def _folder(files: dict[str, str]) -> Path:
+    """A folder with files of these names; it lasts as long as the process."""
+    return Path(_written(tuple(files.items())).name)
+
+
+@cache
+def _written(files: tuple[tuple[str, str], ...]) -> tempfile.TemporaryDirectory[str]:
+    folder = tempfile.TemporaryDirectory(prefix="feasigrasp-cell-")
+    for name, text in files:
+        (Path(folder.name) / name).write_text(text)
+    return folder

@@ -1,0 +1,123 @@
+"""Table and obstacles of a scenario's cell: wherever the cell is known, they are."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from feasigrasp.errors import ScenarioError
+from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.models.segmentation.known_bodies import CELL
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp.systems.from_scenario import (
+    make_foreground_segmentation,
+    make_station,
+    station_config,
+)
+from feasigrasp.systems.stages.controllers import (
+    make_controller,
+    make_reachability,
+    make_static_grid,
+)
+from feasigrasp.systems.station.cell_boxes import cell_boxes
+from tests.pipeline import FILE, scenario
+from tests.truths import table_distances
+
+SHELF = "{size: [0.3, 0.4, 0.02], position: [0.55, 0.4, 0.35], rpy_deg: [0, 0, 90]}"
+CELL_TEXT = f"{{cell: {{table_height: -0.1, boxes: {{shelf: {SHELF}}}}}}}"
+
+
+def own(text=CELL_TEXT):
+    return load_scenario(FILE, "ReachLinearMocap", text)
+
+
+def frame(station, name):
+    context = station.plant.CreateDefaultContext()
+    return station.plant.GetFrameByName(name).CalcPoseInWorld(context).GetAsMatrix4()
+
+
+def test_table_and_shelf_stand_in_the_simulated_cell():
+    station = make_station(own())
+    np.testing.assert_allclose(frame(station, "table_top")[:3, 3], [0.0, 0.0, -0.1])
+    X_WB = frame(station, "shelf")
+    np.testing.assert_allclose(X_WB[:3, 3], [0.55, 0.4, 0.35])
+    np.testing.assert_allclose(X_WB[:3, :3] @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
+    inspector, shelf = station.scene_graph.model_inspector(), station.plant.GetBodyByName("shelf")
+    assert len(station.plant.GetCollisionGeometriesForBody(shelf)) == 1
+    assert len(station.plant.GetVisualGeometriesForBody(shelf)) == 1
+    (geometry,) = station.plant.GetCollisionGeometriesForBody(shelf)
+    assert inspector.GetProximityProperties(geometry).HasProperty("material", "coulomb_friction")
+
+
+def test_the_camera_sees_the_shelf_and_its_pixels_belong_to_the_cell():
+    """The wrist camera looks at a wall before it: depth, label, and what they are taken for."""
+    text = "{cell: {boxes: {wall: {size: [0.02, 0.8, 0.8], position: [0.95, 0, 0.5]}}}}"
+    setting = load_scenario(FILE, "ReachLinearMocap", text, "{camera_noise: {}}")
+    station = make_station(setting)
+    context = station.CreateDefaultContext()
+    labels = station.GetOutputPort("wrist_camera.label_image").Eval(context).data[:, :, 0]
+    shown = labels == int(station.plant.GetBodyByName("wall").index())
+    assert shown.mean() > 0.1
+    cloud = station.GetOutputPort("wrist_camera.point_cloud").Eval(context)
+    x = cloud.xyzs().T.reshape(*labels.shape, 3)[shown]
+    np.testing.assert_allclose(x[np.isfinite(x).all(axis=1)][:, 0], 0.94, atol=2e-3)
+    bodies = make_foreground_segmentation(setting, make_reachability(setting).gripper)._bodies
+    X_WC = station.GetOutputPort("wrist_camera.pose").Eval(context).GetAsMatrix4()
+    kinds = bodies.kinds(x, X_WC, np.deg2rad(setting.q_start), 0.1, 0.0)
+    assert np.all(kinds == CELL)
+
+
+@pytest.mark.parametrize("height", [-0.3, -0.1, 0.08])
+def test_the_height_of_the_table_reaches_all_that_reckon_with_it(height):
+    setting = own(f"{{cell: {{table_height: {height}, table_clearance: 0.05}}}}")
+    reachability, boxes = make_reachability(setting), cell_boxes(station_config(setting))
+    # Segmentation: the top of the one box there is.
+    assert boxes.X_WB[0, 2, 3] + boxes.half[0, 2] == pytest.approx(height)
+    # The filter: of hands that point down, those are kept that are far enough above the table.
+    down = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (60, 1, 1))
+    z = down[:, 2, 3] = np.linspace(height - 0.05, height + 0.3, 60)
+    down[:, 0, 3] = 0.5
+    kept = reachability.reachable(down)
+    tip = reachability.gripper.tip
+    assert kept.any() and z[kept].min() >= height + 0.06 + 0.5 * tip - 0.02
+    looser = make_reachability(own(f"{{cell: {{table_height: {height}}}}}")).reachable(down)
+    assert z[looser].min() == pytest.approx(z[kept].min() - 0.04, abs=0.01)
+    # The QP: an arm that is asked to go down stops above the table.
+    q = reachability.nearest(down[[-1]], np.deg2rad(setting.q_start))[0][0]
+    safety = make_controller(setting, reachability).safety
+    lowest = lowered(safety, q, reachability.gripper, setting.control.period)
+    assert height + 0.049 < lowest < height + 0.06
+
+
+def lowered(safety, q, gripper, period):
+    """Where the lowest point of an arm comes to rest that is asked to go straight down [m]."""
+    qd = np.zeros(7)
+    for _ in range(round(4.0 / period)):
+        J = pose_and_jacobian(q, gripper.X_FG)[1]
+        qd = safety.velocity(q, 0.0 * q, J, np.array([0, 0, 0, 0, 0, -0.2]), qd_last=qd)
+        q = q + period * qd
+    return float(table_distances(q, 0.0, capsule_model(gripper)).min())
+
+
+def test_an_obstacle_in_the_arm_is_refused_by_name():
+    with pytest.raises(ScenarioError, match="the obstacle post of cell is .* cm in the arm"):
+        make_static_grid(own("{cell: {boxes: {post: {position: [0, 0, 0.34]}}}}"))
+    assert make_static_grid(own("{}")) is None
+
+
+#: Beside the object, where the elbow of an arm swings through that goes for it.
+BLOCK = "{cell: {boxes: {block: {size: [0.08, 0.08, 0.08], position: [0.1, 0.39, 0.47]}}}}"
+
+
+@pytest.mark.parametrize(("scene", "given"), [(False, True), (True, True), (False, False)])
+def test_the_arm_keeps_clear_of_a_box_in_its_way(scene, given, monkeypatch):
+    """By the simulation's own geometry; an arm that is not given the box runs into it."""
+    if not given:
+        monkeypatch.setattr("feasigrasp.systems.stages.control.make_static_grid", lambda _: None)
+    text = f"{{grasp: {{close: false}}, scene: {{enabled: {str(scene).lower()}}}}}"
+    diagram = make_dynamic_grasp(scenario("ReachLinearMocap", BLOCK, text=text))
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(3.0)
+    log = diagram.GetSubsystemByName("log(obstacle_distance)").FindLog(simulator.get_context())
+    assert (log.data().min() > 0.02) == given
