@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
+from pydrake.systems.analysis import Simulator
 
 from feasigrasp import cli
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -14,6 +16,7 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.results.grasps_file import write_grasps
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_company, make_motion
+from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from tools.run_readme import blocks, commands
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -89,7 +92,7 @@ def test_the_checks_can_fail():
 def test_scenario_of_the_page_is_valid(tmp_path):
     file = tmp_path / "own.scenarios.yaml"
     page = REPOSITORY / "docs" / "scenarios.md"
-    text, beside = (text for language, text in blocks(page) if language == "yaml")
+    text, _, beside = (text for language, text in blocks(page) if language == "yaml")
     file.write_text(text)
     (name,) = yaml.load(text, Loader=yaml.BaseLoader)
     scenario = load_scenario(file, name)
@@ -99,3 +102,24 @@ def test_scenario_of_the_page_is_valid(tmp_path):
     depth = "perception: {segmentation: depth}"
     seen = make_company(load_scenario(file, name, f"{beside}\n{depth}"), load_object("mug"), motion)
     assert [body.name for body in seen] == ["carrier", "distractor"]
+
+
+def test_the_scenario_with_obstacles_runs_as_it_is_printed(tmp_path):
+    """A folder with the block as a file and a tray beside it, from another working directory."""
+    page = REPOSITORY / "docs" / "scenarios.md"
+    _, text, _ = (text for language, text in blocks(page) if language == "yaml")
+    (tmp_path / "shelf.yaml").write_text(text)
+    trimesh.creation.box((300, 200, 10)).export(tmp_path / "bin.obj")
+    scenario = load_scenario(tmp_path / "shelf.yaml", "Shelf")
+    diagram = make_dynamic_grasp(scenario)
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(1.0)
+    plant, context = diagram.subsystems.station.plant, simulator.get_context()
+    where = plant.GetMyContextFromRoot(context)
+    for name, height in (("table_top", -0.05), ("shelf", 0.5), ("bin", -0.05)):
+        X_WB = plant.GetFrameByName(name).CalcPoseInWorld(where)
+        assert X_WB.translation()[2] == pytest.approx(height)
+    controller = diagram.subsystems.controller
+    static = controller.GetInputPort("static_obstacles")
+    grid = static.Eval(controller.GetMyContextFromRoot(context))
+    assert grid.distance_and_gradient([0.5, 0.4, 0.5])[0][0] < 0.0

@@ -182,7 +182,7 @@ class GraspController(LeafSystem):
         self._obstacles = declare_cache(
             self,
             "obstacles",
-            lambda context: nearest_of(optional(static, context), seen.Eval(context)),
+            lambda context: nearest_of(optional(static, context), evaluate(seen, context)),
             {static.ticket(), seen.ticket()},
         )
         whole = self._declare_grid("surface of the object", self._gpdf, object_grid)
