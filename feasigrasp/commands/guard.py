@@ -8,12 +8,7 @@ from __future__ import annotations
 
 import argparse
 
-from feasigrasp.commands.run import (
-    HARDWARE_SPEED,
-    add_lcm_option,
-    add_speed_option,
-    speed_text,
-)
+from feasigrasp.commands.run import HARDWARE_SPEED, add_lcm_option, add_speed_option
 from feasigrasp.systems.hardware import guard
 
 
@@ -26,7 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     speed = HARDWARE_SPEED if args.speed is None else args.speed
-    print(speed_text(speed, on_hardware=True), flush=True)
-    say = f"guarding the arm on {args.lcm_url}; Ctrl-C ends it at rest"
+    say = (
+        f"guarding the arm on {args.lcm_url}, at {100 * speed:.3g}% of its velocity limits at most "
+        "(--speed); Ctrl-C ends it at rest"
+    )
     guard.main(args.lcm_url, lambda: print(say, flush=True), speed=speed, alone=True)
     return 0

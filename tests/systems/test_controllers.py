@@ -38,6 +38,7 @@ def test_either_controller_can_replace_the_other(ports):
         "object_velocity": None,
         "desired_velocity": 7,
         "scene": None,
+        "static_obstacles": None,
         "object_motion": None,
         "phase": 1,
         "gpdf": None,

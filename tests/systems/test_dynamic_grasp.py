@@ -54,6 +54,7 @@ def test_building_leaves_the_scenario_as_it_is():
 OPEN = {
     ("controller", "plan"),
     ("controller", "scene"),
+    ("controller", "static_obstacles"),
     ("sequencer", "arrival"),
     ("sequencer", "lapsed"),
     ("status", "lapsed"),

@@ -8,6 +8,7 @@ from pydrake.systems.framework import EventStatus
 from feasigrasp.evaluation.protocols.static import PROTOCOLS
 from feasigrasp.evaluation.runs.teleport import teleport
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
@@ -63,7 +64,7 @@ def test_the_arm_is_at_a_grasp_at_once():
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)
     simulator.Initialize()
-    teleport(simulator, ParallelGripper(), 2.0)
+    teleport(simulator, Reachability(), 2.0)
     root = simulator.get_context()
     assert 0.0 < root.get_time() < 1.0
 
@@ -85,7 +86,7 @@ def test_without_a_grasp_the_arm_stays():
     scenario = still("{motion: {center: [1.5, 0.0, 0.6]}}")
     simulator = Simulator(make_dynamic_grasp(scenario))
     simulator.Initialize()
-    teleport(simulator, ParallelGripper(), 0.11)
+    teleport(simulator, Reachability(), 0.11)
     assert simulator.get_context().get_time() == pytest.approx(0.11)
 
 
@@ -99,5 +100,5 @@ def test_a_monitor_ends_a_run_that_waits_for_grasps():
             else EventStatus.DidNothing()
         )
     )
-    assert not teleport(simulator, ParallelGripper(), 0.5)
+    assert not teleport(simulator, Reachability(), 0.5)
     assert simulator.get_context().get_time() < 0.1
