@@ -6,7 +6,7 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, TextIO
 
 from feasigrasp.evaluation.metrics.cause import Cause
@@ -115,16 +115,16 @@ class StatusLine:
         print(f"\r{text[:room]}{more}\x1b[K", end="", file=self._stream, flush=True)
 
 
-def progress(simulated: float, wall: float, history: Sequence[Status]) -> str:
+def progress(simulated: float, wall: float, status: Status) -> str:
     """How far a simulation is, on one line.
 
     Args:
         simulated: Simulated time [s].
         wall: Wall time that it took [s].
-        history: What went on until now; the last is what goes on.
+        status: What goes on.
     """
     factor = simulated / wall if wall > 0.0 else 0.0
-    said = "".join(_status(status.code, status.detail) for status in history[-1:])
+    said = _status(status.code, status.detail)
     return f"simulating {simulated:5.1f} s  {factor:4.2f} x real time  {said}"
 
 
@@ -165,8 +165,7 @@ def _because(cause: Cause, record: Mapping[str, Any]) -> str:
             return f" ({_DETAILS[cause].format(**known)})"
         except KeyError:
             return ""
-    # The others are of one kind: nothing happened, and the last status says what was waited for.
-    last = record["status"][-1:] if cause != Cause.OUT_OF_TIME else []
+    last = record["status"][-1:]  # what was waited for
     return "".join(f" (last: {_status(code, detail)})" for _, code, detail in last)
 
 

@@ -376,12 +376,10 @@ class _Monitor:
     def _say(self, context: Context) -> None:
         if self._line is None and self._live is None:
             return
-        history = self._status.history(self._status.GetMyContextFromRoot(context))
+        status = self._status.status(self._status.GetMyContextFromRoot(context))
         if self._line is not None:
             wall = time.perf_counter() - self._began
-            self._line.show(progress(context.get_time(), wall, history), patient=True)
+            self._line.show(progress(context.get_time(), wall, status), patient=True)
         if self._live is not None and self._camera is not None:
-            status, picture = (
-                entries[-1] if entries else None for entries in (history, self._camera.pictures)
-            )
-            self._live.server.show(context.get_time(), status, picture)
+            pictures = self._camera.pictures
+            self._live.server.show(context.get_time(), status, pictures[-1] if pictures else None)

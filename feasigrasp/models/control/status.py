@@ -85,6 +85,7 @@ class Situation:
         unseen: Distance of the arm to space that was never seen and may belong to obstacles [m].
         slipped: How far an object that was let go has moved in the hand since then [m].
         turned: How far it has turned there [rad].
+        unmet: The condition for closing that a following hand does not meet, in words.
     """
 
     phase: Phase = Phase.APPROACH
@@ -106,6 +107,7 @@ class Situation:
     unseen: float = float("inf")
     slipped: float = 0.0
     turned: float = 0.0
+    unmet: str = ""
 
 
 _PHASES = {
@@ -168,7 +170,7 @@ def _way(now: Situation) -> tuple[StatusCode, str]:
         if now.unseen < HELD_UP:
             detail += ", before space that the camera has not seen"
         return StatusCode.BRAKING_FOR_OBSTACLE, detail
-    return StatusCode.FOLLOWING, ""
+    return StatusCode.FOLLOWING, now.unmet
 
 
 def _most(reasons: Mapping[str, int]) -> str:

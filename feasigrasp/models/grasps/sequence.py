@@ -99,6 +99,11 @@ class GraspSequenceConfig:
             shake_frequency=self.shake_frequency * speed,
         )
 
+    @property
+    def tolerances(self) -> Array:
+        """``position_tolerance`` [m] and ``angle_tolerance`` [rad]."""
+        return np.array([self.position_tolerance, self.angle_tolerance])
+
 
 @dataclass(frozen=True, eq=False)
 class GraspState(Frozen):
@@ -187,10 +192,8 @@ class GraspState(Frozen):
     ) -> "GraspState":
         if len(grasps) == 0:
             return replace(self, near_since=float("nan"))
-        errors = grasp_errors(grasps.X_OG, X_OH)
-        relative = np.max(errors / [config.position_tolerance, config.angle_tolerance], axis=1)
-        nearest = int(np.argmin(relative))
-        if relative[nearest] > 1.0:
+        nearest, errors = _nearest(grasps, X_OH, config)
+        if (errors > config.tolerances).any():
             return replace(self, near_since=float("nan"))
         near_since = t if np.isnan(self.near_since) else self.near_since
         if t - near_since < config.dwell - 1e-9:
@@ -288,6 +291,41 @@ class CommittedMotion(Frozen):
                     X_WO, V_WO = state.target(end, *_UNKNOWN, config)
                 state = replace(state, phase=Phase(phase + 1), since=end, X_WO=X_WO, V_WO=V_WO)
         return [*states, (np.inf, state)]
+
+
+def unmet_condition(
+    X_OH: Array, grasps: GraspSet, config: GraspSequenceConfig, *, measured: bool = True
+) -> str:
+    """The condition for closing the fingers that an approaching hand does not meet, in words.
+
+    Args:
+        X_OH: Pose of the hand in the object, shape (4, 4) [m].
+        grasps: Those that the fingers may close at, in O; at least one.
+        config: Tolerances.
+        measured: Whether the object's pose is measured at present, not extrapolated.
+    """
+    if not config.close:
+        return ""
+    if not measured:
+        return "the object's pose is extrapolated; closes when it is measured"
+    _, errors = _nearest(grasps, X_OH, config)
+    (far, turned), (reach, turn) = 1e3 * errors, 1e3 * config.tolerances
+    unmet = []
+    if far > reach:
+        unmet.append(f"{far:.0f} mm from the nearest grasp, closes within {reach:.0f} mm")
+    if turned > turn:
+        unmet.append(
+            f"turned {np.rad2deg(errors[1]):.0f} deg from it, "
+            f"closes within {np.rad2deg(config.angle_tolerance):.0f} deg"
+        )
+    return "; ".join(unmet) or f"at a grasp, closes after {config.dwell:g} s there"
+
+
+def _nearest(grasps: GraspSet, X_OH: Array, config: GraspSequenceConfig) -> tuple[int, Array]:
+    """Index of the grasp whose errors are the least share of their tolerances, and these, (2,)."""
+    errors = grasp_errors(grasps.X_OG, X_OH)
+    nearest = int(np.argmin(np.max(errors / config.tolerances, axis=1)))
+    return nearest, errors[nearest]
 
 
 def pressing_since(before: float, t: float, elapsed: float, rate: float) -> float:

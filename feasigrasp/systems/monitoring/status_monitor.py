@@ -17,7 +17,7 @@ from feasigrasp.models.control.status import Situation, Status, StatusCode, judg
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
-from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase, unmet_condition
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import CONFIGURATION
 from feasigrasp.models.reach.reachability import Verdict
@@ -38,6 +38,8 @@ LASTS = {
     StatusCode.TOUCHED: 0.0,
     StatusCode.BRAKING_FOR_OBSTACLE: 0.5,
 }
+#: Time between two entries of a hand that goes on following [s]: a few lines in a run of 30 s.
+AGAIN = 3.0
 #: What a tracker that says nothing of its pose is taken to mean.
 _AS_TOLD = Tracking(TrackingState.TRACKING, 0.0)
 #: No error, or one that nobody knows [m], [rad].
@@ -53,6 +55,7 @@ class _Said(Frozen):
     Attributes:
         history: Every status, oldest first.
         next: What is going on, and will be said if it lasts; None if it has been said.
+        now: What is going on, with its present detail, since it was said.
         command_faults: How many commands had been faulty by now.
         touches: How often the arm had been touched by now.
         X_OH: Pose of the hand in the object, shape (4, 4), when that was let go, or now; None while
@@ -61,19 +64,28 @@ class _Said(Frozen):
 
     history: tuple[Status, ...] = ()
     next: Status | None = None
+    now: Status | None = None
     command_faults: int = 0
     touches: int = 0
     X_OH: Array | None = None
 
     def heard(self, time: float, code: StatusCode, detail: str, *known: Any) -> _Said:
-        """With what is judged now, the two counts and X_OH; what passes at once is not said."""
+        """With what is judged now, the two counts and X_OH; what passes at once is not said.
+
+        Of a hand that follows it is said again every `AGAIN` seconds what keeps it from closing.
+        """
         if self.history and code == self.history[-1].code:
-            return _Said(self.history, None, *known)
+            last = self.history[-1]
+            now = Status(last.time, code, detail)
+            if code is StatusCode.FOLLOWING and time - last.time >= AGAIN - 1e-9:
+                now = Status(time, code, detail)
+                return _Said((*self.history, now), None, now, *known)
+            return _Said(self.history, None, now, *known)
         since = self.next.time if self.next is not None and self.next.code == code else time
         now = Status(since, code, detail)
         if time - now.time >= LASTS.get(code, PERIOD) - 1e-9:
-            return _Said((*self.history, now), None, *known)
-        return _Said(self.history, now, *known)
+            return _Said((*self.history, now), None, now, *known)
+        return _Said(self.history, now, self.now, *known)
 
 
 def _least_error(X_OG: Array, X_OH: Array | None) -> tuple[float, float]:
@@ -118,14 +130,21 @@ class StatusMonitor(LeafSystem):
     `SceneField` or None, says what was never seen; ``touches``, optional, how often the arm was
     touched; ``sought``, optional, a `Sought` while the arm looks for the object; ``lapsed``,
     optional, V1, not 0 while perception's process is gone; ``look_from``, optional, is not None
-    while the arm looks at the object from another side. ``status`` is a `Status`, ``history`` a
-    tuple of all of them, one for every change of the code.
+    while the arm looks at the object from another side. ``status`` is the present `Status`,
+    ``history`` a tuple of all of them, one for every change of the code, and one every `AGAIN`
+    seconds of a hand that follows, with the condition for closing that it does not meet.
     """
 
-    def __init__(self, gripper: ParallelGripper, *, period: float = PERIOD) -> None:
-        """A monitor of an arm that carries ``gripper``."""
+    def __init__(
+        self,
+        gripper: ParallelGripper,
+        sequence: GraspSequenceConfig | None = None,
+        *,
+        period: float = PERIOD,
+    ) -> None:
+        """A monitor of an arm that carries ``gripper``, which closes as ``sequence`` says."""
         super().__init__()
-        self._gripper = gripper
+        self._gripper, self._sequence = gripper, sequence or GraspSequenceConfig()
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         self._velocity = self.DeclareVectorInputPort("desired_velocity", IIWA_7.joints)
         self._pose = declare_input(self, "object_pose", RigidTransform())
@@ -146,7 +165,7 @@ class StatusMonitor(LeafSystem):
         )
         self._said = PeriodicState(self, _Said(), period, self._look)
         state = {self._said.ticket()}
-        declare_output(self, "status", self._calc_status, state)
+        declare_output(self, "status", self.status, state)
         declare_output(self, "history", lambda context: self._said.Eval(context).history, state)
 
     def history(self, context: Context) -> tuple[Status, ...]:
@@ -154,9 +173,10 @@ class StatusMonitor(LeafSystem):
         history: tuple[Status, ...] = self._said.Eval(context).history
         return history
 
-    def _calc_status(self, context: Context) -> Status:
-        history = self.history(context)
-        return history[-1] if history else Status(0.0, StatusCode.NOTHING_SEEN)
+    def status(self, context: Context) -> Status:
+        """The present status."""
+        now: Status | None = self._said.Eval(context).now
+        return Status(0.0, StatusCode.NOTHING_SEEN) if now is None else now
 
     def _look(self, context: Context) -> _Said:
         said: _Said = self._said.Eval(context)
@@ -198,6 +218,14 @@ class StatusMonitor(LeafSystem):
                 unseen=self._unseen(context),
                 slipped=slipped,
                 turned=turned,
+                unmet=""
+                if X_OH is None or len(reachable) == 0
+                else unmet_condition(
+                    X_OH,
+                    reachable,
+                    self._sequence,
+                    measured=tracking.state is TrackingState.TRACKING,
+                ),
             )
         )
         held = X_OH if held is None else held

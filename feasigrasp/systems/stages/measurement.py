@@ -21,7 +21,7 @@ def add_status(cell: Cell) -> None:
     scene = ["scene_perception"] if cell.scenario.scene.enabled else []
     cell.add(
         "status",
-        StatusMonitor(cell.gripper),
+        StatusMonitor(cell.gripper, cell.scenario.grasp),
         *(cell[name] for name in ("tracker", "perception", "drive", "sequencer", *scene)),
         cell["contact_sense"],
         **given(lapsed=cell.source("sequencer", "lapsed") if cell.remote else None),

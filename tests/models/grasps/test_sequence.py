@@ -13,6 +13,7 @@ from feasigrasp.models.grasps.sequence import (
     GraspSequenceConfig,
     GraspState,
     Phase,
+    unmet_condition,
 )
 from feasigrasp.models.objects.motion import HarmonicMotion
 from feasigrasp.models.objects.pose_filter import Noise, empty_state, measure_kernel
@@ -390,3 +391,26 @@ def test_targets_do_not_change_the_state():
 def test_a_deep_copy_is_the_state_itself():
     state = closing()
     assert copy.deepcopy(state) is state
+
+
+@pytest.mark.parametrize(
+    ("back", "turn", "words"),
+    [
+        (0.05, 0.0, ["50 mm from", "within 6 mm"]),
+        (0.0, 0.2, ["turned 11 deg", "within 5 deg"]),
+        (0.02, 0.3, ["20 mm", "17 deg"]),
+        (0.001, 0.01, ["at a grasp", "0.1 s"]),
+    ],
+)
+def test_the_condition_that_keeps_fingers_from_closing_is_named(back, turn, words):
+    X_OH = GRASPS.X_OG[1] @ se3.exp([0, 0, turn, 0, 0, -back])
+    said = unmet_condition(X_OH, GRASPS, CONFIG)
+    assert all(word in said for word in words), said
+    # It names a condition exactly as long as the sequence does not begin to wait for the dwell.
+    waits = np.isnan(advanced(GraspState(), 0.0, X_WO @ X_OH).near_since)
+    assert waits == ("at a grasp" not in said)
+
+
+def test_a_pose_that_is_not_measured_and_a_gripper_that_stays_open_are_named():
+    assert "extrapolated" in unmet_condition(GRASPS.X_OG[0], GRASPS, CONFIG, measured=False)
+    assert unmet_condition(np.eye(4), GRASPS, dc.replace(CONFIG, close=False)) == ""

@@ -15,7 +15,7 @@ from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
-from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
+from feasigrasp.systems.monitoring.status_monitor import AGAIN, StatusMonitor
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
 
 GPDF = fit_gpdf(sphere_points(64, 0.03))
@@ -137,3 +137,22 @@ def test_a_touch_is_said_at_once_and_not_for_longer_than_it_lasts():
     monitored.said(0.45)
     after = [(StatusCode.FOLLOWING, 0.0), (StatusCode.TOUCHED, 0.4), (StatusCode.FOLLOWING, 0.5)]
     assert monitored.said(1.0) == after
+
+
+def test_of_a_hand_that_follows_it_is_said_again_and_again_what_keeps_it_from_closing():
+    monitored = Monitored()
+    hand = forward_kinematics(np.full(7, 0.5), ParallelGripper().X_FG)
+    monitored.fix(object_pose=RigidTransform(hand))
+    monitored.said(0.5)
+    status = monitored.dut.GetOutputPort("status")
+    assert "at a grasp" in status.Eval(monitored.context).detail
+    hand[:3, 3] += 0.05 * hand[:3, 2]
+    monitored.fix(object_pose=RigidTransform(hand))
+    monitored.said(0.8)
+    now = status.Eval(monitored.context)  # at once, while the history keeps what was said
+    assert "50 mm from the nearest grasp, closes within 6 mm" in now.detail
+    assert monitored.said(2 * AGAIN + 0.5) == [
+        (StatusCode.FOLLOWING, t) for t in (0.0, pytest.approx(AGAIN), pytest.approx(2 * AGAIN))
+    ]
+    history = monitored.dut.GetOutputPort("history").Eval(monitored.context)
+    assert "at a grasp" in history[0].detail and "50 mm" in history[-1].detail

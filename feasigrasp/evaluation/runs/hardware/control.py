@@ -192,5 +192,6 @@ def _is_over(loop: ControlLoop, scenario: Scenario) -> bool:
 
 def _show(loop: ControlLoop, started: float, line: StatusLine) -> None:
     context = loop.simulator.get_context()
-    history = status_history(loop.diagram, context)
-    line.show(progress(context.get_time(), time.perf_counter() - started, history), patient=True)
+    monitor = loop.diagram.GetSubsystemByName("status")
+    status = monitor.status(monitor.GetMyContextFromRoot(context))
+    line.show(progress(context.get_time(), time.perf_counter() - started, status), patient=True)
