@@ -309,15 +309,12 @@ def unmet_condition(
     if not measured:
         return "the object's pose is extrapolated; closes when it is measured"
     _, errors = _nearest(grasps, X_OH, config)
-    (far, turned), (reach, turn) = 1e3 * errors, 1e3 * config.tolerances
-    unmet = []
-    if far > reach:
-        unmet.append(f"{far:.0f} mm from the nearest grasp, closes within {reach:.0f} mm")
-    if turned > turn:
-        unmet.append(
-            f"turned {np.rad2deg(errors[1]):.0f} deg from it, "
-            f"closes within {np.rad2deg(config.angle_tolerance):.0f} deg"
-        )
+    units = ((1e3, "mm"), (np.rad2deg(1.0), "deg"))
+    unmet = [
+        f"{scale * error:.0f} {unit} from the nearest grasp, closes within {scale * most:.0f}"
+        for error, most, (scale, unit) in zip(errors, config.tolerances, units, strict=True)
+        if error > most
+    ]
     return "; ".join(unmet) or f"at a grasp, closes after {config.dwell:g} s there"
 
 

@@ -150,7 +150,7 @@ def test_of_a_hand_that_follows_it_is_said_again_and_again_what_keeps_it_from_cl
     monitored.fix(object_pose=RigidTransform(hand))
     monitored.said(0.8)
     now = status.Eval(monitored.context)  # at once, while the history keeps what was said
-    assert "50 mm from the nearest grasp, closes within 6 mm" in now.detail
+    assert "50 mm from the nearest grasp, closes within 6" in now.detail
     assert monitored.said(2 * AGAIN + 0.5) == [
         (StatusCode.FOLLOWING, t) for t in (0.0, pytest.approx(AGAIN), pytest.approx(2 * AGAIN))
     ]
