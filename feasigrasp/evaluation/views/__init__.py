@@ -1,1 +1,0 @@
-"""Watching a run: while it goes on, and beside another."""

@@ -1,1 +1,0 @@
-"""Grasp diffusion, the baseline: a learned energy over hand poses, and how it is sampled."""
