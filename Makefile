@@ -31,6 +31,7 @@ lint: setup
 	$(PYTHON) -m ruff check
 	$(PYTHON) -m ruff format --check
 	$(PYTHON) -m mypy
+	.venv/bin/lint-imports
 
 format: setup
 	$(PYTHON) -m ruff check --fix

@@ -11,7 +11,7 @@ A run, and how it went::
 from feasigrasp.lazy import TYPE_CHECKING, hand_on
 
 if TYPE_CHECKING:
-    from feasigrasp.evaluation.runs.run import Result, run
+    from feasigrasp.runs.run import Result, run
     from feasigrasp.scenario.files import load_scenario
     from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 
@@ -21,9 +21,9 @@ __all__ = ["Result", "load_scenario", "make_dynamic_grasp", "run"]
 __getattr__, __dir__ = hand_on(
     __name__,
     {
-        "Result": "evaluation.runs.run",
+        "Result": "runs.run",
         "load_scenario": "scenario.files",
         "make_dynamic_grasp": "systems.dynamic_grasp",
-        "run": "evaluation.runs.run",
+        "run": "runs.run",
     },
 )

@@ -1,8 +1,8 @@
 """The ``feasigrasp`` command: ``feasigrasp evaluate dynamic`` and so on.
 
-A command is a module with ``add_arguments(parser)`` and ``main(args) -> int``. Its place says what
-it is called (`GROUPS`), the first line of its docstring what it does; it is imported only when it
-is asked for.
+A command is a module with ``add_arguments(parser)`` and ``main(args) -> int``; the first line of
+its docstring says what it does. It is imported only when it is called. Other packages add commands
+by an entry point (`feasigrasp.plugins`), as feasigrasp_lab adds ``evaluate``.
 """
 
 from __future__ import annotations
@@ -13,55 +13,55 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from feasigrasp import __version__
 from feasigrasp.errors import FeasigraspError, needed_by
 from feasigrasp.outputs import check_folder
-from feasigrasp.results.folder_lock import only_one_in
-from feasigrasp.results.interrupts import STATUS, Unfinished
+from feasigrasp.plugins import load_plugin, plugins
+from feasigrasp.runs.results.folder_lock import only_one_in
+from feasigrasp.runs.results.interrupts import STATUS, Unfinished
 
-#: By group: what its commands are for, and the modules that they are, ``*`` being their names.
-GROUPS = {
-    "evaluate": ("measure how well grasping works", "evaluation/studies/**/*.py"),
-    "bench": ("measure computing times", "evaluation/bench/*.py"),
-    "fit": ("fit models to an arm and to grasps", "training/fit_*.py"),
-    "train": ("train the networks of the package", "training/train_*.py"),
-}
-#: The modules of the commands without a group, likewise, but one that lies elsewhere.
-SINGLES = "commands/*.py"
-_REPORT = (
-    "feasigrasp.evaluation.report.markdown_report",
-    "write a folder of results as Markdown",
-)
-_PACKAGE = Path(__file__).parent
 #: Options that Drake's own simulations spell with ``_``.
 DRAKE_NAMES = ("--scenario_name", "--scenario_file", "--scenario_text")
 
 
-def commands(group: str) -> dict[str, tuple[str, str]]:
-    """The commands of a group: by name the module, and what it does."""
-    return _found(GROUPS[group][1])
+class Commands(NamedTuple):
+    """Commands that a package adds, as the entry point ``feasigrasp.commands`` names them.
+
+    Attributes:
+        groups: By group its purpose and its commands; a command is its module and its purpose.
+        single: The commands without a group.
+    """
+
+    groups: dict[str, tuple[str, dict[str, tuple[str, str]]]]
+    single: dict[str, tuple[str, str]]
 
 
-def single_commands() -> dict[str, tuple[str, str]]:
-    """The commands without a group, likewise."""
-    return {**_found(SINGLES), "report": _REPORT}
+def installed_commands() -> Commands:
+    """Our commands and those of the packages that add some."""
+    found = Commands({}, commands_in(Path(__file__).parent, "commands/*.py"))
+    for name in plugins("commands"):
+        added: Commands = load_plugin("commands", name)()
+        found.groups.update(added.groups)
+        found.single.update(added.single)
+    return found
 
 
-def _found(pattern: str) -> dict[str, tuple[str, str]]:
+def commands_in(package: Path, pattern: str) -> dict[str, tuple[str, str]]:
+    """The modules of a package that match a pattern, as commands; ``*`` is a command's name."""
     found = {}
     before = Path(pattern).stem.removesuffix("*")
-    for file in sorted(_PACKAGE.glob(pattern), key=lambda file: file.stem):
+    for file in sorted(package.glob(pattern), key=lambda file: file.stem):
         if file.stem != "__init__":
-            module = ".".join(file.relative_to(_PACKAGE.parent).with_suffix("").parts)
+            module = ".".join(file.relative_to(package.parent).with_suffix("").parts)
             name = file.stem.removeprefix(before).replace("_", "-")
             found[name] = module, _purpose(file)
     return found
 
 
 def _purpose(file: Path) -> str:
-    """What the first line of a module says, behind the name of the command."""
+    """The first line of a module's docstring, behind the name of the command."""
     with file.open() as lines:
         return next(lines).partition(": ")[2].strip().strip('"').removesuffix(".")
 
@@ -189,14 +189,15 @@ def _make_parser() -> argparse.ArgumentParser:
         command = parsers.add_parser(name, help=sentence(purpose), add_help=False)
         command.set_defaults(module=module, description=purpose, prog=command.prog)
 
-    for group, (purpose, _) in GROUPS.items():
+    commands = installed_commands()
+    for group, (purpose, members) in commands.groups.items():
         said = sentence(purpose)
         group_parser = group_parsers.add_parser(group, help=said, description=said)
         group_parser.set_defaults(parser=group_parser)
         names = group_parser.add_subparsers(metavar="WHAT")
-        for name, (module, what) in commands(group).items():
+        for name, (module, what) in members.items():
             add(names, name, module, what)
-    for name, (module, what) in single_commands().items():
+    for name, (module, what) in commands.single.items():
         add(group_parsers, name, module, what)
     return parser
 

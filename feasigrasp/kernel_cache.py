@@ -27,18 +27,21 @@ def forget_stale(package: Path = PACKAGE) -> list[str]:
     """Deletes cached kernels of the sources that are others than when they were compiled.
 
     Args:
-        package: Folder of the package, whose name is that of the folder.
+        package: Folder of the package; those beside it whose name begins with its name, such as
+            ``feasigrasp_lab``, are looked through as well.
 
     Returns:
-        Sources whose kernels were deleted, relative to the package. Without a place to write to
-        numba keeps nothing either, and nothing is done.
+        Sources whose kernels were deleted, relative to the folder that holds the package. Without
+        a place to write to numba keeps nothing either, and nothing is done.
     """
     record = _record_file(package)
     if record is None:
         return []
+    root = package.parent
     now = {
-        str(file.relative_to(package)): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(package.rglob("*.py"))
+        str(file.relative_to(root)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for folder in sorted(root.glob(f"{package.name}*"))
+        for file in sorted(folder.rglob("*.py"))
     }
     try:
         before = dict(json.loads(record.read_text()))
@@ -47,9 +50,9 @@ def forget_stale(package: Path = PACKAGE) -> list[str]:
     if before == now:
         return []
     changed = {name for name in now if now[name] != before.get(name)}
-    stale = sorted(_dependants(package, set(now), changed | (before.keys() - now.keys())))
+    stale = sorted(_dependants(root, set(now), changed | (before.keys() - now.keys())))
     for name in stale:
-        for file in _cached(package / name):
+        for file in _cached(root / name):
             file.unlink(missing_ok=True)
     with suppress(OSError):  # a full disk: the same is found, and deleted, next time
         unfinished = record.with_suffix(f".{os.getpid()}")
@@ -84,11 +87,11 @@ def _cached(source: Path) -> Iterator[Path]:
         yield from (*folder.glob(pattern), *folder.glob(f"*/{pattern}"))
 
 
-def _dependants(package: Path, names: set[str], changed: set[str]) -> set[str]:
+def _dependants(root: Path, names: set[str], changed: set[str]) -> set[str]:
     """The sources that import changed ones, directly or not, and these."""
     users: dict[str, set[str]] = {}
     for name in names:
-        for imported in _imports(package, name):
+        for imported in _imports(root, name):
             users.setdefault(imported, set()).add(name)
     found, to_do = set[str](), list(changed)
     while to_do:
@@ -99,9 +102,9 @@ def _dependants(package: Path, names: set[str], changed: set[str]) -> set[str]:
     return found & names
 
 
-def _imports(package: Path, name: str) -> Iterator[str]:
-    """Files of the package that a source may import, relative to it."""
-    for node in ast.walk(ast.parse((package / name).read_text())):
+def _imports(root: Path, name: str) -> Iterator[str]:
+    """Files that a source may import, relative to the folder that holds its package."""
+    for node in ast.walk(ast.parse((root / name).read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
             modules = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         elif isinstance(node, ast.Import):
@@ -109,7 +112,5 @@ def _imports(package: Path, name: str) -> Iterator[str]:
         else:
             continue
         for module in modules:
-            top, _, rest = module.partition(".")
-            if top == package.name:
-                path = rest.replace(".", "/")
-                yield from (f"{path}.py", f"{path}/__init__.py" if path else "__init__.py")
+            path = module.replace(".", "/")
+            yield from (f"{path}.py", f"{path}/__init__.py")

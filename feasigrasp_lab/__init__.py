@@ -1,1 +1,1 @@
-"""Experiments: runs, metrics, result files, replays."""
+"""What measures feasigrasp, trains its networks and compares it with others; nothing that runs."""

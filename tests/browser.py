@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from feasigrasp.evaluation.runs import replay
+from feasigrasp.runs import replay
 
 
 def visit(url, folder, seconds=10.0):

@@ -8,9 +8,9 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.systems.baselines.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp_lab.baselines.nearest_grasp_controller import NearestGraspController
 
 REACH = Reachability()
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])

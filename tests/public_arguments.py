@@ -10,7 +10,6 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp import Result
-from feasigrasp.evaluation.runs.run import crash_record
 from feasigrasp.models.clouds import DepthNoise, FusedCloud
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.view_record import ViewRecord
@@ -33,6 +32,7 @@ from feasigrasp.models.robot import IIWA_7, ParallelGripper
 from feasigrasp.models.shape import complete_shape, fit_gpdf, fit_scene
 from feasigrasp.models.tracking import Camera, FieldTrack, ObjectView, SequenceTracker
 from feasigrasp.recordings import CameraInfo, DepthFrame, read_depth_folder, recorded
+from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario import Scenario
 from feasigrasp.systems import (
     GPJointController,

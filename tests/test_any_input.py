@@ -18,20 +18,20 @@ from feasigrasp.errors import (
     PointCloudError,
     ReachabilityError,
 )
-from feasigrasp.evaluation.report.markdown_report import ReportError, sections
-from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.runs.plan import PlannedRun
-from feasigrasp.evaluation.runs.run import crash_record
-from feasigrasp.evaluation.runs.summary import summary_rows
 from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.models.clouds.files import read_cloud
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError, WeightsFormat
 from feasigrasp.resources import model_path
-from feasigrasp.results.arguments import names, select_objects
-from feasigrasp.results.finished import read_finished
+from feasigrasp.runs.results.arguments import names, select_objects
+from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.report.markdown_report import ReportError, sections
+from feasigrasp_lab.results.finished import read_finished
+from feasigrasp_lab.runs import isolated
+from feasigrasp_lab.runs.plan import PlannedRun
+from feasigrasp_lab.runs.summary import summary_rows
 
 QUICK = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

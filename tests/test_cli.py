@@ -11,8 +11,9 @@ import pytest
 from feasigrasp import __version__, cli
 from feasigrasp.errors import ScenarioError
 
-COMMANDS = [(group, name) for group in cli.GROUPS for name in cli.commands(group)]
-ALL = [*COMMANDS, *((name,) for name in cli.single_commands())]
+GROUPS, SINGLE = cli.installed_commands()
+COMMANDS = [(group, name) for group, (_, found) in GROUPS.items() for name in found]
+ALL = [*COMMANDS, *((name,) for name in SINGLE)]
 
 
 def test_version(capsys):
@@ -42,7 +43,7 @@ def test_every_command_has_its_own_help(group, name, capsys):
 
 @pytest.mark.parametrize(("group", "name"), COMMANDS)
 def test_every_command_is_a_module_that_says_what_it_does(group, name):
-    module_name, purpose = cli.commands(group)[name]
+    module_name, purpose = GROUPS[group][1][name]
     module = importlib.import_module(module_name)
     assert callable(module.main) and callable(module.add_arguments)
     first = module.__doc__.splitlines()[0]
@@ -50,7 +51,7 @@ def test_every_command_is_a_module_that_says_what_it_does(group, name):
 
 
 def test_the_commands_are_those_that_users_rely_on():
-    found = {group: list(cli.commands(group)) for group in cli.GROUPS}
+    found = {group: list(commands) for group, (_, commands) in GROUPS.items()}
     assert found == {
         "evaluate": [
             *(
@@ -81,13 +82,13 @@ def test_the_commands_are_those_that_users_rely_on():
     }
 
 
-@pytest.mark.parametrize("name", list(cli.single_commands()))
+@pytest.mark.parametrize("name", list(SINGLE))
 def test_a_command_without_a_group_has_its_help_too(name, capsys):
-    module_name, purpose = cli.single_commands()[name]
+    module_name, purpose = SINGLE[name]
     module = importlib.import_module(module_name)
     if ".commands." in module_name:
         assert module.__doc__.splitlines()[0] == f"``feasigrasp {name}``: {purpose}."
-    assert callable(module.main) and name not in cli.GROUPS
+    assert callable(module.main) and name not in GROUPS
     with pytest.raises(SystemExit) as ended:
         cli.main([name, "--help"])
     assert ended.value.code == 0
@@ -95,7 +96,7 @@ def test_a_command_without_a_group_has_its_help_too(name, capsys):
 
 
 def test_the_commands_for_people_are_there():
-    assert list(cli.single_commands()) == [
+    assert list(SINGLE) == [
         *("doctor", "guard", "objects", "perceive", "record", "run", "scenarios", "sim", "track"),
         "warm-up",
         "report",
@@ -106,7 +107,7 @@ def test_the_commands_for_people_are_there():
 def parser(request):
     """The parser of a command."""
     *group, name = request.param
-    module = (cli.commands(*group) if group else cli.single_commands())[name][0]
+    module = (GROUPS[group[0]][1] if group else SINGLE)[name][0]
     parser = cli.command_parser(" ".join(request.param), "test")
     importlib.import_module(module).add_arguments(parser)
     return parser
@@ -137,8 +138,8 @@ def test_help_is_made_of_sentences(parser):
 
 def test_the_list_of_commands_is_made_of_sentences():
     assert not is_sentence("folder of the results") and not is_sentence("Folder")
-    purposes = [what for what, _ in cli.GROUPS.values()]
-    for found in (*map(cli.commands, cli.GROUPS), cli.single_commands()):
+    purposes = [what for what, _ in GROUPS.values()]
+    for found in (*(commands for _, commands in GROUPS.values()), SINGLE):
         purposes += [what for _, what in found.values()]
     assert all(map(is_sentence, map(cli.sentence, purposes)))
 
@@ -223,7 +224,7 @@ def test_wrong_plans_end_before_the_first_run(arguments, message, tmp_path, caps
 
 
 def test_errors_of_the_project_become_a_message(monkeypatch, capsys):
-    module = importlib.import_module("feasigrasp.evaluation.studies.dynamic")
+    module = importlib.import_module("feasigrasp_lab.studies.dynamic")
 
     def fail(args):
         raise ScenarioError("no such thing; take another")
@@ -234,7 +235,7 @@ def test_errors_of_the_project_become_a_message(monkeypatch, capsys):
 
 
 def test_an_interruption_has_a_status_of_its_own(monkeypatch, capsys):
-    module = importlib.import_module("feasigrasp.evaluation.studies.dynamic")
+    module = importlib.import_module("feasigrasp_lab.studies.dynamic")
 
     def interrupted(args):
         raise KeyboardInterrupt

@@ -13,7 +13,7 @@ from pydrake.systems.analysis import Simulator
 from feasigrasp import cli
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.results.grasps_file import write_grasps
+from feasigrasp.runs.results.grasps_file import write_grasps
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_company, make_motion
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp

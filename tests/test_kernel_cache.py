@@ -52,7 +52,7 @@ def test_an_edit_of_a_callee_counts(package):
     assert forget_stale(package) == []
     (package / "inner.py").write_text(CALLEE.format(2))
     assert called(package) == ["20", "-1"], "numba has learnt it: this module is not needed now"
-    assert forget_stale(package) == ["inner.py", "outer.py"]
+    assert forget_stale(package) == ["arms/inner.py", "arms/outer.py"]
     assert names(package) == ["other"]
     assert called(package) == ["30", "-1"]
     assert forget_stale(package) == []
@@ -72,7 +72,7 @@ def test_a_cache_elsewhere_is_found(package, tmp_path, monkeypatch):
     called(package)
     assert names(cache) == ["inner", "other", "outer"] and names(package) == []
     (package / "inner.py").write_text(CALLEE.format(2))
-    assert forget_stale(package) == ["inner.py", "outer.py"]
+    assert forget_stale(package) == ["arms/inner.py", "arms/outer.py"]
     assert names(cache) == ["other"]
 
 
@@ -99,4 +99,4 @@ def test_a_source_that_is_gone_takes_its_users_along(package):
     forget_stale(package)
     called(package)
     (package / "inner.py").unlink()
-    assert forget_stale(package) == ["outer.py"]
+    assert forget_stale(package) == ["arms/outer.py"]

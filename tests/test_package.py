@@ -15,20 +15,22 @@ import pytest
 import feasigrasp
 
 PACKAGE = Path(feasigrasp.__file__).parent
-MODULES = sorted(PACKAGE.rglob("*.py"))
+LAB = PACKAGE.with_name("feasigrasp_lab")
+MODULES = sorted([*PACKAGE.rglob("*.py"), *LAB.rglob("*.py")])
 
 #: The order of imports: a package may import from its own row's packages' predecessors only, that
 #: is, from what stands in a row above, and within itself. Subpackages not listed belong to the
 #: package that they lie in.
 ORDER = (
     ("errors", "models.arrays"),
+    ("plugins",),
     ("resources", "inputs", "outputs"),
     ("models.choices", "models.control.mode", "models.weights_file", "models.quantities"),
     ("models.arguments",),
     ("models.numerics",),
     ("models.geometry",),
     ("models.robot", "models.objects", "models.clouds", "models.mixtures"),
-    ("models.faults", "recordings"),
+    ("models.faults",),
     ("models.ik", "models.shape", "models.segmentation"),
     ("models.tracking",),
     ("models.grasps.network",),
@@ -37,21 +39,26 @@ ORDER = (
     ("models.control.safety",),
     ("models.control.planning",),
     ("models.control.task", "models.control.joint"),
-    ("scenario",),
+    ("recordings", "scenario"),
     ("systems.ports",),
     ("systems.station", "systems.remote"),
     ("systems",),
     ("systems.hardware",),
-    ("results",),
-    ("training.data", "training.reachability"),
-    ("training",),
-    ("evaluation.metrics", "evaluation.protocols", "evaluation.views"),
-    ("evaluation.measures", "evaluation.peers", "evaluation.runs"),
-    ("evaluation.pictures", "evaluation.report", "evaluation.tracking"),
-    ("evaluation.bench", "evaluation.studies"),
+    ("runs.results",),
+    ("runs.metrics",),
+    ("runs",),
+    ("runs.hardware", "runs.pictures"),
     ("warm_up",),
     ("commands",),
     ("cli",),
+    ("lab.results", "lab.baselines"),
+    ("lab.training.data", "lab.training.reachability"),
+    ("lab.training",),
+    ("lab.protocols",),
+    ("lab.measures", "lab.peers", "lab.runs"),
+    ("lab.pictures", "lab.report", "lab.tracking"),
+    ("lab.bench", "lab.studies"),
+    ("lab.commands",),
 )
 ROW = {package: row for row, packages in enumerate(ORDER) for package in packages}
 
@@ -61,9 +68,9 @@ FORBIDDEN = {"models": ("pydrake",)}
 
 def package_of(name: str) -> str | None:
     """The entry of `ORDER` that a dotted name belongs to; None for other people's packages."""
-    parts = name.removeprefix("feasigrasp.").split(".")
+    parts = name.removeprefix("feasigrasp").lstrip("._").split(".")
     found = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
-    return next((p for p in found if p in ROW), None) if name.startswith("feasigrasp.") else None
+    return next((p for p in found if p in ROW), None) if name.startswith("feasigrasp") else None
 
 
 def module_name(path: Path) -> str:
@@ -102,7 +109,7 @@ def test_dependencies_point_one_way(path):
 
 def test_every_folder_has_its_place_in_the_order():
     folders = {module_name(path.parent) for path in MODULES if path.name != "__init__.py"}
-    parents = {"feasigrasp", "feasigrasp.models", "feasigrasp.models.control"}
+    parents = {"feasigrasp", "feasigrasp.models", "feasigrasp.models.control", "feasigrasp_lab"}
     unknown = [f for f in folders - parents if package_of(f) is None]
     assert not unknown
 
@@ -155,7 +162,7 @@ def test_nothing_is_there_for_tests_alone(repository):
 
     Counted by words: a name that something else has as well is not found.
     """
-    folders = ("feasigrasp", "diagrams", "examples", "models", "tools")
+    folders = ("feasigrasp", "feasigrasp_lab", "diagrams", "examples", "models", "tools")
     sources = {p: p.read_text() for f in folders for p in (repository / f).rglob("*.py")}
     uses = Counter(word for text in sources.values() for word in words_of_code(text))
     alone = [
@@ -260,7 +267,7 @@ def test_every_import_is_a_declared_dependency(repository):
     declared = {re.split(r"[<>=\[ ]", entry)[0] for entry in entries}
     module_of = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
     module_of["small-gicp"] = "small_gicp"
-    allowed = {module_of.get(name, name) for name in declared} | {"feasigrasp"}
+    allowed = {module_of.get(name, name) for name in declared} | {"feasigrasp", "feasigrasp_lab"}
     allowed |= {"drake"}  # the messages in the wheel of that name
     allowed |= set(sys.stdlib_module_names)
     sources = [*MODULES, *(repository / "diagrams").glob("*.py")]

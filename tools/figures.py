@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from feasigrasp.evaluation.report import markdown_report
+from feasigrasp_lab.report import markdown_report
 
 ROOT = Path(__file__).resolve().parents[1]
 SUMMARIES = ROOT / "docs" / "summaries"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from feasigrasp.cli import exit_status
 from feasigrasp.errors import InputError
-from feasigrasp.evaluation.runs.replay import screenshot
+from feasigrasp.runs.replay import screenshot
 
 #: Moves the animation to a time as soon as it is there, and hides the controls.
 _SEEK = """

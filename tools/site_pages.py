@@ -16,8 +16,8 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from feasigrasp.evaluation.report.html_report import write_page
-from feasigrasp.evaluation.report.markdown_report import sections
+from feasigrasp_lab.report.html_report import write_page
+from feasigrasp_lab.report.markdown_report import sections
 from tools.figures import SUMMARIES
 from tools.make_docs import ROOT, faces
 

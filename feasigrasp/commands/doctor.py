@@ -249,7 +249,7 @@ def scenario() -> Iterator[Finding]:
 
 def browser() -> Iterator[Finding]:
     """Whether there is a browser that takes pictures of replays."""
-    from feasigrasp.evaluation.runs import replay
+    from feasigrasp.runs import replay
 
     found = replay.browser()
     if found:

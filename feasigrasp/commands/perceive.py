@@ -21,17 +21,17 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.errors import FeasigraspError, PointCloudError
-from feasigrasp.evaluation.pictures.perception import draw_perception
-from feasigrasp.evaluation.pictures.perception_html import write_perception_html
 from feasigrasp.models.clouds.files import prepare_cloud, read_cloud
 from feasigrasp.models.grasps.grasp_set import Rejection
 from feasigrasp.models.grasps.perceive import Perception, perceive
-from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.segmentation.tabletop import object_on_table
 from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.capture import camera_file_of, captured_points
 from feasigrasp.resources import model_path
-from feasigrasp.results.grasps_file import check_suffix, write_grasps
+from feasigrasp.runs.pictures.perception import draw_perception
+from feasigrasp.runs.pictures.perception_html import write_perception_html
+from feasigrasp.runs.results.grasps_file import check_suffix, write_grasps
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.
 REASONS: dict[str, str] = {
@@ -114,7 +114,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--sampler",
-        choices=list(SamplerName),
+        choices=sampler_names(),
         default=SamplerName.NETWORK,
         help="Sampler of the grasps.",
     )

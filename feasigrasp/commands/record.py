@@ -20,8 +20,8 @@ from tqdm import tqdm
 from feasigrasp.errors import HardwareError
 from feasigrasp.recordings.realsense import realsense
 from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, recorded
-from feasigrasp.results.arguments import factor, positive
-from feasigrasp.results.interrupts import postponed_interrupt
+from feasigrasp.runs.results.arguments import factor, positive
+from feasigrasp.runs.results.interrupts import postponed_interrupt
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

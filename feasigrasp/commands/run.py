@@ -18,17 +18,17 @@ import yaml
 
 from feasigrasp.commands.warm_up import compile_ahead
 from feasigrasp.errors import FeasigraspError, OutputError
-from feasigrasp.evaluation.runs.console import StatusLine, summary
-from feasigrasp.evaluation.runs.hardware.control import run_hardware
-from feasigrasp.evaluation.runs.replay import quiet_meshcat
-from feasigrasp.evaluation.runs.run import INTERRUPTED, run
-from feasigrasp.evaluation.views.live import LiveView
-from feasigrasp.models.control.mode import ControlMode, ControlSpace
+from feasigrasp.models.control.mode import ControlMode, controller_names
 from feasigrasp.outputs import check_outputs, replacing, write_text
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import print_notes, share
-from feasigrasp.results.interrupts import STATUS
-from feasigrasp.results.rows import write_json
+from feasigrasp.runs.console import StatusLine, summary
+from feasigrasp.runs.hardware.control import run_hardware
+from feasigrasp.runs.live import LiveView
+from feasigrasp.runs.replay import quiet_meshcat
+from feasigrasp.runs.results.arguments import print_notes, share
+from feasigrasp.runs.results.interrupts import STATUS
+from feasigrasp.runs.results.rows import write_json
+from feasigrasp.runs.run import INTERRUPTED, run
 from feasigrasp.scenario.files import load_scenario, only_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import ControlConfig, Scenario
@@ -129,7 +129,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenario-text", metavar="YAML", help="YAML applied on top of the scenario."
     )
-    spaces, modes = [*map(str, ControlSpace)], [*map(str, ControlMode)]
+    spaces, modes = [*map(str, controller_names())], [*map(str, ControlMode)]
     parser.add_argument("--controller", choices=spaces, help=f"Controller. {_OF_SCENARIO}")
     parser.add_argument(
         "--mode",

@@ -20,12 +20,12 @@ from feasigrasp.commands.run import (
     load,
     speed_text,
 )
-from feasigrasp.evaluation.runs.console import StatusLine
-from feasigrasp.evaluation.runs.hardware.cell import simulate_cell
-from feasigrasp.evaluation.runs.run import INTERRUPTED
 from feasigrasp.outputs import check_outputs
-from feasigrasp.results.arguments import factor, print_notes
-from feasigrasp.results.interrupts import STATUS
+from feasigrasp.runs.console import StatusLine
+from feasigrasp.runs.hardware.cell import simulate_cell
+from feasigrasp.runs.results.arguments import factor, print_notes
+from feasigrasp.runs.results.interrupts import STATUS
+from feasigrasp.runs.run import INTERRUPTED
 from feasigrasp.scenario.sampling import load_scenario_object
 
 

@@ -22,12 +22,12 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.evaluation.tracking.unaided import UnaidedTracker
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.table import check_no_table
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.outputs import check_outputs, replacing
 from feasigrasp.recordings.folder import DepthFolder, read_depth_folder
+from feasigrasp.recordings.unaided import UnaidedTracker
 
 #: Lengths that are plausible [m]: at least three voxels of a field (3 mm each), and at most
 #: twice the longest built-in object (the hammer, 0.24 m).

@@ -11,7 +11,7 @@ import time
 from collections.abc import Collection
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.runs.console import StatusLine
+from feasigrasp.runs.console import StatusLine
 from feasigrasp.warm_up import GROUPS, is_warm, warm_up
 
 

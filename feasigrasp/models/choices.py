@@ -32,9 +32,13 @@ def parse_choice(
     Raises:
         FeasigraspError: Of the type ``error``: no such word; the message lists those there are.
     """
-    try:
-        return choices(value)
-    except ValueError:
-        valid = ", ".join(choices)
-        hint = nearest(value, choices)
-        raise error(f"{name} is {value!r}; choose one of {valid}{hint}") from None
+    return choices(parse_word(choices, value, name, error))
+
+
+def parse_word(words: Iterable[str], value: str, name: str, error: type[FeasigraspError]) -> str:
+    """The same for words that are no enumeration, such as the names of plugins."""
+    known = [str(word) for word in words]
+    if value in known:
+        return str(value)
+    hint = nearest(value, known)
+    raise error(f"{name} is {value!r}; choose one of {', '.join(known)}{hint}")

@@ -1,1 +1,1 @@
-"""Runs of scenarios, and what is recorded of them."""
+"""Runs of scenarios: one run, its record, its metrics, its pictures and its replay."""

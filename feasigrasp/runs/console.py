@@ -9,9 +9,9 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import Any, TextIO
 
-from feasigrasp.evaluation.metrics.cause import Cause
-from feasigrasp.evaluation.metrics.run_metrics import METRICS
 from feasigrasp.models.control.status import Status
+from feasigrasp.runs.metrics.cause import Cause
+from feasigrasp.runs.metrics.run_metrics import METRICS
 
 #: Least wall time between two changes of the line [s].
 _PERIOD = 0.1

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.evaluation.views.live_server import LiveServer
+from feasigrasp.runs.live_server import LiveServer
 
 #: Names of the controls, and the key that presses the button.
 PAUSE, SPEED, KEY = "pause or go on", "speed [x real time]", "Space"

@@ -6,8 +6,8 @@ import json
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-from feasigrasp.evaluation.views.overlay import live_page, picture_text, status_words
 from feasigrasp.models.control.status import Status
+from feasigrasp.runs.overlay import live_page, picture_text, status_words
 from feasigrasp.systems.monitoring.camera_pictures import Picture
 
 

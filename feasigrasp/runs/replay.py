@@ -12,9 +12,9 @@ from pathlib import Path
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.views.overlay import replay_overlay
 from feasigrasp.models.control.status import Status
 from feasigrasp.outputs import write_text
+from feasigrasp.runs.overlay import replay_overlay
 from feasigrasp.systems.monitoring.camera_pictures import Picture
 
 #: Pictures per simulated second.

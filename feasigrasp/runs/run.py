@@ -19,22 +19,6 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from feasigrasp.errors import FeasigraspError, ScenarioError
-from feasigrasp.evaluation.metrics.cause import Cause
-from feasigrasp.evaluation.metrics.handling import ObjectTruth
-from feasigrasp.evaluation.metrics.motion_limits import JointTicks
-from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics, torque_metrics
-from feasigrasp.evaluation.metrics.robot_twin import robot_twin
-from feasigrasp.evaluation.metrics.run_metrics import METRICS, not_held, summarize
-from feasigrasp.evaluation.metrics.tick_times import TickTimes
-from feasigrasp.evaluation.runs.console import StatusLine, cause_in_words, progress, verdict
-from feasigrasp.evaluation.runs.replay import (
-    FRAMES_PER_SECOND,
-    start_recording,
-    write_replay,
-)
-from feasigrasp.evaluation.runs.teleport import teleport
-from feasigrasp.evaluation.views.ghost import ghost_of, show_ghost
-from feasigrasp.evaluation.views.live import LiveView
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
@@ -44,8 +28,24 @@ from feasigrasp.models.quantities import ArrayOf
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread
 from feasigrasp.outputs import replacing
-from feasigrasp.results.interrupts import postponed_interrupt
-from feasigrasp.results.provenance import git_revision, machine, versions
+from feasigrasp.runs.console import StatusLine, cause_in_words, progress, verdict
+from feasigrasp.runs.ghost import ghost_of, show_ghost
+from feasigrasp.runs.live import LiveView
+from feasigrasp.runs.metrics.cause import Cause
+from feasigrasp.runs.metrics.handling import ObjectTruth
+from feasigrasp.runs.metrics.motion_limits import JointTicks
+from feasigrasp.runs.metrics.robot_limits import self_collision_metrics, torque_metrics
+from feasigrasp.runs.metrics.robot_twin import robot_twin
+from feasigrasp.runs.metrics.run_metrics import METRICS, not_held, summarize
+from feasigrasp.runs.metrics.tick_times import TickTimes
+from feasigrasp.runs.replay import (
+    FRAMES_PER_SECOND,
+    start_recording,
+    write_replay,
+)
+from feasigrasp.runs.results.interrupts import postponed_interrupt
+from feasigrasp.runs.results.provenance import git_revision, machine, versions
+from feasigrasp.runs.teleport import teleport
 from feasigrasp.scenario.files import dump_scenario
 from feasigrasp.scenario.own_files import own_files
 from feasigrasp.scenario.sampling import make_motion

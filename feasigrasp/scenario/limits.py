@@ -11,9 +11,9 @@ import numpy as np
 from pydrake.systems.analysis import GetIntegrationSchemes
 
 from feasigrasp.models.control.joint.sources import Source
-from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
+from feasigrasp.models.control.mode import ControlMode, Law, Targets, controller_names
 from feasigrasp.models.control.planning.outlook import LookAhead
-from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.grasps.samplers import sampler_names
 from feasigrasp.models.objects.carriers import CarrierKind
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.reach.judge import JudgeMethod
@@ -161,7 +161,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
 CHOICES: dict[str, Sequence[str]] = {
     "carrier.kind": tuple(CarrierKind),
     "tracker.kind": tuple(TrackerKind),
-    "control.controller": tuple(ControlSpace),
+    "control.controller": tuple(controller_names()),
     "control.mode": tuple(ControlMode),
     "control.law": tuple(Law),
     "control.targets": tuple(Targets),
@@ -170,7 +170,7 @@ CHOICES: dict[str, Sequence[str]] = {
     "perception.segmentation": tuple(Segmentation),
     "perception.execution": tuple(Execution),
     "perception.preset": tuple(Preset),
-    "perception.sampler": tuple(SamplerName),
+    "perception.sampler": tuple(sampler_names()),
     "reachability.method": tuple(JudgeMethod),
     "reachability.space": tuple(SpaceName),
     "simulator_config.integration_scheme": GetIntegrationSchemes(),

@@ -26,12 +26,18 @@ import copy
 from typing import Any
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.models.choices import parse_choice
-from feasigrasp.models.control.mode import ControlMode, ControlSpace, Law, Targets
+from feasigrasp.models.choices import parse_choice, parse_word
+from feasigrasp.models.control.mode import (
+    ControlMode,
+    ControlSpace,
+    Law,
+    Targets,
+    controller_names,
+)
 from feasigrasp.scenario.schema import Scenario
 
 #: Gains of laws that go at a rate [1/s].
-_RATES = {**dict.fromkeys(ControlSpace, 5.0), ControlSpace.JOINT: 8.0}
+_RATES = {**dict.fromkeys(controller_names(), 5.0), ControlSpace.JOINT: 8.0}
 #: By key: the value in ``safe``, in ``corrected``, and in ``paper``. A value that differs between
 #: the controllers is a dictionary.
 PRESETS: dict[str, tuple[Any, Any, Any]] = {
@@ -51,7 +57,7 @@ PRESETS: dict[str, tuple[Any, Any, Any]] = {
             **_RATES,
             ControlSpace.TASK: 0.0005,
             ControlSpace.JOINT: 1.0,
-            ControlSpace.DIFFUSION: 0.005,
+            "diffusion": 0.005,
         },
     ),
     "control.damping": (0.02, 0.02, 0.0),
@@ -72,7 +78,7 @@ def resolve(scenario: Scenario) -> Scenario:
     """
     config = scenario.control
     mode = parse_choice(ControlMode, config.mode, "control.mode", ScenarioError)
-    space = parse_choice(ControlSpace, config.controller, "control.controller", ScenarioError)
+    space = parse_word(controller_names(), config.controller, "control.controller", ScenarioError)
     column = (ControlMode.SAFE, ControlMode.CORRECTED, ControlMode.PAPER).index(mode)
     resolved = copy.deepcopy(scenario)
     for key, values in PRESETS.items():

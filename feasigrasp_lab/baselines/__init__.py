@@ -1,1 +1,1 @@
-"""Controllers to compare ours with, see docs/baselines.md."""
+"""Controllers and samplers to compare with: nearest grasp, grasp diffusion."""

@@ -19,18 +19,9 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.mode import Law
-from feasigrasp.models.control.task.nearest import NearestGrasp, nearest_grasp
 from feasigrasp.models.control.task.paper_law import least_norm_kernel
 from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.diffusion.energy import LENGTH
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import (
-    LAST_TIME,
-    DiffusedObject,
-    GraspDiffusion,
-    noise_variance,
-)
-from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler, closed_on
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.network.surface_input import grasp_input
@@ -38,6 +29,15 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp_lab.baselines.diffusion_energy import LENGTH
+from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler, closed_on
+from feasigrasp_lab.baselines.grasp_diffusion import (
+    LAST_TIME,
+    DiffusedObject,
+    GraspDiffusion,
+    noise_variance,
+)
+from feasigrasp_lab.baselines.nearest_law import NearestGrasp, nearest_grasp
 
 #: The noise falls by this factor of its time from update to update, while the grasps are no farther
 #: than so many of its standard deviations: the length of noise in six directions, and half as much

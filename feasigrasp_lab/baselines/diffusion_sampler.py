@@ -8,16 +8,16 @@ import numpy as np
 
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Mask
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import (
-    GraspDiffusion,
-    load_grasp_diffusion,
-)
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSet, Rejection
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp_lab.baselines.grasp_diffusion import (
+    GraspDiffusion,
+    load_grasp_diffusion,
+)
 
 #: Samples of a closing line; contacts are interpolated between them.
 _ALONG = 41

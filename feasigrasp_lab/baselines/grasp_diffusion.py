@@ -13,12 +13,6 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.diffusion.energy import (
-    LENGTH,
-    Cloud,
-    PoseEnergy,
-    standard_deviation,
-)
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.weights_file import (
     WEIGHTS,
@@ -26,6 +20,12 @@ from feasigrasp.models.weights_file import (
     WeightsFormat,
     fill_network,
     network_arrays,
+)
+from feasigrasp_lab.baselines.diffusion_energy import (
+    LENGTH,
+    Cloud,
+    PoseEnergy,
+    standard_deviation,
 )
 
 #: Annealed steps of Langevin dynamics, and those that follow at the least noise and without any.

@@ -8,28 +8,45 @@ import torch
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.control.task.diffusion_law import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.scenario.schema import ReachabilityConfig, Scenario
+from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.ports import declare_output
+from feasigrasp_lab.baselines.diffusion_law import (
     DiffusedField,
     DiffusionControlOptions,
     diffusion_velocity,
 )
-from feasigrasp.models.control.task.nearest import (
+from feasigrasp_lab.baselines.grasp_diffusion import (
+    GraspDiffusion,
+    load_grasp_diffusion,
+)
+from feasigrasp_lab.baselines.nearest_law import (
     NearestOptions,
     nearest_grasp,
     nearest_grasp_velocity,
 )
-from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import (
-    GraspDiffusion,
-    load_grasp_diffusion,
-)
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.grasp_controller import GraspController
-from feasigrasp.systems.ports import declare_output
+
+
+def make_controller(
+    scenario: Scenario, reachability: Reachability, safety: SafetyOptions
+) -> GraspDiffusionController:
+    """The controller ``diffusion`` of a scenario."""
+    config = scenario.control
+    options = DiffusionControlOptions(
+        law=config.law,
+        gain=config.gain,
+        damping=config.damping,
+        feed_forward=config.feed_forward,
+    )
+    period = scenario.reachability.period
+    return GraspDiffusionController(
+        reachability, options, safety=safety, period=period, mode=config.mode
+    )
 
 
 class GraspDiffusionController(GraspController):

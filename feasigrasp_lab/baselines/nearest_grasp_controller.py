@@ -5,16 +5,30 @@ from __future__ import annotations
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.control.task.nearest import (
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.scenario.schema import ReachabilityConfig, Scenario
+from feasigrasp.systems.controller_inputs import ControllerInputs
+from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp_lab.baselines.nearest_law import (
     NearestGrasp,
     NearestOptions,
     nearest_grasp,
     nearest_grasp_velocity,
 )
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.scenario.schema import ReachabilityConfig
-from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.grasp_controller import GraspController
+
+
+def make_controller(
+    scenario: Scenario, reachability: Reachability, safety: SafetyOptions
+) -> NearestGraspController:
+    """The controller ``nearest`` of a scenario."""
+    config = scenario.control
+    options = NearestOptions(
+        gain=config.gain, damping=config.damping, feed_forward=config.feed_forward
+    )
+    period = scenario.reachability.period
+    return NearestGraspController(
+        reachability, options, safety=safety, period=period, mode=config.mode
+    )
 
 
 class NearestGraspController(GraspController):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from importlib import import_module
 
-from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.runs.results.arguments import add_common_arguments
 
 BENCHMARKS = ("shape", "kinematics", "reachability", "control", "safety", "sampler")
 
@@ -19,7 +19,7 @@ def main(args: argparse.Namespace) -> int:
     """Runs the command; ``DIR/shape/summary.json`` and so on are those of the single benchmarks."""
     status = 0
     for name in BENCHMARKS:
-        benchmark = import_module(f"feasigrasp.evaluation.bench.{name}")
+        benchmark = import_module(f"feasigrasp_lab.bench.{name}")
         parser = argparse.ArgumentParser()
         benchmark.add_arguments(parser)
         options = ["--out", str(args.out / name), "--seed", str(args.seed)]

@@ -24,18 +24,18 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
-from feasigrasp.evaluation.peers.control import ArrayJointStep, ArrayTaskStep
-from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp.evaluation.runs.controller_probe import V_WO, ControllerProbe, grasps_in_reach
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.results.arguments import add_common_arguments
-from feasigrasp.results.rows import Row, format_rows
+from feasigrasp.runs.results.arguments import add_common_arguments
+from feasigrasp.runs.results.rows import Row, format_rows
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
+from feasigrasp_lab.peers.control import ArrayJointStep, ArrayTaskStep
+from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp_lab.runs.controller_probe import V_WO, ControllerProbe, grasps_in_reach
 
 #: Components of the safe task controller, solutions of the safe joint controller.
 SAFE_COMPONENTS, SAFE_SOLUTIONS = 8, 64

@@ -11,9 +11,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from feasigrasp.evaluation.measures.timing import Case, installed, report_bench, time_cases
-from feasigrasp.evaluation.peers.drake_arm import DrakeArm
-from feasigrasp.evaluation.peers.kinematics import eaik_nearest, pinocchio_kinematics
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.ik.flow import IkFlow
 from feasigrasp.models.reach.reachability import Reachability
@@ -22,7 +19,10 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import IIWA_CAPSULES, in_collision
 from feasigrasp.models.weights_file import WeightsError
-from feasigrasp.results.arguments import add_common_arguments
+from feasigrasp.runs.results.arguments import add_common_arguments
+from feasigrasp_lab.measures.timing import Case, installed, report_bench, time_cases
+from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.peers.kinematics import eaik_nearest, pinocchio_kinematics
 
 #: Configurations and poses of a batch, arm angles tried for each pose.
 BATCH, ARM_ANGLES = 100, 16

@@ -27,7 +27,14 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.measures.timing import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
+from feasigrasp.models.reach.lookahead import judge_grasps
+from feasigrasp.models.reach.reachability import REACHABLE, Reachability
+from feasigrasp.runs.results.arguments import add_common_arguments
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.measures.timing import (
     Case,
     Timing,
     installed,
@@ -35,16 +42,9 @@ from feasigrasp.evaluation.measures.timing import (
     time_cases,
     timing_row,
 )
-from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
-from feasigrasp.models.reach.lookahead import judge_grasps
-from feasigrasp.models.reach.reachability import REACHABLE, Reachability
-from feasigrasp.results.arguments import add_common_arguments
-from feasigrasp.results.rows import Row
-from feasigrasp.training.reachability.fit_mixture import LargeFit, em_pass, fit_large_mixture
-from feasigrasp.training.reachability.pose_blocks import PoseBlocks
-from feasigrasp.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
+from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, em_pass, fit_large_mixture
+from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
+from feasigrasp_lab.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses
 
 GRASPS, COMPONENTS, POSES = 1024, 64, 3_000_000
 #: The object: pose and twist [angular; linear].

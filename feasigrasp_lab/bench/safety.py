@@ -1,7 +1,7 @@
 """``feasigrasp bench safety``: compare safety filters on the same control steps.
 
-Two tables. Whole laws (`feasigrasp.evaluation.peers.safety_laws`) get a state and a twist and
-return a joint velocity. Solvers (`feasigrasp.evaluation.peers.safety_solvers`) get the matrices of
+Two tables. Whole laws (`feasigrasp_lab.peers.safety_laws`) get a state and a twist and
+return a joint velocity. Solvers (`feasigrasp_lab.peers.safety_solvers`) get the matrices of
 the package's QP. The ticks come from runs of the arm under the package's own QP with twists that
 change every 0.6 s, so that every tick has a solution that is safe. Half of the twists lead down at
 the table or back at the base, and at half of the ticks a clearance limits the motion.
@@ -21,8 +21,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.measures.timing import cpu_time, report_bench, timing_row
-from feasigrasp.evaluation.peers.safety_laws import (
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.runs.results.arguments import add_common_arguments
+from feasigrasp.runs.results.rows import Row, write_csv
+from feasigrasp_lab.measures.timing import cpu_time, report_bench, timing_row
+from feasigrasp_lab.peers.safety_laws import (
     Law,
     State,
     clamped_pseudo_inverse,
@@ -31,14 +38,7 @@ from feasigrasp.evaluation.peers.safety_laws import (
     package,
     saturation_in_the_null_space,
 )
-from feasigrasp.evaluation.peers.safety_solvers import Solver, solvers
-from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import pose_and_jacobian
-from feasigrasp.results.arguments import add_common_arguments
-from feasigrasp.results.rows import Row, write_csv
+from feasigrasp_lab.peers.safety_solvers import Solver, solvers
 
 #: Ticks, and how many in the quick run; ticks of one run, and how many lie between two taken.
 TICKS, QUICK_TICKS, RUN, STRIDE = 600, 120, 360, 8

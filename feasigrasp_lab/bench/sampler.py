@@ -18,10 +18,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from feasigrasp.evaluation.measures.timing import Case, report_bench, time_cases
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import load_grasp_diffusion
-from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
 from feasigrasp.models.grasps.filter import filter_grasps
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.grasps.network.architectures import Contacts
@@ -31,8 +28,11 @@ from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
+from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
+from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
+from feasigrasp_lab.baselines.grasp_diffusion import load_grasp_diffusion
+from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
+from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 #: Points of the field and of the network's input; points of the forward pass alone.
 POINTS, NETWORK_POINTS = 512, 1024

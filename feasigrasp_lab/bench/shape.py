@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from feasigrasp.evaluation.measures.timing import (
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry.points import farthest_points
+from feasigrasp.models.shape.gpdf_fit import PAPER
+from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.measures.timing import (
     Case,
     Timing,
     cpu_time,
@@ -25,7 +30,7 @@ from feasigrasp.evaluation.measures.timing import (
     report_bench,
     timing_row,
 )
-from feasigrasp.evaluation.peers.shape import (
+from feasigrasp_lab.peers.shape import (
     PRESETS,
     ValidationStep,
     fit_from_points,
@@ -35,11 +40,6 @@ from feasigrasp.evaluation.peers.shape import (
     torch_query,
     whole_fit,
 )
-from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry.points import farthest_points
-from feasigrasp.models.shape.gpdf_fit import PAPER
-from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.results.rows import Row
 
 #: Nodes of the fields that are timed.
 SIZES = (512, 1024)

@@ -11,19 +11,19 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.primitives import VectorLogSink
 
-from feasigrasp.evaluation.metrics.tick_times import times_of
-from feasigrasp.evaluation.runs.plan import add_scenario_arguments
 from feasigrasp.models.faults.images import CameraGone
 from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.models.faults.pose import PoseNan
 from feasigrasp.one_thread import one_thread
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import add_common_arguments, minutes, names, select_objects
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.runs.metrics.tick_times import times_of
+from feasigrasp.runs.results.arguments import add_common_arguments, minutes, names, select_objects
+from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.runs.plan import add_scenario_arguments
 
 #: The gripper stays open, and the object within reach for most of the time.
 SCENARIO = "PaperLinear"

@@ -6,7 +6,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-from feasigrasp.training.diffusion_batches import with_noise
+from feasigrasp_lab.training.diffusion_batches import with_noise
 
 #: Step of the central differences [rad or units of length].
 _STEP = 1e-5

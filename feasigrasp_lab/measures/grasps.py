@@ -11,9 +11,9 @@ from feasigrasp.models.grasps.network.contact_features import contact_features
 from feasigrasp.models.grasps.network.network import GraspNetwork
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.results.finished import Record
-from feasigrasp.training.data.grasp_labels import best_labels, find_pairs
-from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.results.finished import Record
+from feasigrasp_lab.training.data.grasp_labels import best_labels, find_pairs
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 #: Contacts of a view whose best approach is tried on the true mesh.
 TRIED = 128

@@ -25,9 +25,9 @@ from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
-from feasigrasp.results.markdown import markdown_table
-from feasigrasp.results.rows import Row
-from feasigrasp.results.statistics import Estimate, mean
+from feasigrasp.runs.results.rows import Row
+from feasigrasp.runs.results.statistics import Estimate, mean
+from feasigrasp_lab.results.markdown import markdown_table
 
 #: Draws one configuration (n, 7) of each pose (n, 4, 4); NaN where it finds none.
 Source = Callable[[Array, int], Array]

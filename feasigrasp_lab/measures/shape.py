@@ -1,4 +1,4 @@
-"""What is measured on one completed shape; see `feasigrasp.evaluation.studies.shape`."""
+"""What is measured on one completed shape; see `feasigrasp_lab.studies.shape`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
-from feasigrasp.evaluation.measures.level_set import sample_level_set
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.results.statistics import area_under_curve
-from feasigrasp.training.data.views import PartialView, ViewedObject
+from feasigrasp.runs.results.statistics import area_under_curve
+from feasigrasp_lab.measures.level_set import sample_level_set
+from feasigrasp_lab.training.data.views import PartialView, ViewedObject
 
 #: Points on the true surface that a shape is judged by.
 SAMPLES = 2000

@@ -20,11 +20,11 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.planning import DofMask, JointLimits
 from pydrake.systems.framework import BusValue
 
-from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp_lab.peers.drake_arm import DrakeArm
 
 _N = IIWA_7.joints
 

@@ -20,9 +20,9 @@ from pydrake.multibody.parsing import LoadModelDirectives, Parser, ProcessModelD
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.evaluation.runs.replay import quiet_meshcat, write_html
 from feasigrasp.models.arrays import Array
 from feasigrasp.resources import model_path
+from feasigrasp.runs.replay import quiet_meshcat, write_html
 from feasigrasp.systems.station.meshcat_scene import set_stage
 
 #: Shares are shown in so many steps, each a folder of its own that can be hidden.

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
-from feasigrasp.evaluation.protocols.changes import Change, unchanged
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.grasps.samplers import SamplerName
-from feasigrasp.results.finished import Record
-from feasigrasp.results.rows import Row
-from feasigrasp.results.statistics import mean_of_objects
+from feasigrasp.runs.results.rows import Row
+from feasigrasp.runs.results.statistics import mean_of_objects
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.protocols.changes import Change, unchanged
+from feasigrasp_lab.results.finished import Record
 
 
 def _with(keys: Mapping[str, Any]) -> Change:
@@ -58,7 +58,7 @@ def ablation_rows(records: Sequence[Record]) -> list[Row]:
     """Changes by every ablation: of the share held, and of the time until an object is held.
 
     Runs are paired by scenario, controller, object and seed; times are compared where both held.
-    Presets are those of `feasigrasp.evaluation.runs.summary.summary_rows` for all scenarios
+    Presets are those of `feasigrasp_lab.runs.summary.summary_rows` for all scenarios
     together. Every object counts once, and the intervals come from drawing the objects anew.
 
     Args:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from feasigrasp.evaluation.protocols.changes import Change, both, unchanged
 from feasigrasp.models.faults.images import MaskDilated, MaskEroded, MaskShifted
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.scenario.schema import Scenario, Segmentation
+from feasigrasp_lab.protocols.changes import Change, both, unchanged
 
 #: Speed of the object [m/s].
 SPEED = 0.1

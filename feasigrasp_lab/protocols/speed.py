@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from feasigrasp.evaluation.protocols.changes import Change
 from feasigrasp.scenario.schema import BezierPath, MotionConfig, Scenario
+from feasigrasp_lab.protocols.changes import Change
 
 #: Motions of the speed curve by the word that its rows have for them, with the object's pose given.
 MOTIONS = {"circle": "ReachCircularMocap", "line": "ReachLinearMocap", "bezier": "ReachBezierMocap"}

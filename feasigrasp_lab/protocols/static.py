@@ -6,10 +6,10 @@ import math
 
 from pydrake.common.schema import Rotation
 
-from feasigrasp.evaluation.protocols.changes import Change
-from feasigrasp.models.grasps.samplers import SamplerName
+from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
 from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.protocols.changes import Change
 
 
 def honest(scenario: Scenario) -> None:
@@ -45,9 +45,9 @@ _STAGES = {
 WHOLE = f"{SamplerName.NETWORK}+filter+reachability"
 
 
-def _only(sampler: SamplerName, filtered: bool, method: JudgeMethod) -> Change:
+def _only(sampler: str, filtered: bool, method: JudgeMethod) -> Change:
     def change(scenario: Scenario) -> None:
-        scenario.perception.sampler = sampler.value
+        scenario.perception.sampler = sampler
         scenario.perception.filter = filtered
         scenario.reachability.method = method.value
 
@@ -57,6 +57,6 @@ def _only(sampler: SamplerName, filtered: bool, method: JudgeMethod) -> Change:
 #: The paper's ablation for each of the samplers: alone, with the filter, with reachability as well.
 ABLATIONS: dict[str, Change] = {
     f"{sampler}{stage}": _only(sampler, *parts)
-    for sampler in SamplerName
+    for sampler in sampler_names()
     for stage, parts in _STAGES.items()
 }

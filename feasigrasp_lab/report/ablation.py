@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from feasigrasp.evaluation.protocols.ablations import ABLATIONS, FULL, ablation_of
-from feasigrasp.evaluation.report.table_2 import Rows, figure_text
-from feasigrasp.results.markdown import markdown_table
+from feasigrasp_lab.protocols.ablations import ABLATIONS, FULL, ablation_of
+from feasigrasp_lab.report.table_2 import Rows, figure_text
+from feasigrasp_lab.results.markdown import markdown_table
 
 _COLUMNS = (
     ("held_percent", "held [%]", 1),

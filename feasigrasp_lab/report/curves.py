@@ -8,10 +8,10 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from feasigrasp.evaluation.protocols.speed import CAMERA_MOTIONS, MOTIONS
-from feasigrasp.evaluation.report.table_2 import Rows, figure_text
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.markdown import markdown_table
+from feasigrasp_lab.protocols.speed import CAMERA_MOTIONS, MOTIONS
+from feasigrasp_lab.report.table_2 import Rows, figure_text
+from feasigrasp_lab.results.markdown import markdown_table
 
 FIGURE = "speed_curve.png"
 #: What the curves are drawn over, by the curves.

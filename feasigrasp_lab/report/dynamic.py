@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from feasigrasp.evaluation.report.ablation import ablation_report, is_ablation
-from feasigrasp.evaluation.report.curves import curve_report
-from feasigrasp.evaluation.report.table_2 import (
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.report.ablation import ablation_report, is_ablation
+from feasigrasp_lab.report.curves import curve_report
+from feasigrasp_lab.report.table_2 import (
     SPEEDS,
     Rows,
     draw_table_2,
@@ -15,8 +16,7 @@ from feasigrasp.evaluation.report.table_2 import (
     speeds_of,
     table_2,
 )
-from feasigrasp.results.markdown import markdown_table
-from feasigrasp.results.rows import Row
+from feasigrasp_lab.results.markdown import markdown_table
 
 FIGURE = "dynamic_table.png"
 #: Columns of tables: row name, heading, digits.

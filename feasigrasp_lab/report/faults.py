@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from feasigrasp.evaluation.protocols.fault_table import FAULTS
-from feasigrasp.results.markdown import markdown_table
-from feasigrasp.results.rows import Row
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.protocols.fault_table import FAULTS
+from feasigrasp_lab.results.markdown import markdown_table
 
 #: Figures of a fault: row name behind ``faults.``, heading, digits.
 _COLUMNS = (

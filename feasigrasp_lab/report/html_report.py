@@ -1,6 +1,6 @@
 """A folder of results as one page that needs nothing beside it.
 
-It has what `feasigrasp.evaluation.report.markdown_report` writes, with its figures inside, and what
+It has what `feasigrasp_lab.report.markdown_report` writes, with its figures inside, and what
 only a page can show: below each result every object with its picture and how often it was held, and
 the worst failures of all with links to their replays.
 """
@@ -21,16 +21,16 @@ from urllib.parse import quote
 from matplotlib.image import imsave
 
 from feasigrasp.errors import FeasigraspError, InputError
-from feasigrasp.evaluation.runs.isolated import run_isolated
 from feasigrasp.inputs import read_json
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.outputs import write_text
-from feasigrasp.results.finished import Record
-from feasigrasp.results.markdown import markdown_html
-from feasigrasp.results.rows import Row
-from feasigrasp.results.statistics import grouped
+from feasigrasp.runs.results.rows import Row
+from feasigrasp.runs.results.statistics import grouped
 from feasigrasp.scenario.files import parse_scenario
-from feasigrasp.training.data.shape_sheet import shape_picture
+from feasigrasp_lab.results.finished import Record
+from feasigrasp_lab.results.markdown import markdown_html
+from feasigrasp_lab.runs.isolated import run_isolated
+from feasigrasp_lab.training.data.shape_sheet import shape_picture
 
 #: Objects, each with how often it was held, and in how many runs.
 Outcomes = Mapping[str, tuple[int, int]]
@@ -63,7 +63,7 @@ def write_page(folder: Path, sections: Mapping[Path, str], replays: int = 0) -> 
         parts += [markdown_html(text, images), objects_part(held)]
     if records:
         parts.append(_failures_part(folder, records, replays))
-    template = resources.files("feasigrasp.evaluation.report").joinpath("report.html").read_text()
+    template = resources.files("feasigrasp_lab.report").joinpath("report.html").read_text()
     page = folder / "report.html"
     write_text(page, Template(template).substitute(body="\n".join(filter(None, parts))))
     return page

@@ -15,16 +15,16 @@ from pathlib import Path
 from typing import Any
 
 from feasigrasp.errors import FeasigraspError, InputError, OutputError
-from feasigrasp.evaluation.report import curves, dynamic
-from feasigrasp.evaluation.report.dynamic import dynamic_report
-from feasigrasp.evaluation.report.faults import faults_report
-from feasigrasp.evaluation.report.html_report import write_page
-from feasigrasp.evaluation.report.static import static_report
 from feasigrasp.inputs import read_json
 from feasigrasp.outputs import write_text
-from feasigrasp.results.conditions import conditions_text
-from feasigrasp.results.markdown import markdown_table, replace_section
-from feasigrasp.results.rows import Row
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.report import curves, dynamic
+from feasigrasp_lab.report.dynamic import dynamic_report
+from feasigrasp_lab.report.faults import faults_report
+from feasigrasp_lab.report.html_report import write_page
+from feasigrasp_lab.report.static import static_report
+from feasigrasp_lab.results.conditions import conditions_text
+from feasigrasp_lab.results.markdown import markdown_table, replace_section
 
 #: Figures that belong to the text.
 FIGURES = (dynamic.FIGURE, curves.FIGURE)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from feasigrasp.evaluation.protocols.static import ABLATIONS, PROTOCOLS
-from feasigrasp.evaluation.report.paper_tables import TABLE_1, TABLE_1_ABLATION
-from feasigrasp.evaluation.report.table_2 import Rows, figure_text
-from feasigrasp.results.markdown import markdown_table
-from feasigrasp.results.rows import Row
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.protocols.static import ABLATIONS, PROTOCOLS
+from feasigrasp_lab.report.paper_tables import TABLE_1, TABLE_1_ABLATION
+from feasigrasp_lab.report.table_2 import Rows, figure_text
+from feasigrasp_lab.results.markdown import markdown_table
 
 
 def static_report(rows: Sequence[Row], conditions: str = "") -> str:

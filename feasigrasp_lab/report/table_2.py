@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from feasigrasp.evaluation.report.paper_tables import TABLE_2, TABLE_2_COLUMNS
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.markdown import markdown_table
-from feasigrasp.results.rows import Row
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.report.paper_tables import TABLE_2, TABLE_2_COLUMNS
+from feasigrasp_lab.results.markdown import markdown_table
 
 #: Rows of a summary by preset and by name without ``dynamic.``.
 Rows = dict[tuple[str, str], Row]

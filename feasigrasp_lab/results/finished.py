@@ -16,8 +16,8 @@ from tqdm import tqdm
 from feasigrasp.errors import InputError
 from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.outputs import replacing
-from feasigrasp.results.provenance import git_revision, versions
-from feasigrasp.results.rows import write_json
+from feasigrasp.runs.results.provenance import git_revision, versions
+from feasigrasp.runs.results.rows import write_json
 
 Record = dict[str, Any]
 

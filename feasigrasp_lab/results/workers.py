@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import joblib
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.results.finished import made_with
+from feasigrasp_lab.results.finished import made_with
 
 Result = TypeVar("Result")
 

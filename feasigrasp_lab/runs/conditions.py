@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from feasigrasp.evaluation.protocols.ablations import without_ablation
-from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
 from feasigrasp.models.objects.tracker_config import TrackerConfig, TrackerKind
 from feasigrasp.scenario.parts import Part
 from feasigrasp.scenario.sampling import largest_speed
 from feasigrasp.scenario.schema import Scenario, Segmentation
+from feasigrasp_lab.protocols.ablations import without_ablation
+from feasigrasp_lab.runs.plan import Plan, PlannedRun
 
 #: What the object's frame is, by what tells its pose.
 _FRAME: dict[str, str] = {

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.evaluation.protocols.fault_table import FAULTS, StudiedFault
-from feasigrasp.evaluation.runs.plan import PlannedRun
-from feasigrasp.evaluation.runs.studies import STUDIES
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import select_objects
-from feasigrasp.results.finished import Record
+from feasigrasp.runs.results.arguments import select_objects
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.protocols.fault_table import FAULTS, StudiedFault
+from feasigrasp_lab.results.finished import Record
+from feasigrasp_lab.runs.plan import PlannedRun
+from feasigrasp_lab.runs.studies import STUDIES
 
 #: The object moves as in these, in turn.
 MOTIONS = STUDIES["mocap"].scenarios

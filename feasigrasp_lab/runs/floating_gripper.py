@@ -19,13 +19,13 @@ from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.evaluation.runs.hand_load import HandLoad
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.systems.station.cell_models import FINGER_KD, FINGER_KP
 from feasigrasp.systems.station.directives import hand_urdf
 from feasigrasp.systems.station.friction import set_friction
 from feasigrasp.systems.station.object_model import add_object
+from feasigrasp_lab.runs.hand_load import HandLoad
 
 #: As in the scenarios.
 _PLANT = MultibodyPlantConfig(

@@ -25,16 +25,16 @@ from pathlib import Path
 from tqdm import tqdm
 
 from feasigrasp.errors import OutputError
-from feasigrasp.evaluation.runs.plan import PlannedRun
-from feasigrasp.evaluation.runs.run import crash_record, run
 from feasigrasp.outputs import check_folder
-from feasigrasp.results.finished import Record, made_with, read_finished, report_reuse
-from feasigrasp.results.interrupts import STATUS, Unfinished
-from feasigrasp.results.rows import write_json
-from feasigrasp.results.workers import in_threads, on_cluster
+from feasigrasp.runs.results.interrupts import STATUS, Unfinished
+from feasigrasp.runs.results.rows import write_json
+from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.own_files import own_files
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.results.finished import Record, made_with, read_finished, report_reuse
+from feasigrasp_lab.results.workers import in_threads, on_cluster
+from feasigrasp_lab.runs.plan import PlannedRun
 
 
 def run_all(
@@ -173,7 +173,7 @@ def run_isolated(
         replay: Where a self-contained HTML replay goes; None for none.
 
     Returns:
-        The record, as `feasigrasp.evaluation.runs.run.run` makes it.
+        The record, as `feasigrasp.runs.run.run` makes it.
 
     Raises:
         Unfinished: The record, which comes with it, cannot be written; or the process was told to
@@ -239,9 +239,9 @@ def _is_whole(record: Record, form: Record) -> bool:
 
 @cache
 def _server() -> multiprocessing.context.ForkServerContext:
-    """Starts processes from one that has loaded `feasigrasp.evaluation.runs.isolated_server`."""
+    """Starts processes from one that has loaded `feasigrasp_lab.runs.isolated_server`."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["feasigrasp.evaluation.runs.isolated_server"])
+    context.set_forkserver_preload(["feasigrasp_lab.runs.isolated_server"])
     return context
 
 

@@ -1,4 +1,4 @@
-"""What the processes of `feasigrasp.evaluation.runs.isolated` have in common, done once.
+"""What the processes of `feasigrasp_lab.runs.isolated` have in common, done once.
 
 Importing this module loads all that a run needs and builds a diagram, so that compiled code is in
 memory. It is for the server process that they are forked from, and for nothing else.
@@ -12,9 +12,9 @@ from feasigrasp.one_thread import THREAD_VARIABLES
 # Before they are loaded: libraries would start one thread per processor in each of the processes.
 os.environ.update(dict.fromkeys((*THREAD_VARIABLES, "NUMBA_NUM_THREADS"), "1"))
 
-from feasigrasp.evaluation.runs.run import run  # noqa: E402
 from feasigrasp.resources import diagram_path  # noqa: E402
-from feasigrasp.results.provenance import git_revision  # noqa: E402
+from feasigrasp.runs.results.provenance import git_revision  # noqa: E402
+from feasigrasp.runs.run import run  # noqa: E402
 from feasigrasp.scenario.files import load_scenario  # noqa: E402
 
 git_revision()  # remembered: that of the code which has just been loaded

@@ -13,15 +13,15 @@ from functools import cache
 from pathlib import Path
 
 from feasigrasp.errors import FeasigraspError, MeshError, ScenarioError
-from feasigrasp.evaluation.runs.studies import STUDIES, Study, study_of, suffix_of
 from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import names, positive, print_notes, select_objects
-from feasigrasp.results.workers import Shard
+from feasigrasp.runs.results.arguments import names, positive, print_notes, select_objects
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.results.workers import Shard
+from feasigrasp_lab.runs.studies import STUDIES, Study, study_of, suffix_of
 
 #: With ``--quick``, a run that does not end by itself is broken off [s].
 _QUICK_DURATION = 6.0
@@ -210,7 +210,7 @@ def _objects(args: argparse.Namespace, study: Study) -> dict[str, str]:
     if args.split is Split.DEVELOPMENT:
         return select_objects(args.objects or study.objects)
     # Needs a package that only training needs otherwise.
-    from feasigrasp.training.data.unseen_objects import write_test_objects
+    from feasigrasp_lab.training.data.unseen_objects import write_test_objects
 
     return write_test_objects(args.out / "objects", 1 if args.quick else TEST_OBJECTS)
 

@@ -26,11 +26,6 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from feasigrasp.evaluation.metrics.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
-from feasigrasp.evaluation.metrics.motion_limits import JointTicks
-from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics
-from feasigrasp.evaluation.metrics.robot_twin import robot_twin
-from feasigrasp.evaluation.metrics.run_metrics import METRICS, Metric, summarize
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -40,6 +35,11 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.one_thread import one_thread
+from feasigrasp.runs.metrics.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
+from feasigrasp.runs.metrics.motion_limits import JointTicks
+from feasigrasp.runs.metrics.robot_limits import self_collision_metrics
+from feasigrasp.runs.metrics.robot_twin import robot_twin
+from feasigrasp.runs.metrics.run_metrics import METRICS, Metric, summarize
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
@@ -66,7 +66,7 @@ class Rollout:
     """What happened.
 
     Attributes:
-        metrics: The metrics of `feasigrasp.evaluation.metrics.run_metrics.summarize` and those of
+        metrics: The metrics of `feasigrasp.runs.metrics.run_metrics.summarize` and those of
             `rollout_metrics`.
         times: Times of the samples [s], shape (n,).
         samples: Samples, one row per entry of `feasigrasp.systems.metrics.SAMPLE_NAMES`.

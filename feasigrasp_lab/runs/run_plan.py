@@ -6,12 +6,12 @@ import argparse
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from feasigrasp.evaluation.runs.conditions import conditions
-from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
-from feasigrasp.evaluation.runs.plan import Plan
-from feasigrasp.results.finished import Record
-from feasigrasp.results.interrupts import Unfinished
-from feasigrasp.results.workers import shard_folders
+from feasigrasp.runs.results.interrupts import Unfinished
+from feasigrasp_lab.results.finished import Record
+from feasigrasp_lab.results.workers import shard_folders
+from feasigrasp_lab.runs.conditions import conditions
+from feasigrasp_lab.runs.isolated import report_crashes, run_all
+from feasigrasp_lab.runs.plan import Plan
 
 
 class Report(Protocol):

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from feasigrasp.evaluation.protocols.ablations import ABLATIONS, NO_DENSITY
-from feasigrasp.evaluation.protocols.changes import Change, both, unchanged
-from feasigrasp.evaluation.protocols.degradations import (
+from feasigrasp_lab.protocols.ablations import ABLATIONS, NO_DENSITY
+from feasigrasp_lab.protocols.changes import Change, both, unchanged
+from feasigrasp_lab.protocols.degradations import (
     DEGRADATIONS,
     SPEED,
     given_truth,
     motion_capture,
     perfect_sensors,
 )
-from feasigrasp.evaluation.protocols.speed import (
+from feasigrasp_lab.protocols.speed import (
     AT_SPEEDS,
     AT_SPINS,
     CAMERA_MOTIONS,

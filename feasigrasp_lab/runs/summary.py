@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.evaluation.metrics.run_metrics import METRICS, Metric
-from feasigrasp.evaluation.protocols.ablations import ablation_rows
-from feasigrasp.evaluation.protocols.speed import curve_point
-from feasigrasp.evaluation.runs.studies import suffix_of
 from feasigrasp.models.control.mode import ControlMode
-from feasigrasp.results.rows import Row
-from feasigrasp.results.statistics import grouped, mean_of_objects, share_of_objects
+from feasigrasp.runs.metrics.run_metrics import METRICS, Metric
+from feasigrasp.runs.results.rows import Row
+from feasigrasp.runs.results.statistics import grouped, mean_of_objects, share_of_objects
+from feasigrasp_lab.protocols.ablations import ablation_rows
+from feasigrasp_lab.protocols.speed import curve_point
+from feasigrasp_lab.runs.studies import suffix_of
 
 Record = dict[str, Any]
 

@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.evaluation.protocols.fault_table import FAULTS
-from feasigrasp.evaluation.runs.fault_plan import FaultRun, faulty_runs, nominal_runs, outcome
-from feasigrasp.evaluation.runs.fault_probe import blind_pairs, leaks, rest_times
-from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
-from feasigrasp.evaluation.runs.plan import add_scenario_arguments
-from feasigrasp.results.arguments import add_common_arguments, names, positive
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
-from feasigrasp.results.statistics import grouped
+from feasigrasp.runs.results.arguments import add_common_arguments, names, positive
+from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.runs.results.statistics import grouped
 from feasigrasp.scenario.files import dump_scenario
+from feasigrasp_lab.protocols.fault_table import FAULTS
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.runs.fault_plan import FaultRun, faulty_runs, nominal_runs, outcome
+from feasigrasp_lab.runs.fault_probe import blind_pairs, leaks, rest_times
+from feasigrasp_lab.runs.isolated import report_crashes, run_all
+from feasigrasp_lab.runs.plan import add_scenario_arguments
 
 #: The fault after which the arm must come to rest, and how long that is looked at [s].
 _LOST, _LOOKED_AT = "pose_nan", 2.5

@@ -15,14 +15,14 @@ from string import Template
 
 from tqdm import tqdm
 
-from feasigrasp.evaluation.runs.isolated import report_crashes, run_all
-from feasigrasp.evaluation.runs.plan import PlannedRun, add_plan_arguments, plan
-from feasigrasp.evaluation.runs.replay import take_picture
 from feasigrasp.outputs import write_text
-from feasigrasp.results.arguments import add_common_arguments
-from feasigrasp.results.finished import Record
-from feasigrasp.results.provenance import git_revision
+from feasigrasp.runs.replay import take_picture
+from feasigrasp.runs.results.arguments import add_common_arguments
+from feasigrasp.runs.results.provenance import git_revision
 from feasigrasp.scenario.sampling import lap
+from feasigrasp_lab.results.finished import Record
+from feasigrasp_lab.runs.isolated import report_crashes, run_all
+from feasigrasp_lab.runs.plan import PlannedRun, add_plan_arguments, plan
 
 #: Columns of the page: metric, heading, digits.
 _COLUMNS = (
@@ -88,7 +88,7 @@ def index_page(runs: Sequence[PlannedRun], records: Sequence[Record], pictures: 
             f"<p>{control.controller} space, {control.mode} mode, "
             f"{html.escape(planned.object_name)}</p><dl>{''.join(figures)}</dl></a>"
         )
-    page = resources.files("feasigrasp.evaluation.studies").joinpath("gallery.html").read_text()
+    page = resources.files("feasigrasp_lab.studies").joinpath("gallery.html").read_text()
     return Template(page).substitute(
         cards="\n".join(cards), revision=html.escape(str(git_revision()))
     )

@@ -14,17 +14,17 @@ from collections.abc import Mapping
 import numpy as np
 import trimesh
 
-from feasigrasp.evaluation.runs.floating_gripper import hold_trials
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.training.data.grasp_labels import find_pairs
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.household_shapes import FAMILIES, make_shape
+from feasigrasp.runs.results.arguments import add_common_arguments, positive, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.runs.floating_gripper import hold_trials
+from feasigrasp_lab.training.data.grasp_labels import find_pairs
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.household_shapes import FAMILIES, make_shape
 
 #: Seeds of the shapes start here, far from those of any training stream.
 FIRST_SEED = 900_000_000

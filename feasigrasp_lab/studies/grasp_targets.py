@@ -16,7 +16,6 @@ import numpy as np
 import trimesh
 from tqdm import tqdm
 
-from feasigrasp.evaluation.runs.rollout import object_grasps
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.task.grasp_mixture import fit_grasp_mixture
 from feasigrasp.models.geometry import se3
@@ -26,9 +25,10 @@ from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
-from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import grouped, mean
+from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.statistics import grouped, mean
+from feasigrasp_lab.runs.rollout import object_grasps
 
 _STARTS = 32  # hand poses from which the ascent is followed
 _STEPS = 300

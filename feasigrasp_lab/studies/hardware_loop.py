@@ -16,19 +16,19 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.evaluation.runs.hardware.network import Network
-from feasigrasp.evaluation.runs.hardware.pair import Blow, run_pair
-from feasigrasp.evaluation.runs.isolated import run_all
-from feasigrasp.evaluation.runs.plan import PlannedRun, Split, add_scenario_arguments, plan
-from feasigrasp.results.arguments import (
+from feasigrasp.runs.results.arguments import (
     add_common_arguments,
     factor,
     names,
     positive,
 )
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
 from feasigrasp.scenario.files import dump_scenario
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.runs.hardware.network import Network
+from feasigrasp_lab.runs.hardware.pair import Blow, run_pair
+from feasigrasp_lab.runs.isolated import run_all
+from feasigrasp_lab.runs.plan import PlannedRun, Split, add_scenario_arguments, plan
 
 #: Instants of a fault are drawn from this time after the first command [s].
 _DURING = (0.5, 6.0)

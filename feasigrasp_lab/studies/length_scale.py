@@ -16,15 +16,15 @@ from zlib import crc32
 import numpy as np
 from matplotlib.figure import Figure
 
-from feasigrasp.evaluation.measures.shape import measure, true_samples
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.arguments import add_common_arguments, positive, select_objects
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import grouped, mean
-from feasigrasp.training.data.views import ViewedObject, fused, turning_views
+from feasigrasp.runs.results.arguments import add_common_arguments, positive, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.statistics import grouped, mean
+from feasigrasp_lab.measures.shape import measure, true_samples
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.training.data.views import ViewedObject, fused, turning_views
 
 #: Length scales of the study [m].
 LENGTH_SCALES = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6)

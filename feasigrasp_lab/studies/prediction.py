@@ -23,9 +23,9 @@ from feasigrasp.models.objects.pose_filter import (
 )
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import add_common_arguments, names, positive
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import grouped, mean
+from feasigrasp.runs.results.arguments import add_common_arguments, names, positive
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.statistics import grouped, mean
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
 

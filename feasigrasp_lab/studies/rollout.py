@@ -6,15 +6,15 @@ import argparse
 import itertools
 import time
 
-from feasigrasp.evaluation.runs.plan import PlannedRun, add_scenario_arguments, plan_run
-from feasigrasp.evaluation.runs.rollout import ROLLOUT_METRICS, roll_out
-from feasigrasp.evaluation.runs.studies import study_of
 from feasigrasp.models.control.mode import ControlMode
-from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
-from feasigrasp.results.statistics import mean
+from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.runs.results.statistics import mean
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.runs.plan import PlannedRun, add_scenario_arguments, plan_run
+from feasigrasp_lab.runs.rollout import ROLLOUT_METRICS, roll_out
+from feasigrasp_lab.runs.studies import study_of
 
 SCENARIOS = "PaperCircular,PaperLinear,PaperSinusoidal"
 #: Metrics of the printed table.

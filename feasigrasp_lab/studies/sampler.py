@@ -22,17 +22,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from feasigrasp.evaluation.measures.diffusion_score import score_error
-from feasigrasp.evaluation.measures.grasps import (
-    equivariance_error,
-    is_graspable,
-    proposal_measures,
-    set_measures,
-)
-from feasigrasp.evaluation.measures.timing import cpu_ms
-from feasigrasp.evaluation.runs.floating_gripper import hold_trials
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
-from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network.surface_input import grasp_input
@@ -40,14 +30,24 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.results.arguments import add_common_arguments, positive
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import average_precision, grouped, resampled
-from feasigrasp.training.data.grasp_examples import fuse_and_complete, true_input
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.unseen_objects import DEFAULT_OBJECTS, make_object, unseen_objects
-from feasigrasp.training.data.views import ViewedObject, turning_views
+from feasigrasp.runs.results.arguments import add_common_arguments, positive
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.statistics import average_precision, grouped, resampled
+from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
+from feasigrasp_lab.measures.diffusion_score import score_error
+from feasigrasp_lab.measures.grasps import (
+    equivariance_error,
+    is_graspable,
+    proposal_measures,
+    set_measures,
+)
+from feasigrasp_lab.measures.timing import cpu_ms
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.runs.floating_gripper import hold_trials
+from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete, true_input
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.unseen_objects import DEFAULT_OBJECTS, make_object, unseen_objects
+from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 
 #: Samplers whose grasps are simulated; networks among them; and how a network is called that gets
 #: no candidates of others.

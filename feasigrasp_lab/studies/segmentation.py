@@ -10,13 +10,13 @@ from operator import itemgetter
 
 import numpy as np
 
-from feasigrasp.evaluation.measures.first_mask import first_mask_iou
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import grouped
+from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.statistics import grouped
 from feasigrasp.scenario.files import load_scenario
+from feasigrasp_lab.measures.first_mask import first_mask_iou
+from feasigrasp_lab.results.finished import Record, finish_all
 
 SCENARIOS = "ReachCircular,ReachLinear,ReachSinusoidal"
 #: Bottles, cans, tools, thin walls, fruit: of each kind of the built-in objects.

@@ -18,19 +18,19 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from feasigrasp.evaluation.measures.shape import measure, true_samples
-from feasigrasp.evaluation.measures.timing import cpu_ms
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.surface_error import surface_deviation
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import grouped, mean
-from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
+from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.statistics import grouped, mean
+from feasigrasp_lab.measures.shape import measure, true_samples
+from feasigrasp_lab.measures.timing import cpu_ms
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 PRESETS = ("paper", "default")
 #: Groups of equally many completed points, by predicted deviation.

@@ -18,23 +18,23 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.errors import MeshError, ScenarioError
-from feasigrasp.evaluation.measures.grasps import GRASPABLE, is_graspable
-from feasigrasp.evaluation.protocols.changes import both
-from feasigrasp.evaluation.protocols.static import ABLATIONS, PROTOCOLS, WHOLE
-from feasigrasp.evaluation.runs.plan import Plan, Split, add_scenario_arguments, plan_run
-from feasigrasp.evaluation.runs.run_plan import run_plan
-from feasigrasp.evaluation.runs.studies import Study
-from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.control.mode import ControlSpace, controller_names
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.results.conditions import conditions_text
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, format_rows, report_rows, write_csv
-from feasigrasp.results.statistics import grouped, mean_of_objects, share_of_objects
-from feasigrasp.results.workers import add_worker_arguments
-from feasigrasp.training.data.grasp_examples import true_input
-from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.runs.results.rows import Row, format_rows, report_rows, write_csv
+from feasigrasp.runs.results.statistics import grouped, mean_of_objects, share_of_objects
+from feasigrasp_lab.measures.grasps import GRASPABLE, is_graspable
+from feasigrasp_lab.protocols.changes import both
+from feasigrasp_lab.protocols.static import ABLATIONS, PROTOCOLS, WHOLE
+from feasigrasp_lab.results.conditions import conditions_text
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.results.workers import add_worker_arguments
+from feasigrasp_lab.runs.plan import Plan, Split, add_scenario_arguments, plan_run
+from feasigrasp_lab.runs.run_plan import run_plan
+from feasigrasp_lab.runs.studies import Study
+from feasigrasp_lab.training.data.grasp_examples import true_input
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 SCENARIO = "Static"
 #: Why an object is left out whose surface has no grasp.
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--controller",
-        choices=[*map(str, ControlSpace)],
+        choices=[*map(str, controller_names())],
         default=str(ControlSpace.TASK),
         help="Controller.",
     )

@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.evaluation.tracking.judge import IN_VIEW, Frame, TrueObject, judge, lost
-from feasigrasp.evaluation.tracking.peers import PeerTracker, peers
-from feasigrasp.evaluation.tracking.recording import recorded
-from feasigrasp.evaluation.tracking.sensors import SENSORS
-from feasigrasp.evaluation.tracking.trackers import OurTracker, Tracker
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.results.arguments import add_common_arguments, names, positive, select_objects
-from feasigrasp.results.finished import Record, finish_all
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.results.statistics import grouped, mean
+from feasigrasp.runs.results.arguments import add_common_arguments, names, positive, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.statistics import grouped, mean
+from feasigrasp_lab.results.finished import Record, finish_all
+from feasigrasp_lab.tracking.judge import IN_VIEW, Frame, TrueObject, judge, lost
+from feasigrasp_lab.tracking.peers import PeerTracker, peers
+from feasigrasp_lab.tracking.recording import recorded
+from feasigrasp_lab.tracking.sensors import SENSORS
+from feasigrasp_lab.tracking.trackers import OurTracker, Tracker
 
 OBJECTS = (
     "mustard_bottle,mug,soup_can,small_box,drill,banana,bowl,hammer,spray_can,water_bottle,"

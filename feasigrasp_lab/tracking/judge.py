@@ -20,15 +20,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from feasigrasp.evaluation.tracking.recording import RATE, Recording
-from feasigrasp.evaluation.tracking.sensors import Sensor, images
-from feasigrasp.evaluation.tracking.trackers import Tracker
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.tracking.information import jacobian
 from feasigrasp.models.tracking.view import ObjectView
+from feasigrasp_lab.tracking.recording import RATE, Recording
+from feasigrasp_lab.tracking.sensors import Sensor, images
+from feasigrasp_lab.tracking.trackers import Tracker
 
 #: Points of the true surface that are compared.
 _SAMPLES = 400

@@ -19,10 +19,10 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.finished import finished_arrays, made_with, write_arrays
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
+from feasigrasp_lab.results.finished import finished_arrays, made_with, write_arrays
 
 #: Images per second.
 RATE = 30.0

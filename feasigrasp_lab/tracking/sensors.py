@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feasigrasp.evaluation.tracking.recording import Recording
 from feasigrasp.models.clouds.camera import Camera, unproject
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.edges import EDGE_JUMP, edge_pixels
 from feasigrasp.models.tracking.view import ObjectView
+from feasigrasp_lab.tracking.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from torch import Tensor
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.diffusion.energy import LENGTH, standard_deviation
-from feasigrasp.results.finished import read_shard
-from feasigrasp.training.loop import TrainingError
+from feasigrasp_lab.baselines.diffusion_energy import LENGTH, standard_deviation
+from feasigrasp_lab.results.finished import read_shard
+from feasigrasp_lab.training.loop import TrainingError
 
 #: Least time, at which noise is 2.6 mm and 1.2 degrees.
 LEAST_TIME = 4.5e-4
@@ -53,7 +53,7 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PoseExamples:
-    """Examples as `feasigrasp.training.data.hand_poses` makes them, stacked; see there."""
+    """Examples as `feasigrasp_lab.training.data.hand_poses` makes them, stacked; see there."""
 
     points: NDArray[np.float32]
     normals: NDArray[np.float32]

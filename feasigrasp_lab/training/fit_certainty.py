@@ -33,13 +33,13 @@ from feasigrasp.models.grasps.hand_clearance import (
 )
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.results.finished import made_with
-from feasigrasp.results.rows import write_json
-from feasigrasp.training.data.grasp_examples import fuse_and_complete
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
-from feasigrasp.training.data.views import ViewedObject, turning_views
+from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp.runs.results.rows import write_json
+from feasigrasp_lab.results.finished import made_with
+from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
+from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 
 #: Evidence (n, k) and verdicts (n,) by the name of the coefficients.
 Cases = dict[str, tuple[Array, Mask]]

@@ -20,12 +20,12 @@ from feasigrasp.models.mixtures.mixture import bic
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.arguments import add_run_arguments, command_line, positive
-from feasigrasp.results.provenance import git_revision
-from feasigrasp.results.rows import Row, write_csv, write_json, write_summary
-from feasigrasp.training.reachability.fit_mixture import LargeFit, fit_large_mixture
-from feasigrasp.training.reachability.pose_blocks import PoseBlocks
-from feasigrasp.training.reachability.reachable_poses import (
+from feasigrasp.runs.results.arguments import add_run_arguments, command_line, positive
+from feasigrasp.runs.results.provenance import git_revision
+from feasigrasp.runs.results.rows import Row, write_csv, write_json, write_summary
+from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, fit_large_mixture
+from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
+from feasigrasp_lab.training.reachability.reachable_poses import (
     FLOOR,
     IiwaArm,
     ReachedPoses,
@@ -252,7 +252,9 @@ def _arm(args: argparse.Namespace) -> tuple[SerialArm, int]:
         return IiwaArm(), args.jobs
     if not (args.base_frame and args.end_frame):
         raise ReachabilityError("--plant needs --base-frame and --end-frame")
-    from feasigrasp.training.reachability.plant_arm import PlantArm  # Drake takes a second to load
+    from feasigrasp_lab.training.reachability.plant_arm import (
+        PlantArm,  # Drake takes a second to load
+    )
 
     return PlantArm(args.plant, args.base_frame, args.end_frame), 1
 

@@ -1,4 +1,4 @@
-"""Training examples as tensors: the shards of `feasigrasp.training.train_sampler_data`."""
+"""Training examples as tensors: the shards of `feasigrasp_lab.training.train_sampler_data`."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from tqdm import tqdm
 from feasigrasp.models.arrays import Indices, Mask
 from feasigrasp.models.grasps.network.architectures import Contacts, ring_directions
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
-from feasigrasp.results.finished import read_shard
-from feasigrasp.training.grasp_losses import Labels, free_share
-from feasigrasp.training.loop import TrainingError
+from feasigrasp_lab.results.finished import read_shard
+from feasigrasp_lab.training.grasp_losses import Labels, free_share
+from feasigrasp_lab.training.loop import TrainingError
 
 #: Entries of a shard that are read; the first axis is that of its examples.
 ENTRIES = (

@@ -10,8 +10,8 @@ from torch import nn
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.network.architectures import Heads
-from feasigrasp.training.grasp_batches import Examples
-from feasigrasp.training.grasp_losses import FREE, Labels, free_share, loss
+from feasigrasp_lab.training.grasp_batches import Examples
+from feasigrasp_lab.training.grasp_losses import FREE, Labels, free_share, loss
 
 #: What `held_out_metrics` measures; the errors are those of completed surfaces.
 METRICS = (

@@ -25,9 +25,9 @@ from tqdm import tqdm
 from feasigrasp.errors import FeasigraspError
 from feasigrasp.models.arrays import Indices
 from feasigrasp.outputs import replacing
-from feasigrasp.results.arguments import minutes, positive
-from feasigrasp.results.finished import made_with
-from feasigrasp.results.rows import write_json
+from feasigrasp.runs.results.arguments import minutes, positive
+from feasigrasp.runs.results.rows import write_json
+from feasigrasp_lab.results.finished import made_with
 
 Network = TypeVar("Network", bound=nn.Module)
 

@@ -1,7 +1,7 @@
 """``feasigrasp train diffusion``: train the grasp-diffusion baseline on the sampler's data.
 
 From the shards of ``feasigrasp train sampler-data`` it makes valid hand poses and signed distances,
-in shards that are kept, and trains `feasigrasp.models.grasps.diffusion.energy` on them by denoising
+in shards that are kept, and trains `feasigrasp_lab.baselines.diffusion_energy` on them by denoising
 score matching on SE(3). Families of shapes that are held out judge; start the same command again to
 resume.
 """
@@ -16,14 +16,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from feasigrasp.models.grasps.diffusion.energy import LENGTH, PoseEnergy, standard_deviation
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import GraspDiffusion
-from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.results.finished import make_shards
-from feasigrasp.training.data.hand_poses import write_hand_poses
-from feasigrasp.training.data.household_shapes import HELD_OUT
-from feasigrasp.training.diffusion_batches import Batch, PoseExamples, load_pose_examples
-from feasigrasp.training.loop import (
+from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp_lab.baselines.diffusion_energy import LENGTH, PoseEnergy, standard_deviation
+from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion
+from feasigrasp_lab.results.finished import make_shards
+from feasigrasp_lab.training.data.hand_poses import write_hand_poses
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT
+from feasigrasp_lab.training.diffusion_batches import Batch, PoseExamples, load_pose_examples
+from feasigrasp_lab.training.loop import (
     TrainingError,
     TrainingRun,
     add_evaluation_arguments,

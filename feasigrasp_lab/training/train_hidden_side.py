@@ -3,7 +3,7 @@
 First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
 to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
 from behind towards a camera tell where the object ends behind every pixel of its picture. Then it
-trains `feasigrasp.training.hidden_side_network` on them. Whole families are held out and judge;
+trains `feasigrasp_lab.training.hidden_side_network` on them. Whole families are held out and judge;
 start the same command again to resume.
 """
 
@@ -24,13 +24,13 @@ from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
 from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE, features, picture_scale
 from feasigrasp.models.shape.hidden_side_network import BELIEVED, FEATURES
-from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.results.finished import make_shards, read_shard, write_arrays
-from feasigrasp.training.data.household_shapes import HELD_OUT
-from feasigrasp.training.data.object_streams import ObjectStream
-from feasigrasp.training.data.views import ViewedObject, fused, turning_views
-from feasigrasp.training.hidden_side_network import HiddenSideNetwork, export
-from feasigrasp.training.loop import (
+from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT
+from feasigrasp_lab.training.data.object_streams import ObjectStream
+from feasigrasp_lab.training.data.views import ViewedObject, fused, turning_views
+from feasigrasp_lab.training.hidden_side_network import HiddenSideNetwork, export
+from feasigrasp_lab.training.loop import (
     TrainingRun,
     add_loop_arguments,
     rows_of_step,

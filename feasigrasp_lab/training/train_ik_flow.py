@@ -20,9 +20,9 @@ from feasigrasp.models.ik.least_squares import refine
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
-from feasigrasp.results.arguments import add_run_arguments
-from feasigrasp.training.ik_flow_network import IkFlowNetwork
-from feasigrasp.training.loop import TrainingRun, add_evaluation_arguments, add_loop_arguments
+from feasigrasp.runs.results.arguments import add_run_arguments
+from feasigrasp_lab.training.ik_flow_network import IkFlowNetwork
+from feasigrasp_lab.training.loop import TrainingRun, add_evaluation_arguments, add_loop_arguments
 
 #: Entry of the random seed that keeps the held-out poses apart from all batches.
 _HELD_OUT = 2**32 - 1

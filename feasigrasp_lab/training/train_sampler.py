@@ -1,6 +1,6 @@
 """``feasigrasp train sampler``: train the network that proposes grasps.
 
-It learns from the shards that `feasigrasp.training.train_sampler_data` makes, whole clouds of
+It learns from the shards that `feasigrasp_lab.training.train_sampler_data` makes, whole clouds of
 points. Families of shapes that are held out are never trained on: they judge. What is judged,
 exported and shipped are the running means of the weights; start the same command again to resume.
 """
@@ -16,12 +16,12 @@ import torch
 from torch import Tensor, nn
 
 from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
-from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.training.data.household_shapes import HELD_OUT
-from feasigrasp.training.grasp_batches import Examples, load_examples
-from feasigrasp.training.grasp_losses import loss
-from feasigrasp.training.grasp_validation import METRICS, held_out_metrics
-from feasigrasp.training.loop import (
+from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT
+from feasigrasp_lab.training.grasp_batches import Examples, load_examples
+from feasigrasp_lab.training.grasp_losses import loss
+from feasigrasp_lab.training.grasp_validation import METRICS, held_out_metrics
+from feasigrasp_lab.training.loop import (
     TrainingError,
     TrainingRun,
     add_evaluation_arguments,

@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from feasigrasp.errors import MeshError
-from feasigrasp.results.arguments import add_run_arguments, positive
-from feasigrasp.results.finished import made_with, make_shards, write_arrays
-from feasigrasp.results.rows import write_json
-from feasigrasp.training.data.grasp_examples import object_examples, stacked
-from feasigrasp.training.data.household_shapes import HELD_OUT
-from feasigrasp.training.data.object_streams import ObjectStream
+from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp.runs.results.rows import write_json
+from feasigrasp_lab.results.finished import made_with, make_shards, write_arrays
+from feasigrasp_lab.training.data.grasp_examples import object_examples, stacked
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT
+from feasigrasp_lab.training.data.object_streams import ObjectStream
 
 #: Objects of a shard.
 SHARD = 8
@@ -75,7 +75,7 @@ def _write_shard(
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     if args.sheet is not None:
-        from feasigrasp.training.data.shape_sheet import draw_sheet
+        from feasigrasp_lab.training.data.shape_sheet import draw_sheet
 
         draw_sheet(args.sheet, args.seed)
         print(f"wrote {args.sheet}")

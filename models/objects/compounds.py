@@ -7,7 +7,7 @@ from math import hypot, sqrt
 import numpy as np
 from manifold3d import Manifold
 
-from feasigrasp.training.data.solids import (
+from feasigrasp_lab.training.data.solids import (
     clean,
     lathe,
     loft,

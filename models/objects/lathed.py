@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from manifold3d import Manifold
 
-from feasigrasp.training.data.solids import clean, ellipsoid, lathe, loft, profile, tube
+from feasigrasp_lab.training.data.solids import clean, ellipsoid, lathe, loft, profile, tube
 
 
 def soup_can() -> Manifold:

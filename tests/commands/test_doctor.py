@@ -10,8 +10,8 @@ import pytest
 from feasigrasp import cli
 from feasigrasp.commands import doctor
 from feasigrasp.commands.doctor import Finding, Health
-from feasigrasp.evaluation.runs import replay
 from feasigrasp.models import weights_file
+from feasigrasp.runs import replay
 
 
 def found(look):

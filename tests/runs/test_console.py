@@ -7,12 +7,12 @@ import time
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.metrics.cause import Cause
-from feasigrasp.evaluation.metrics.run_metrics import METRICS
-from feasigrasp.evaluation.runs.console import FIGURES, StatusLine, progress, summary, verdict
-from feasigrasp.evaluation.runs.run import crash_record, run
 from feasigrasp.models.control.status import Status, StatusCode
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.console import FIGURES, StatusLine, progress, summary, verdict
+from feasigrasp.runs.metrics.cause import Cause
+from feasigrasp.runs.metrics.run_metrics import METRICS
+from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import load_scenario
 
 FILE = diagram_path("dynamic.scenarios.yaml")

@@ -12,9 +12,9 @@ import urllib.request
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.evaluation.runs.replay import quiet_meshcat
-from feasigrasp.evaluation.views.live import LiveView
 from feasigrasp.models.control.status import Status, StatusCode
+from feasigrasp.runs.live import LiveView
+from feasigrasp.runs.replay import quiet_meshcat
 from feasigrasp.systems.monitoring.camera_pictures import Picture
 from tests.browser import visit
 
@@ -123,7 +123,7 @@ def test_a_browser_shows_legend_status_and_picture(live, tmp_path):
 def test_a_run_without_keyboard_or_browser_comes_to_its_end(monkeypatch, capsys):
     shown = []
     monkeypatch.setattr(
-        "feasigrasp.evaluation.views.live_server.LiveServer.show",
+        "feasigrasp.runs.live_server.LiveServer.show",
         lambda server, time, status, picture: shown.append((time, status, picture)),
     )
     with open(os.devnull) as nothing:

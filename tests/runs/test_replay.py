@@ -11,8 +11,8 @@ from PIL import Image
 from pydrake.geometry import Box
 from pydrake.math import RigidTransform
 
-from feasigrasp.evaluation.runs.replay import start_recording, write_replay
 from feasigrasp.models.control.status import Status, StatusCode
+from feasigrasp.runs.replay import start_recording, write_replay
 from feasigrasp.systems.monitoring.camera_pictures import Picture, jpeg
 from feasigrasp.systems.monitoring.grasp_visualizer import INVENTED, REACHABLE, SEEN
 from tests.browser import visit

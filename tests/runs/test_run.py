@@ -13,14 +13,14 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.errors import ScenarioError
-from feasigrasp.evaluation.metrics.cause import Cause
-from feasigrasp.evaluation.metrics.run_metrics import METRICS, summarize
-from feasigrasp.evaluation.runs.run import crash_record, run
 from feasigrasp.models.control.mode import ControlMode, ControlSpace
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.rows import write_json
+from feasigrasp.runs.metrics.cause import Cause
+from feasigrasp.runs.metrics.run_metrics import METRICS, summarize
+from feasigrasp.runs.results.rows import write_json
+from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.metrics import SAMPLE_NAMES
@@ -30,9 +30,7 @@ FILE = diagram_path("dynamic.scenarios.yaml")
 
 @pytest.fixture(scope="module")
 def validator():
-    schema = json.loads(
-        resources.files("feasigrasp.evaluation.runs").joinpath("run.schema.json").read_text()
-    )
+    schema = json.loads(resources.files("feasigrasp.runs").joinpath("run.schema.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)
 
@@ -309,7 +307,7 @@ def test_nothing_of_a_run_stays_alive(monkeypatch):
         alive.append(weakref.ref(simulator))
         return simulator
 
-    monkeypatch.setattr("feasigrasp.evaluation.runs.run.Simulator", simulator_of)
+    monkeypatch.setattr("feasigrasp.runs.run.Simulator", simulator_of)
     run(load_scenario(FILE, "ReachLinearMocap", "{simulation_duration: 0.1}"))
     gc.unfreeze()
     gc.collect()

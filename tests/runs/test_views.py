@@ -9,14 +9,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
 from feasigrasp import cli
-from feasigrasp.evaluation.runs.replay import quiet_meshcat
-from feasigrasp.evaluation.views import ghost as ghost_module
-from feasigrasp.evaluation.views.ghost import Ghost, ghost_of, show_ghost
-from feasigrasp.evaluation.views.live import FASTEST, PAUSE, SPEED, LiveView
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs import ghost as ghost_module
+from feasigrasp.runs.ghost import Ghost, ghost_of, show_ghost
+from feasigrasp.runs.live import FASTEST, PAUSE, SPEED, LiveView
+from feasigrasp.runs.replay import quiet_meshcat
 from feasigrasp.scenario import load_scenario
 
 FILE = diagram_path("dynamic.scenarios.yaml")

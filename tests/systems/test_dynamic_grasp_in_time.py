@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics
-from feasigrasp.evaluation.metrics.robot_twin import robot_twin
 from feasigrasp.models.clouds.usable import ViewFault
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.runs.metrics.robot_limits import self_collision_metrics
+from feasigrasp.runs.metrics.robot_twin import robot_twin
 from feasigrasp.systems import (
     gp_joint_controller,
     point_cloud_to_gpdf,

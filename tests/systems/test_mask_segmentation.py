@@ -11,7 +11,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import ImageRgba8U
 
 from feasigrasp.errors import CameraError, ScenarioError
-from feasigrasp.evaluation.measures.first_mask import intersection_over_union
 from feasigrasp.models.clouds.camera import Camera
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.segmentation.foreground import Label
@@ -19,6 +18,7 @@ from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.segmentation.mask_segmentation import MaskSegmentation
+from feasigrasp_lab.measures.first_mask import intersection_over_union
 
 CAMERA = Camera((60.0, 60.0, 31.5, 23.5), 64, 48, 0.1, 0.007)
 PAGE = Path(__file__).parents[2] / "docs/own_parts.md"

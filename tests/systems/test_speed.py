@@ -7,10 +7,10 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp.commands import guard, run, sim
-from feasigrasp.evaluation.runs.rollout import roll_out
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, GraspState, Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp_lab.runs.rollout import roll_out
 from tests.pipeline import scenario
 
 V = IIWA_7.velocity_limits

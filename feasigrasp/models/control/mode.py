@@ -2,14 +2,19 @@
 
 from enum import StrEnum
 
+from feasigrasp.plugins import plugins
+
 
 class ControlSpace(StrEnum):
     """Where a controller follows grasps: as poses of the hand, or as configurations of the arm."""
 
     TASK = "task"
     JOINT = "joint"
-    NEAREST = "nearest"  # a baseline: the nearest reachable grasp, by damped least squares
-    DIFFUSION = "diffusion"  # a baseline: down the energy of grasp diffusion
+
+
+def controller_names() -> list[str]:
+    """What ``control.controller`` may be: our controllers, and those that packages add."""
+    return [*ControlSpace, *plugins("controllers")]
 
 
 class ControlMode(StrEnum):

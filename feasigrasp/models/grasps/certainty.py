@@ -2,8 +2,8 @@
 
 What the camera did not see was made up, so neither contacts nor clearances are certain. The
 probabilities here are logistic in what the distance field and a network tell, with coefficients
-fitted to the verdicts of true meshes (`feasigrasp.training.data.grasp_truth`) on objects that no
-training and no evaluation uses, by ``feasigrasp fit certainty``. Their product ranks grasps, and
+fitted to the verdicts of true meshes (`feasigrasp_lab.training.data.grasp_truth`) on objects that
+no training and no evaluation uses, by ``feasigrasp fit certainty``. Their product ranks grasps, and
 says how much is left to chance.
 """
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from feasigrasp.errors import GraspError, needed_by
+from feasigrasp.errors import GraspError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.choices import parse_choice
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
 from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
@@ -19,23 +20,39 @@ from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
 from feasigrasp.models.quantities import Count, Share, Whole
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf import Gpdf
-
-if TYPE_CHECKING:
-    from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
+from feasigrasp.plugins import load_plugin, plugins
 
 
 class SamplerName(StrEnum):
     """Where grasps come from.
 
     ``network`` is the learned `NetworkSampler`, ``paper`` the same with the paper's architecture
-    and nothing else to fall back on, ``antipodal`` the model-free `AntipodalSampler`, ``diffusion``
-    a baseline, the `DiffusionSampler`.
+    and nothing else to fall back on, ``antipodal`` the model-free `AntipodalSampler`. Packages
+    may add others (`feasigrasp.plugins`).
     """
 
     NETWORK = "network"
     PAPER = "paper"
     ANTIPODAL = "antipodal"
-    DIFFUSION = "diffusion"
+
+
+def sampler_names() -> list[str]:
+    """The names that `make_sampler` takes."""
+    return [*SamplerName, *plugins("samplers")]
+
+
+class Proposer(Protocol):
+    """A sampler whose proposals can be had before they are filtered."""
+
+    @property
+    def n_grasps(self) -> int:
+        """Grasps that are returned, at most."""
+
+    def candidates(self, gpdf: Gpdf) -> tuple[Array, Array, object]:
+        """Poses in O, widths, and probabilities if there are any."""
+
+    def __call__(self, gpdf: Gpdf) -> GraspSet:
+        """Filtered grasps in O, best first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +66,7 @@ class Unfiltered:
         sampler: The sampler; as many grasps are returned, at most.
     """
 
-    sampler: AntipodalSampler | NetworkSampler | DiffusionSampler
+    sampler: Proposer
 
     def __call__(self, gpdf: Gpdf) -> GraspSet:
         """Grasps in the frame of the field, best first."""
@@ -92,8 +109,13 @@ def make_sampler(
         WeightsError: The network's weights are missing or broken.
         MissingPackageError: ``paper`` or ``diffusion``, and there is no torch.
     """
-    chosen = parse_choice(SamplerName, name, "sampler", GraspError)
+    chosen = parse_word(sampler_names(), name, "sampler", GraspError)
     gripper = gripper or ParallelGripper()
+    if chosen in plugins("samplers"):
+        make = load_plugin("samplers", chosen)
+        least = LIKELY if least_score is None else least_score
+        added: Proposer = make(gripper, n_grasps=n_grasps, least_score=least, seed=seed)
+        return added if filtered else Unfiltered(added)
     if chosen == SamplerName.ANTIPODAL:
         antipodal = AntipodalSampler(
             gripper,
@@ -103,17 +125,6 @@ def make_sampler(
             seed=seed,
         )
         return antipodal if filtered else Unfiltered(antipodal)
-    if chosen == SamplerName.DIFFUSION:
-        with needed_by("the sampler 'diffusion'"):
-            from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
-
-        diffusion = DiffusionSampler(
-            gripper,
-            n_grasps=n_grasps,
-            least_score=LIKELY if least_score is None else least_score,
-            seed=seed,
-        )
-        return diffusion if filtered else Unfiltered(diffusion)
     paper = chosen == SamplerName.PAPER
     n_approaches = NetworkSampler.n_approaches
     likely = LIKELY if paper else NetworkSampler.least_score

@@ -1,1 +1,1 @@
-"""Runs over the messages of the drivers: the controller, and the cell that judges it."""
+"""A run over driver messages: the cell and the controller in processes of their own."""

@@ -10,15 +10,15 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from feasigrasp.evaluation.metrics.motion_limits import ROUNDING
-from feasigrasp.evaluation.runs.console import StatusLine
-from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
-from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, measured, timings_of
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.one_thread import one_thread
-from feasigrasp.results.interrupts import postponed_interrupt
+from feasigrasp.runs.console import StatusLine
+from feasigrasp.runs.hardware.heard import HeardCommands
+from feasigrasp.runs.metrics.motion_limits import ROUNDING
+from feasigrasp.runs.results.interrupts import postponed_interrupt
+from feasigrasp.runs.run import INTERRUPTED, crash_record, measured, timings_of
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.priority import DRIVER, real_time

@@ -14,12 +14,12 @@ import numpy as np
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
-from feasigrasp.evaluation.metrics.run_metrics import METRICS
-from feasigrasp.evaluation.runs.console import StatusLine, progress
-from feasigrasp.evaluation.runs.run import INTERRUPTED, Result, crash_record, status_history
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.one_thread import one_thread
-from feasigrasp.results.interrupts import postponed_interrupt
+from feasigrasp.runs.console import StatusLine, progress
+from feasigrasp.runs.metrics.run_metrics import METRICS
+from feasigrasp.runs.results.interrupts import postponed_interrupt
+from feasigrasp.runs.run import INTERRUPTED, Result, crash_record, status_history
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels, guard
 from feasigrasp.systems.hardware.control_loop import ControlLoop

@@ -8,9 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from feasigrasp.evaluation.metrics.handling import ObjectTruth
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.runs.metrics.handling import ObjectTruth
 
 #: An object that was pushed farther than this off its path has been pushed away [mm].
 PUSHED_AWAY = 50.0

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from feasigrasp.evaluation.metrics.robot_twin import RobotTwin
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.runs.metrics.robot_twin import RobotTwin
 
 #: Distances of the robot to itself are told up to here [m].
 NEAR = 0.05

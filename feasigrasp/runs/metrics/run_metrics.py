@@ -7,19 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feasigrasp.evaluation.metrics.cause import Cause, Course, cause_of
-from feasigrasp.evaluation.metrics.grasp_tracking import tracking_metrics
-from feasigrasp.evaluation.metrics.handling import (
+from feasigrasp.models.arrays import Array
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.runs.metrics.cause import Cause, Course, cause_of
+from feasigrasp.runs.metrics.grasp_tracking import tracking_metrics
+from feasigrasp.runs.metrics.handling import (
     ObjectTruth,
     closing_speed,
     contact_metrics,
     hold_metrics,
     pushed_metrics,
 )
-from feasigrasp.evaluation.metrics.motion_limits import JointTicks, limit_metrics
-from feasigrasp.models.arrays import Array
-from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.runs.metrics.motion_limits import JointTicks, limit_metrics
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
 
 

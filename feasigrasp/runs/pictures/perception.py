@@ -9,9 +9,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from feasigrasp.evaluation.pictures.dense_surface import dense_surface
-from feasigrasp.evaluation.pictures.sheets import add_scale
-from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.glyphs import spread_order
 from feasigrasp.models.grasps.perceive import Perception
@@ -19,6 +16,9 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.models.shape.surface_points import SurfacePoints
 from feasigrasp.outputs import save_figure
+from feasigrasp.runs.pictures.dense_surface import dense_surface
+from feasigrasp.runs.pictures.sheets import add_scale
+from feasigrasp.runs.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
 from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
 
 #: From surface that was seen to surface that was made up.

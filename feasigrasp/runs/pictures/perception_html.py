@@ -9,16 +9,16 @@ from pydrake.geometry import Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.perception import BaseField, Fields, PointCloud
 
-from feasigrasp.evaluation.pictures.dense_surface import dense_surface
-from feasigrasp.evaluation.pictures.perception import (
+from feasigrasp.models.grasps.glyphs import disc, frames_along, gripper_glyph, place_copies
+from feasigrasp.models.grasps.perceive import Perception
+from feasigrasp.runs.pictures.dense_surface import dense_surface
+from feasigrasp.runs.pictures.perception import (
     shown_grasps,
     towards_viewer,
     uncertainty_colors,
     upward,
 )
-from feasigrasp.evaluation.runs.replay import quiet_meshcat, write_html
-from feasigrasp.models.grasps.glyphs import disc, frames_along, gripper_glyph, place_copies
-from feasigrasp.models.grasps.perceive import Perception
+from feasigrasp.runs.replay import quiet_meshcat, write_html
 from feasigrasp.systems.station.meshcat_scene import set_background
 
 #: Everything is drawn below this Meshcat path; its children can be switched off by hand.

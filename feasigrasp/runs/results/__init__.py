@@ -1,1 +1,1 @@
-"""Result files: rows, statistics, where figures come from."""
+"""The record of a run: rows, statistics, versions, arguments of a command."""

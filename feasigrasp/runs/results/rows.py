@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feasigrasp.outputs import write_text
-from feasigrasp.results.arguments import command_line
-from feasigrasp.results.provenance import git_revision, machine, versions
-from feasigrasp.results.statistics import Estimate, proportion
+from feasigrasp.runs.results.arguments import command_line
+from feasigrasp.runs.results.provenance import git_revision, machine, versions
+from feasigrasp.runs.results.statistics import Estimate, proportion
 
 
 @dataclass(frozen=True)

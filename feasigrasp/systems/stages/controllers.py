@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.control.safety.static_grid import static_grid
 from feasigrasp.models.control.task.choice import ChoiceOptions
-from feasigrasp.models.control.task.nearest import NearestOptions
 from feasigrasp.models.control.task.pursuit import PursuitOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.grasps.funnel import Funnel
@@ -26,12 +24,12 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.grippers import load_gripper
+from feasigrasp.plugins import load_plugin
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import (
     make_static_obstacles,
 )
 from feasigrasp.scenario.schema import ControlConfig, Scenario
-from feasigrasp.systems.baselines.nearest_grasp_controller import NearestGraspController
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
@@ -116,7 +114,10 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
         joint_options = replace(joint_options, funnel=way_in)
         return GPJointController(reachability, joint_options, period=period, mode=config.mode)
     if config.controller != ControlSpace.TASK:
-        return _make_baseline(config, reachability, safety, period)
+        controller: GraspController = load_plugin("controllers", config.controller)(
+            scenario, reachability, safety
+        )
+        return controller
     prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
     way_in = Funnel(min_standoff=scenario.grasp.standoff)
     choice = ChoiceOptions(_prices(config, prices), config.look_ahead, funnel=way_in)
@@ -139,26 +140,6 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
         mode=config.mode,
         seed=scenario.random_seed,
     )
-
-
-def _make_baseline(
-    config: ControlConfig, reachability: Reachability, safety: SafetyOptions, period: float
-) -> GraspController:
-    """A controller to compare with, see docs/baselines.md."""
-    law: dict[str, Any] = {
-        "gain": config.gain,
-        "damping": config.damping,
-        "feed_forward": config.feed_forward,
-    }
-    given: dict[str, Any] = {"safety": safety, "period": period, "mode": config.mode}
-    if config.controller == ControlSpace.NEAREST:
-        return NearestGraspController(reachability, NearestOptions(**law), **given)
-    # torch takes a second to import
-    from feasigrasp.models.control.task.diffusion_law import DiffusionControlOptions
-    from feasigrasp.systems.baselines.grasp_diffusion_controller import GraspDiffusionController
-
-    options = DiffusionControlOptions(law=config.law, **law)
-    return GraspDiffusionController(reachability, options, **given)
 
 
 def _prices(config: ControlConfig, prices: Prices) -> Prices:

@@ -22,9 +22,9 @@ from drake import lcmt_iiwa_status
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
-from feasigrasp.evaluation.runs.hardware.network import Network, RelayProcess
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.remote.worker import SERVING
+from feasigrasp_lab.runs.hardware.network import Network, RelayProcess
 
 #: How long a pair of processes may take from its start to its end [s].
 PATIENCE = 900.0

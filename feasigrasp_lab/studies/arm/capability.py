@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.evaluation.pictures.capability import Slice, plot_slices
-from feasigrasp.evaluation.pictures.capability_scene import write_scene
-from feasigrasp.evaluation.studies.arm.reachability import exact
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
-from feasigrasp.results.arguments import add_common_arguments, positive
-from feasigrasp.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.arguments import add_common_arguments, positive
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.pictures.capability import Slice, plot_slices
+from feasigrasp_lab.pictures.capability_scene import write_scene
+from feasigrasp_lab.studies.arm.reachability import exact
 
 #: The arm in the pictures, in the plane of the vertical slice [rad].
 POSTURE = np.deg2rad([0.0, 35.0, 0.0, -75.0, 0.0, 55.0, 0.0])

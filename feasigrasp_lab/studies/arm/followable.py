@@ -14,19 +14,19 @@ from collections.abc import Iterator
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.evaluation.measures.followable import followable
-from feasigrasp.evaluation.protocols.speed import AT_SPEEDS, MOTIONS, curve_point
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.arguments import add_common_arguments, factor, positive
-from feasigrasp.results.rows import Row, report_rows
-from feasigrasp.results.statistics import mean
+from feasigrasp.runs.results.arguments import add_common_arguments, factor, positive
+from feasigrasp.runs.results.rows import Row, report_rows
+from feasigrasp.runs.results.statistics import mean
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.measures.followable import followable
+from feasigrasp_lab.protocols.speed import AT_SPEEDS, MOTIONS, curve_point
 
 #: Shares of the velocity and of the acceleration limits, by the end of a row's preset: those of the
 #: arm, and what our safety problem uses of them.

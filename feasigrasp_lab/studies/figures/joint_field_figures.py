@@ -28,8 +28,8 @@ from feasigrasp.models.control.joint.field import (
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.arguments import add_common_arguments
-from feasigrasp.results.rows import Row, report_rows, write_csv
+from feasigrasp.runs.results.arguments import add_common_arguments
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
 
 #: Lengths of the two links [m].
 LINKS = (0.5, 0.4)

@@ -17,9 +17,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from feasigrasp.errors import GraspError
-from feasigrasp.evaluation.pictures.dense_surface import dense_surface
-from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline, outlines_at
-from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
@@ -30,11 +27,14 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.surface_points import SurfacePoints
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.training.data.grasp_examples import fuse_and_complete
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.views import ViewedObject, look_at
+from feasigrasp.runs.pictures.dense_surface import dense_surface
+from feasigrasp.runs.pictures.perception import DOT, gripper_outline, outlines_at
+from feasigrasp.runs.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
+from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.views import ViewedObject, look_at
 
 #: Directions from the object to the cameras of its three views, and their distance [m].
 _DIRECTIONS, _DISTANCE = ((1.0, -0.6, 0.7), (-0.6, 1.0, 0.6), (-0.6, -0.8, 0.9)), 0.5

@@ -16,10 +16,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 
-from feasigrasp.evaluation.pictures.dense_surface import dense_surface
-from feasigrasp.evaluation.pictures.perception import DOT, gripper_outline, outlines_at
-from feasigrasp.evaluation.pictures.sheets import add_scale, two_rows
-from feasigrasp.evaluation.pictures.splats import Viewer, draw_lines, draw_points, frame
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.grasps.glyphs import spread_order
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
@@ -27,11 +23,15 @@ from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.surface_points import SurfacePoints
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.training.data.grasp_examples import fuse_and_complete
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.views import ViewedObject, look_at
+from feasigrasp.runs.pictures.dense_surface import dense_surface
+from feasigrasp.runs.pictures.perception import DOT, gripper_outline, outlines_at
+from feasigrasp.runs.pictures.sheets import add_scale, two_rows
+from feasigrasp.runs.pictures.splats import Viewer, draw_lines, draw_points, frame
+from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.views import ViewedObject, look_at
 
 #: Objects of the picture unless others are asked for.
 OBJECTS = "mustard_bottle,mug,drill,banana,hammer,spray_can"

@@ -14,23 +14,23 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from feasigrasp.evaluation.pictures.dense_surface import dense_surface
-from feasigrasp.evaluation.pictures.perception import (
-    DOT,
-    MOST_UNCERTAIN,
-    UNCERTAINTY_COLORS,
-    uncertainty_colors,
-)
-from feasigrasp.evaluation.pictures.sheets import add_scale, two_rows
-from feasigrasp.evaluation.pictures.splats import Viewer, draw_points, frame
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.outputs import save_figure
-from feasigrasp.results.arguments import add_common_arguments, select_objects
-from feasigrasp.results.rows import Row, report_rows, write_csv
-from feasigrasp.training.data.views import PartialView, ViewedObject, fused, look_at
+from feasigrasp.runs.pictures.dense_surface import dense_surface
+from feasigrasp.runs.pictures.perception import (
+    DOT,
+    MOST_UNCERTAIN,
+    UNCERTAINTY_COLORS,
+    uncertainty_colors,
+)
+from feasigrasp.runs.pictures.sheets import add_scale, two_rows
+from feasigrasp.runs.pictures.splats import Viewer, draw_points, frame
+from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
+from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, look_at
 
 #: Objects of the pictures unless others are asked for; the first one is cut by the line.
 OBJECTS = "spray_can,mug,drill"

@@ -23,14 +23,14 @@ from scipy.spatial import cKDTree
 from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.training.data.grasp_labels import (
+from feasigrasp_lab.training.data.grasp_labels import (
     N_TURNS,
     ContactPairs,
     PointLabels,
     best_labels,
     on_true_surface,
 )
-from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 #: Opening of the recorded hand [m], and the depths of its pads in its own frame, tip first [m].
 OPENING, PAD_DEPTHS = 0.08, np.linspace(0.110, 0.070, 9)

@@ -29,9 +29,9 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.surface_error import predicted_deviation
-from feasigrasp.training.data.grasp_labels import PointLabels, best_labels, find_pairs
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.views import PartialView, ViewedObject, fused, turning_views
+from feasigrasp_lab.training.data.grasp_labels import PointLabels, best_labels, find_pairs
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 Example = dict[str, Any]
 Labeller = Callable[[Array, Array], PointLabels]

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from feasigrasp.models.arrays import Array, Indices, Mask
 from feasigrasp.models.geometry.se3 import perpendiculars
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.training.data.grasp_label_kernels import blocked_turns, turn_table
-from feasigrasp.training.data.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
+from feasigrasp_lab.training.data.grasp_label_kernels import blocked_turns, turn_table
+from feasigrasp_lab.training.data.grasp_truth import CONE_DEG, TrueGrasps, hand_boxes
 
 #: A completed point counts if it is this near to the true surface [m] and turned so little [deg].
 NEAR, ALIGNED_DEG = 0.004, 25.0

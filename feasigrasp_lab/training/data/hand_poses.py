@@ -16,9 +16,9 @@ from feasigrasp.errors import MeshError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.grasp_set import FLIP, grasp_frames
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.results.finished import read_shard, write_arrays
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.household_shapes import make_shape
+from feasigrasp_lab.results.finished import read_shard, write_arrays
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.household_shapes import make_shape
 
 #: Hand poses and signed distances that are kept of each example; with fewer valid poses than the
 #: last, an example is left out.

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from manifold3d import CrossSection, Manifold
 
-from feasigrasp.training.data.solids import (
+from feasigrasp_lab.training.data.solids import (
     clean,
     ellipsoid,
     lathe,

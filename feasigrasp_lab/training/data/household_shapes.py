@@ -16,7 +16,7 @@ from manifold3d import Manifold
 
 from feasigrasp.errors import MeshError
 from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.training.data import household_families as families
+from feasigrasp_lab.training.data import household_families as families
 
 Maker = Callable[[np.random.Generator], Manifold]
 

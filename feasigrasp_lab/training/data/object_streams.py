@@ -17,9 +17,9 @@ from feasigrasp.models.objects.rigid_object import (
     find_objects,
     load_object,
 )
-from feasigrasp.training.data.acronym import acronym_labels, read_acronym
-from feasigrasp.training.data.grasp_examples import Labeller
-from feasigrasp.training.data.household_shapes import (
+from feasigrasp_lab.training.data.acronym import acronym_labels, read_acronym
+from feasigrasp_lab.training.data.grasp_examples import Labeller
+from feasigrasp_lab.training.data.household_shapes import (
     HELD_OUT,
     make_shape,
     shape_of,

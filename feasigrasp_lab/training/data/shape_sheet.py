@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.outputs import save_figure
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.household_shapes import FAMILIES, HELD_OUT, make_shape
-from feasigrasp.training.data.views import ViewedObject, look_at
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.household_shapes import FAMILIES, HELD_OUT, make_shape
+from feasigrasp_lab.training.data.views import ViewedObject, look_at
 
 _PIXELS = 150
 #: Side of a tile [m]; every shape is drawn to this scale.

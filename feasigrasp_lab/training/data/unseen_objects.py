@@ -7,9 +7,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from feasigrasp.models.objects.rigid_object import RigidObject, load_object, write_mesh
-from feasigrasp.results.arguments import names, select_objects
-from feasigrasp.results.rows import write_json
-from feasigrasp.training.data.household_shapes import HELD_OUT, make_shape
+from feasigrasp.runs.results.arguments import names, select_objects
+from feasigrasp.runs.results.rows import write_json
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape
 
 #: Part of ``--objects``: generated shapes of the families that are held out.
 GENERATED = "held-out"

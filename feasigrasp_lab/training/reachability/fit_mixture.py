@@ -24,7 +24,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.float32_kernels import pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.mixtures.seeding import seed_means
-from feasigrasp.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
+from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
 
 #: Parts that a pass is dealt out in, whatever the number of threads.
 _PARTS = 16

@@ -93,7 +93,7 @@ class SerialChain(Frozen):
 
 
 class PlantArm:
-    """An arm of a model file, ready for `feasigrasp.training.reachability.reachable_poses`.
+    """An arm of a model file, ready for `feasigrasp_lab.training.reachability.reachable_poses`.
 
     Joints that are not between the two frames (fingers, say) stay at their default positions, and
     whatever geometry the file has counts in collisions, minus what Drake filters (neighbours, and

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.mode import Law
-from feasigrasp.models.control.task.diffusion_law import (
-    DiffusedField,
-    DiffusionControlOptions,
-    diffusion_velocity,
-)
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.diffusion.energy import LENGTH
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import LAST_TIME, load_grasp_diffusion
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp_lab.baselines.diffusion_energy import LENGTH
+from feasigrasp_lab.baselines.diffusion_law import (
+    DiffusedField,
+    DiffusionControlOptions,
+    diffusion_velocity,
+)
+from feasigrasp_lab.baselines.grasp_diffusion import LAST_TIME, load_grasp_diffusion
 
 X_FG = ParallelGripper().X_FG
 HOME = np.deg2rad([10.0, -40.0, 5.0, -95.0, 5.0, 75.0, 10.0])

@@ -7,8 +7,8 @@ from scipy.integrate import quad
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.diffusion.energy import standard_deviation
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import GraspDiffusion
+from feasigrasp_lab.baselines.diffusion_energy import standard_deviation
+from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion
 
 STEP = 1e-6
 

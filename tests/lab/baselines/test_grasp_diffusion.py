@@ -6,14 +6,14 @@ import torch
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.diffusion.energy import LENGTH
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import (
+from feasigrasp.models.grasps.network.surface_input import GraspInput
+from feasigrasp.models.weights_file import WeightsError
+from feasigrasp_lab.baselines.diffusion_energy import LENGTH
+from feasigrasp_lab.baselines.grasp_diffusion import (
     DiffusedObject,
     GraspDiffusion,
     load_grasp_diffusion,
 )
-from feasigrasp.models.grasps.network.surface_input import GraspInput
-from feasigrasp.models.weights_file import WeightsError
 
 SHARES = np.array([0.6, 0.4])
 MIDDLE = np.array([0.1, -0.2, 0.3])

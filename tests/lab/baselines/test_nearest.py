@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.task.nearest import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp_lab.baselines.nearest_law import (
     NearestGrasp,
     NearestOptions,
     nearest_grasp,
     nearest_grasp_velocity,
 )
-from feasigrasp.models.geometry import se3
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACH = Reachability()
 HOME = np.deg2rad([10.0, -40.0, 5.0, -95.0, 5.0, 75.0, 10.0])

@@ -6,9 +6,9 @@ import pytest
 from feasigrasp.errors import GraspError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import GraspDiffusion
-from feasigrasp.models.grasps.diffusion.sampler import DiffusionSampler
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
+from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion
 
 RADIUS = 0.03
 

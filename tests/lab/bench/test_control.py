@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 import torch
 
-from feasigrasp.evaluation.bench import control as bench_control
-from feasigrasp.evaluation.bench.control import (
-    format_table_3,
-    joint_probe,
-    task_probe,
-)
-from feasigrasp.evaluation.measures.timing import Timing, timing_row
-from feasigrasp.evaluation.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
-from feasigrasp.evaluation.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp.evaluation.runs.controller_probe import V_WO
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
-from feasigrasp.results.rows import Row
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.bench import control as bench_control
+from feasigrasp_lab.bench.control import (
+    format_table_3,
+    joint_probe,
+    task_probe,
+)
+from feasigrasp_lab.measures.timing import Timing, timing_row
+from feasigrasp_lab.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
+from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp_lab.runs.controller_probe import V_WO
 
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG

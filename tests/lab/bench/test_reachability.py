@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 
-from feasigrasp.evaluation.bench import reachability as bench_reachability
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp_lab.bench import reachability as bench_reachability
 
 
 def test_about_half_of_the_grasps_can_be_reached():

@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.bench import safety as bench
-from feasigrasp.evaluation.measures.timing import cpu_time
-from feasigrasp.evaluation.peers import safety_laws as laws
-from feasigrasp.evaluation.peers.safety_solvers import solve_daqp, solvers
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp_lab.bench import safety as bench
+from feasigrasp_lab.measures.timing import cpu_time
+from feasigrasp_lab.peers import safety_laws as laws
+from feasigrasp_lab.peers.safety_solvers import solve_daqp, solvers
 
 OPTIONS = SafetyOptions()
 

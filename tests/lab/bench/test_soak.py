@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.evaluation.bench import soak
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario
+from feasigrasp_lab.bench import soak
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 #: All logs of the diagram.

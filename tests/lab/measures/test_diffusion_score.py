@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.measures.diffusion_score import (
+from feasigrasp.models.geometry import se3
+from feasigrasp_lab.measures.diffusion_score import (
     known_components,
     log_density,
     relative_error,
     score,
     score_error,
 )
-from feasigrasp.models.geometry import se3
-from feasigrasp.training.diffusion_batches import with_noise
+from feasigrasp_lab.training.diffusion_batches import with_noise
 
 COUNT = 60_000
 

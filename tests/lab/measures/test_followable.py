@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.measures.followable import followable
-from feasigrasp.evaluation.peers.drake_arm import DrakeArm
 from feasigrasp.models.ik.closed_form import closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp_lab.measures.followable import followable
+from feasigrasp_lab.peers.drake_arm import DrakeArm
 
 DT = 0.02
 T = DT * np.arange(-5, 6)

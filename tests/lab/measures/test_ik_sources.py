@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.measures import ik_sources
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp_lab.measures import ik_sources
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from feasigrasp.evaluation.measures.timing import cpu_ms
+from feasigrasp_lab.measures.timing import cpu_ms
 
 
 def blas_threads():

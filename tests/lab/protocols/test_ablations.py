@@ -2,10 +2,10 @@
 
 import pytest
 
-from feasigrasp.evaluation.protocols.ablations import ablation_rows
-from feasigrasp.evaluation.runs.run import crash_record
-from feasigrasp.evaluation.runs.summary import summary_rows
+from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.protocols.ablations import ablation_rows
+from feasigrasp_lab.runs.summary import summary_rows
 
 
 def record(name, thing, held, time=None, controller="task", seed=0):

@@ -2,10 +2,10 @@
 
 import pytest
 
-from feasigrasp.evaluation.protocols.degradations import DEGRADATIONS
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.files import dump_scenario, load_scenario
+from feasigrasp_lab.protocols.degradations import DEGRADATIONS
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.protocols.speed import (
+from feasigrasp.resources import diagram_path
+from feasigrasp.scenario.files import load_scenario
+from feasigrasp.scenario.sampling import make_motion
+from feasigrasp_lab.protocols.speed import (
     AT_SPEEDS,
     AT_SPINS,
     MOTIONS,
@@ -12,9 +15,6 @@ from feasigrasp.evaluation.protocols.speed import (
     at_speed,
     curve_point,
 )
-from feasigrasp.resources import diagram_path
-from feasigrasp.scenario.files import load_scenario
-from feasigrasp.scenario.sampling import make_motion
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 TIMES = np.linspace(0.0, 40.0, 4001)

@@ -9,10 +9,10 @@ import pytest
 from matplotlib.image import imread
 
 from feasigrasp import cli
-from feasigrasp.evaluation.report.curves import FIGURE as CURVE
-from feasigrasp.evaluation.report.dynamic import FIGURE
-from feasigrasp.evaluation.report.paper_tables import TABLE_2, TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp.results.markdown import BEGIN, END, markdown_table
+from feasigrasp_lab.report.curves import FIGURE as CURVE
+from feasigrasp_lab.report.dynamic import FIGURE
+from feasigrasp_lab.report.paper_tables import TABLE_2, TABLE_3_JOINT, TABLE_3_TASK
+from feasigrasp_lab.results.markdown import BEGIN, END, markdown_table
 
 
 def row(name, preset, value, low=None, high=None, unit="", n=5):

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from feasigrasp.results.finished import finish, finish_all, read_finished
-from feasigrasp.results.rows import write_json
+from feasigrasp.runs.results.rows import write_json
+from feasigrasp_lab.results.finished import finish, finish_all, read_finished
 
 
 def test_finished_work_is_kept_while_nothing_changed(tmp_path):

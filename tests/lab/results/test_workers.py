@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from feasigrasp.results.workers import ClusterError, Shard, in_threads, on_cluster
+from feasigrasp_lab.results.workers import ClusterError, Shard, in_threads, on_cluster
 
 
 def test_threads_do_every_task():

@@ -5,11 +5,11 @@ import math
 
 import pytest
 
-from feasigrasp.evaluation.runs.conditions import conditions
-from feasigrasp.evaluation.runs.plan import Plan, PlannedRun
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.conditions import conditions_text
 from feasigrasp.scenario.files import load_scenario
+from feasigrasp_lab.results.conditions import conditions_text
+from feasigrasp_lab.runs.conditions import conditions
+from feasigrasp_lab.runs.plan import Plan, PlannedRun
 
 
 def planned(name, text="{}", model="duck"):

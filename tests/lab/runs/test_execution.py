@@ -5,17 +5,17 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import EventStatus
 
-from feasigrasp.evaluation.protocols.static import PROTOCOLS
-from feasigrasp.evaluation.runs.teleport import teleport
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.teleport import teleport
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import make_station
+from feasigrasp_lab.protocols.static import PROTOCOLS
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 X_FG = ParallelGripper().X_FG

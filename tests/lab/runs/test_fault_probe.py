@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs import fault_probe
-from feasigrasp.evaluation.runs.fault_probe import ArmLog, blind_pairs, leaks
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.runs import fault_probe
+from feasigrasp_lab.runs.fault_probe import ArmLog, blind_pairs, leaks
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 

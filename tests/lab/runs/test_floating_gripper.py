@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.evaluation.runs.floating_gripper import FloatingGripper, hold_trials
-from feasigrasp.evaluation.runs.hand_load import (
+from feasigrasp.models.objects.rigid_object import RigidObject
+from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
+from feasigrasp_lab.runs.floating_gripper import FloatingGripper, hold_trials
+from feasigrasp_lab.runs.hand_load import (
     GRAVITY,
     LIFT_TIME,
     RAMP_TIME,
@@ -13,10 +15,8 @@ from feasigrasp.evaluation.runs.hand_load import (
     SHAKE_PERIOD,
     load,
 )
-from feasigrasp.evaluation.studies.grasp_labels import sample_grasps, summary_rows
-from feasigrasp.models.objects.rigid_object import RigidObject
-from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
-from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.studies.grasp_labels import sample_grasps, summary_rows
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 
 def turned(angle_deg):

@@ -5,11 +5,11 @@ import os
 import signal
 from pathlib import Path
 
-from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.runs import run as run_module
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs import run as run_module
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.runs import isolated
 
 
 def test_an_exception_in_the_process_becomes_its_record(tmp_path):

@@ -9,13 +9,13 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import LeafSystem
 
-from feasigrasp.evaluation.runs.rollout import ROLLOUT_METRICS, object_grasps, roll_out
-from feasigrasp.evaluation.studies.prediction import MEASUREMENTS, motion_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
+from feasigrasp_lab.runs.rollout import ROLLOUT_METRICS, object_grasps, roll_out
+from feasigrasp_lab.studies.prediction import MEASUREMENTS, motion_errors
 
 SPEED = np.array([0.3, -0.2, 0.1, 0.25, -0.1, 0.2, 0.4])
 

@@ -2,10 +2,10 @@
 
 import pytest
 
-from feasigrasp.evaluation.runs.run import crash_record
-from feasigrasp.evaluation.runs.summary import format_table, summary_rows
-from feasigrasp.results.statistics import proportion
+from feasigrasp.runs.results.statistics import proportion
+from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.runs.summary import format_table, summary_rows
 
 
 def record(scenario, controller, held, *, limits=0.0, distance=5.0, slip=None, error=None):

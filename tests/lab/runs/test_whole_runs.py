@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.runs.run import run
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.run import run
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.metrics import SAMPLE_NAMES
 

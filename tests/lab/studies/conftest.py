@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.runs.run import crash_record
+from feasigrasp.runs.run import crash_record
+from feasigrasp_lab.runs import isolated
 
 
 @pytest.fixture

@@ -6,11 +6,12 @@ import json
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.runs import run as run_module
-from feasigrasp.evaluation.studies import dynamic
 from feasigrasp.resources import model_path
-from feasigrasp.results import finished, rows
+from feasigrasp.runs import run as run_module
+from feasigrasp.runs.results import rows
+from feasigrasp_lab.results import finished
+from feasigrasp_lab.runs import isolated
+from feasigrasp_lab.studies import dynamic
 
 #: Where the revision is asked for.
 REVISION = (dynamic, finished, rows, run_module)

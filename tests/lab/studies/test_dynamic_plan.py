@@ -7,17 +7,17 @@ import pytest
 
 from feasigrasp import cli
 from feasigrasp.errors import ScenarioError
-from feasigrasp.evaluation.protocols.ablations import ABLATIONS
-from feasigrasp.evaluation.runs.plan import plan
-from feasigrasp.evaluation.runs.studies import STUDIES
-from feasigrasp.evaluation.studies import dynamic
 from feasigrasp.models.objects.rigid_object import builtin_objects, load_object
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object
-from feasigrasp.training import fit_certainty
-from feasigrasp.training.data.household_shapes import HELD_OUT, make_shape
-from feasigrasp.training.data.unseen_objects import FIRST_SEED, FIRST_TEST_SEED
+from feasigrasp_lab.protocols.ablations import ABLATIONS
+from feasigrasp_lab.runs.plan import plan
+from feasigrasp_lab.runs.studies import STUDIES
+from feasigrasp_lab.studies import dynamic
+from feasigrasp_lab.training import fit_certainty
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT, make_shape
+from feasigrasp_lab.training.data.unseen_objects import FIRST_SEED, FIRST_TEST_SEED
 
 
 def planned(*arguments):

@@ -9,25 +9,25 @@ import pytest
 
 from feasigrasp import cli
 from feasigrasp.errors import ScenarioError
-from feasigrasp.evaluation.bench import soak
-from feasigrasp.evaluation.metrics.cause import Cause
-from feasigrasp.evaluation.protocols.fault_table import FAULTS
-from feasigrasp.evaluation.report.faults import faults_report
-from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.runs.fault_plan import (
+from feasigrasp.models.control.status import StatusCode
+from feasigrasp.resources import diagram_path
+from feasigrasp.runs.metrics.cause import Cause
+from feasigrasp.runs.results.rows import Row
+from feasigrasp.runs.run import crash_record
+from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.bench import soak
+from feasigrasp_lab.protocols.fault_table import FAULTS
+from feasigrasp_lab.report.faults import faults_report
+from feasigrasp_lab.runs import isolated
+from feasigrasp_lab.runs.fault_plan import (
     MOTIONS,
     FaultRun,
     faulty_runs,
     nominal_runs,
     outcome,
 )
-from feasigrasp.evaluation.runs.run import crash_record
-from feasigrasp.evaluation.studies import faults
-from feasigrasp.models.control.status import StatusCode
-from feasigrasp.resources import diagram_path
-from feasigrasp.results.rows import Row
-from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario
-from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.studies import faults
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.runs import run as run_module
-from feasigrasp.evaluation.runs.run import crash_record
-from feasigrasp.evaluation.studies import gallery
-from feasigrasp.results import finished
+from feasigrasp.runs import run as run_module
+from feasigrasp.runs.run import crash_record
+from feasigrasp_lab.results import finished
+from feasigrasp_lab.runs import isolated
+from feasigrasp_lab.studies import gallery
 
 
 def planned(*arguments):

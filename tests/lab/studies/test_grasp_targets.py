@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from feasigrasp.cli import main
-from feasigrasp.evaluation.studies import grasp_targets as study_grasp_targets
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp_lab.studies import grasp_targets as study_grasp_targets
 
 TARGETS = ["mean, K = 2", "mean, K by BIC", "ascent to means", "medoid", "ascent to medoids"]
 TARGETS += ["gradient to means"]

@@ -14,15 +14,15 @@ from drake import lcmt_iiwa_command, lcmt_image, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
-from feasigrasp.evaluation.runs.hardware import cell as cell_module
-from feasigrasp.evaluation.runs.hardware import network, pair
-from feasigrasp.evaluation.runs.hardware.heard import HeardCommands
-from feasigrasp.evaluation.runs.hardware.network import Network, Relay, RelayProcess
-from feasigrasp.evaluation.runs.hardware.pair import Blow, workers_of
-from feasigrasp.evaluation.studies import hardware_loop
-from feasigrasp.evaluation.studies.hardware_loop import outcome, outcome_rows, planned_pairs
+from feasigrasp.runs.hardware import cell as cell_module
+from feasigrasp.runs.hardware.heard import HeardCommands
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
+from feasigrasp_lab.runs.hardware import network, pair
+from feasigrasp_lab.runs.hardware.network import Network, Relay, RelayProcess
+from feasigrasp_lab.runs.hardware.pair import Blow, workers_of
+from feasigrasp_lab.studies import hardware_loop
+from feasigrasp_lab.studies.hardware_loop import outcome, outcome_rows, planned_pairs
 
 #: Has another child than its two workers, says their numbers, and waits.
 CONTROLLER = """

@@ -6,12 +6,12 @@ import json
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.bench import kinematics as bench
-from feasigrasp.evaluation.measures import timing
-from feasigrasp.evaluation.peers.drake_arm import DrakeArm
-from feasigrasp.evaluation.studies.arm import kinematics as evaluate
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.results.rows import Row
+from feasigrasp.runs.results.rows import Row
+from feasigrasp_lab.bench import kinematics as bench
+from feasigrasp_lab.measures import timing
+from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.studies.arm import kinematics as evaluate
 
 
 def value(rows, name, preset="default"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.evaluation.studies.figures.joint_field_figures import Field, forward, inverse
+from feasigrasp_lab.studies.figures.joint_field_figures import Field, forward, inverse
 
 #: A patch of targets in reach of the small arm, not the one of the picture [m].
 TARGETS = np.array([[0.3, 0.5], [0.45, 0.35], [-0.2, 0.6], [0.1, 0.75]])

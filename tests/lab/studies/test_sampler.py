@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from feasigrasp.evaluation.measures.grasps import set_measures
-from feasigrasp.evaluation.studies.sampler import make_samplers, summary_rows, write_records
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.results.statistics import average_precision, resampled
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.household_shapes import HELD_OUT
-from feasigrasp.training.data.unseen_objects import FIRST_SEED, make_object, unseen_objects
+from feasigrasp.runs.results.statistics import average_precision, resampled
+from feasigrasp_lab.measures.grasps import set_measures
+from feasigrasp_lab.studies.sampler import make_samplers, summary_rows, write_records
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT
+from feasigrasp_lab.training.data.unseen_objects import FIRST_SEED, make_object, unseen_objects
 
 
 def test_average_precision_by_hand():

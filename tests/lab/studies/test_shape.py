@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from feasigrasp.cli import main
-from feasigrasp.evaluation.measures.level_set import sample_level_set
-from feasigrasp.evaluation.measures.shape import auc, measure, true_samples
-from feasigrasp.evaluation.studies.shape import _binned
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.models.shape.surface_error import predicted_deviation, surface_deviation
-from feasigrasp.training.data.views import ViewedObject, look_at, turning_views
+from feasigrasp_lab.measures.level_set import sample_level_set
+from feasigrasp_lab.measures.shape import auc, measure, true_samples
+from feasigrasp_lab.studies.shape import _binned
+from feasigrasp_lab.training.data.views import ViewedObject, look_at, turning_views
 
 RADIUS = 0.033
 

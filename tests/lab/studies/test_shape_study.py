@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from feasigrasp.cli import main
-from feasigrasp.evaluation.studies import length_scale as study_length_scale
-from feasigrasp.evaluation.studies.figures import shape_figures
-from feasigrasp.evaluation.studies.length_scale import curves, summary_rows
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.training.data.views import ViewedObject
+from feasigrasp_lab.studies import length_scale as study_length_scale
+from feasigrasp_lab.studies.figures import shape_figures
+from feasigrasp_lab.studies.length_scale import curves, summary_rows
+from feasigrasp_lab.training.data.views import ViewedObject
 
 
 def record(name, view, preset, length_scale, value):

@@ -8,10 +8,10 @@ import pytest
 import trimesh
 
 from feasigrasp import cli
-from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.studies import static
-from feasigrasp.results.workers import Shard
 from feasigrasp.scenario.sampling import make_hand_error, make_motion
+from feasigrasp_lab.results.workers import Shard
+from feasigrasp_lab.runs import isolated
+from feasigrasp_lab.studies import static
 
 
 @pytest.fixture

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.studies.tracking import FIGURES, summary_rows
-from feasigrasp.evaluation.tracking import recording as module
-from feasigrasp.evaluation.tracking.judge import TrueObject, judge, lost
-from feasigrasp.evaluation.tracking.peers import PeerTracker, point_to_plane_open3d
-from feasigrasp.evaluation.tracking.recording import RATE, Recording, recorded
-from feasigrasp.evaluation.tracking.sensors import SENSORS, images
-from feasigrasp.evaluation.tracking.trackers import OurTracker
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import load_object
+from feasigrasp_lab.studies.tracking import FIGURES, summary_rows
+from feasigrasp_lab.tracking import recording as module
+from feasigrasp_lab.tracking.judge import TrueObject, judge, lost
+from feasigrasp_lab.tracking.peers import PeerTracker, point_to_plane_open3d
+from feasigrasp_lab.tracking.recording import RATE, Recording, recorded
+from feasigrasp_lab.tracking.sensors import SENSORS, images
+from feasigrasp_lab.tracking.trackers import OurTracker
 from tests.object_views import CAMERA, camera_at, look
 
 TWIST = np.array([0.0, 0.1, 0.2, 0.02, -0.05, 0.01])

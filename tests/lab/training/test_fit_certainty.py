@@ -8,8 +8,8 @@ import pytest
 from feasigrasp.cli import main
 from feasigrasp.errors import GraspError
 from feasigrasp.models.grasps.certainty import probability
-from feasigrasp.training.data.unseen_objects import unseen_objects
-from feasigrasp.training.fit_certainty import FIRST_SEED, NAMES, fit, shape_names, stages
+from feasigrasp_lab.training.data.unseen_objects import unseen_objects
+from feasigrasp_lab.training.fit_certainty import FIRST_SEED, NAMES, fit, shape_names, stages
 
 
 def test_coefficients_that_made_the_verdicts_are_found():

@@ -9,14 +9,14 @@ import pytest
 
 from feasigrasp import cli
 from feasigrasp.errors import ReachabilityError
-from feasigrasp.evaluation.peers.reachability import FlatMixture, VoxelMap, flatten
-from feasigrasp.evaluation.studies.arm import reachability
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.results.statistics import area_under_curve, roc_curve
-from feasigrasp.training.fit_reachability import parse_components, parse_tool
-from feasigrasp.training.reachability.plant_arm import PlantArm
+from feasigrasp.runs.results.statistics import area_under_curve, roc_curve
+from feasigrasp_lab.peers.reachability import FlatMixture, VoxelMap, flatten
+from feasigrasp_lab.studies.arm import reachability
+from feasigrasp_lab.training.fit_reachability import parse_components, parse_tool
+from feasigrasp_lab.training.reachability.plant_arm import PlantArm
 
 URDF = Path(__file__).parent / "reachability" / "six_axis_arm.urdf"
 FIT = ["fit", "reachability", "--samples", "30000", "--jobs", "1"]
@@ -66,8 +66,8 @@ def test_a_finished_part_is_not_drawn_again(fitted, monkeypatch, capsys):
     def fail(*args, **options):
         raise AssertionError("drawn or fitted again")
 
-    monkeypatch.setattr("feasigrasp.training.reachability.reachable_poses._draw_part", fail)
-    monkeypatch.setattr("feasigrasp.training.fit_reachability._fit", fail)
+    monkeypatch.setattr("feasigrasp_lab.training.reachability.reachable_poses._draw_part", fail)
+    monkeypatch.setattr("feasigrasp_lab.training.fit_reachability._fit", fail)
     assert cli.main([*FIT, "--out", str(fitted), "--components", "4,12"]) == 0
     assert "30000 drawn" in capsys.readouterr().out
 
@@ -78,7 +78,7 @@ def test_a_folder_of_other_settings_is_refused(fitted, capsys):
 
 
 def test_jobs_do_not_change_the_samples(fitted, tmp_path, monkeypatch):
-    monkeypatch.setattr("feasigrasp.training.reachability.reachable_poses.PART", 10_000)
+    monkeypatch.setattr("feasigrasp_lab.training.reachability.reachable_poses.PART", 10_000)
     for jobs in ("1", "2"):
         out = tmp_path / jobs
         arguments = ["--samples", "30000", "--components", "2", "--out", str(out), "--jobs", jobs]
@@ -211,7 +211,7 @@ def test_flat_mixture_is_a_normal_density():
     covariance = np.cov(x.T, bias=True)
     extra = np.linalg.eigvalsh(covariance)
     assert extra.min() > 0
-    from feasigrasp.evaluation.peers.reachability import FLOOR
+    from feasigrasp_lab.peers.reachability import FLOOR
 
     normal = multivariate_normal(x.mean(axis=0), covariance + FLOOR * np.eye(x.shape[1]))
     np.testing.assert_allclose(fit.log_density(X), normal.logpdf(x), rtol=1e-8)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from feasigrasp.training.loop import (
+from feasigrasp_lab.training.loop import (
     TrainingError,
     TrainingRun,
     learning_rate,

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from feasigrasp import cli
-from feasigrasp.evaluation.measures.diffusion_score import score
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.diffusion.grasp_diffusion import GraspDiffusion
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.results.finished import read_shard
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.hand_poses import LEAST
-from feasigrasp.training.data.household_shapes import make_shape
-from feasigrasp.training.diffusion_batches import with_noise
+from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion
+from feasigrasp_lab.measures.diffusion_score import score
+from feasigrasp_lab.results.finished import read_shard
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.hand_poses import LEAST
+from feasigrasp_lab.training.data.household_shapes import make_shape
+from feasigrasp_lab.training.diffusion_batches import with_noise
 
 
 @pytest.mark.parametrize("deviation", [0.03, 0.7])

@@ -9,8 +9,8 @@ from feasigrasp.cli import main
 from feasigrasp.models.clouds.view_image import view_image
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.shape.hidden_side_network import HiddenSide
-from feasigrasp.training.data.views import ViewedObject
-from feasigrasp.training.train_hidden_side import true_thickness
+from feasigrasp_lab.training.data.views import ViewedObject
+from feasigrasp_lab.training.train_hidden_side import true_thickness
 
 
 def test_the_true_thickness_of_a_ball_is_where_lines_of_sight_leave_it():

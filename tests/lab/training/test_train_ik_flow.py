@@ -13,8 +13,8 @@ from feasigrasp.models.ik.flow_layers import FlowShape
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
-from feasigrasp.training import train_ik_flow
-from feasigrasp.training.train_ik_flow import Training, training_batch
+from feasigrasp_lab.training import train_ik_flow
+from feasigrasp_lab.training.train_ik_flow import Training, training_batch
 
 SMALL = FlowShape(components=(4, 3, 2, 2, 2, 2, 2), hidden=((16,),) * 7, narrowest=0.01)
 

@@ -14,13 +14,13 @@ from feasigrasp import cli
 from feasigrasp.errors import InputError
 from feasigrasp.models.grasps.network.architectures import Heads
 from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
-from feasigrasp.training import train_sampler
-from feasigrasp.training.data.household_shapes import HELD_OUT
-from feasigrasp.training.grasp_batches import load_examples
-from feasigrasp.training.grasp_losses import Labels, free_share, loss
-from feasigrasp.training.grasp_validation import average_precision, held_out_metrics, measures
-from feasigrasp.training.loop import TrainingError
-from feasigrasp.training.train_sampler import Training
+from feasigrasp_lab.training import train_sampler
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT
+from feasigrasp_lab.training.grasp_batches import load_examples
+from feasigrasp_lab.training.grasp_losses import Labels, free_share, loss
+from feasigrasp_lab.training.grasp_validation import average_precision, held_out_metrics, measures
+from feasigrasp_lab.training.loop import TrainingError
+from feasigrasp_lab.training.train_sampler import Training
 
 POINTS, TURNS = 40, 36
 

@@ -7,18 +7,18 @@ import pytest
 import trimesh
 
 from feasigrasp.models.grasps.network.surface_input import SCALARS
-from feasigrasp.training import train_sampler_data
-from feasigrasp.training.data.grasp_examples import (
+from feasigrasp_lab.training import train_sampler_data
+from feasigrasp_lab.training.data.grasp_examples import (
     POINTS,
     completed_input,
     object_examples,
     true_input,
 )
-from feasigrasp.training.data.grasp_labels import N_APPROACHES, N_TURNS
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
-from feasigrasp.training.data.object_streams import HELD_OUT_EVERY, ObjectStream
-from feasigrasp.training.data.views import ViewedObject
+from feasigrasp_lab.training.data.grasp_labels import N_APPROACHES, N_TURNS
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.household_shapes import HELD_OUT, TRAINED, make_shape
+from feasigrasp_lab.training.data.object_streams import HELD_OUT_EVERY, ObjectStream
+from feasigrasp_lab.training.data.views import ViewedObject
 
 SHAPES = {
     "points": (POINTS, 3),

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.evaluation.measures.shape import measure, true_samples
 from feasigrasp.models.clouds.outliers import outliers
 from feasigrasp.models.clouds.table import check_no_table
 from feasigrasp.models.grasps.perceive import perceive
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.training.data.views import ViewedObject, turning_views
+from feasigrasp_lab.measures.shape import measure, true_samples
+from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 
 #: Eight objects, and the seed of a view that shows one of their broad sides.
 VIEWS = {

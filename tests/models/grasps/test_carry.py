@@ -7,12 +7,12 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import GraspError
-from feasigrasp.evaluation.runs.floating_gripper import FloatingGripper
 from feasigrasp.models.grasps.carry import BEST, MOMENT_SHARE, SURE, Carrier, carried, rated
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp_lab.runs.floating_gripper import FloatingGripper
 
 GRIPPER = ParallelGripper()
 #: A bar along y, gripped across x from above.

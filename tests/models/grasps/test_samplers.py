@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.grasps.samplers import SamplerName, make_sampler
+from feasigrasp.models.grasps.samplers import make_sampler, sampler_names
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 
 BALL = fit_gpdf(sphere_points(128, 0.03))
 
 
-@pytest.mark.parametrize("name", list(SamplerName))
+@pytest.mark.parametrize("name", sampler_names())
 def test_without_the_filter_nothing_is_judged_on_the_field(name):
     alone = make_sampler(name, filtered=False, n_grasps=16)(BALL)
     assert 0 < len(alone) <= 16

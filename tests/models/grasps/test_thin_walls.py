@@ -10,8 +10,8 @@ from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.training.data.grasp_truth import TrueGrasps
-from feasigrasp.training.data.views import ViewedObject, look_at
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.views import ViewedObject, look_at
 
 GRIPPER = ParallelGripper()
 ABOVE, ASIDE, BELOW = (0.1, 0.0, 0.5), (0.15, 0.05, 0.5), (0.1, 0.0, -0.5)

@@ -12,7 +12,6 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 
-from feasigrasp.evaluation.metrics.robot_twin import RobotTwin
 from feasigrasp.models.robot import self_collision as sc
 from feasigrasp.models.robot.capsules import (
     BODY_LINK,
@@ -26,6 +25,7 @@ from feasigrasp.models.robot.collision_kernels import LANES, in_collision_kernel
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path, model_path
+from feasigrasp.runs.metrics.robot_twin import RobotTwin
 from feasigrasp.scenario.files import load_scenario
 from tests.truths import table_distances
 

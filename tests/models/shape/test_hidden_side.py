@@ -21,7 +21,7 @@ from feasigrasp.models.shape.hidden_side import (
 )
 from feasigrasp.models.shape.hidden_side_network import FEATURES, HiddenSide
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError
-from feasigrasp.training.hidden_side_network import HiddenSideNetwork, export
+from feasigrasp_lab.training.hidden_side_network import HiddenSideNetwork, export
 
 VOXEL_SIZE = 0.005
 RADIUS = 0.04

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.metrics.cause import PUSHED_AWAY, Cause, Course, cause_of
-from feasigrasp.evaluation.metrics.handling import ObjectTruth
 from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.runs.metrics.cause import PUSHED_AWAY, Cause, Course, cause_of
+from feasigrasp.runs.metrics.handling import ObjectTruth
 
 A, C, L, S, H, D = (int(phase) for phase in Phase)
 WHOLE = [A, A, C, C, L, S, H, D]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.metrics.grasp_tracking import tracking_metrics
 from feasigrasp.models.geometry import se3
+from feasigrasp.runs.metrics.grasp_tracking import tracking_metrics
 
 PERIOD = 0.1
 HERE = np.eye(4)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.metrics.handling import (
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.sequence import Phase
+from feasigrasp.runs.metrics.handling import (
     HELD_ANGLE,
     HELD_DISTANCE,
     HELD_FOR,
@@ -13,8 +15,6 @@ from feasigrasp.evaluation.metrics.handling import (
     hold_metrics,
     pushed_metrics,
 )
-from feasigrasp.models.geometry import se3
-from feasigrasp.models.grasps.sequence import Phase
 
 PERIOD = 0.02
 #: A path on which the object turns, too.

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.metrics.motion_limits import WINDOW, JointTicks, limit_metrics
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.runs.metrics.motion_limits import WINDOW, JointTicks, limit_metrics
 
 PERIOD = 0.005
 V, A = IIWA_7.velocity_limits, IIWA_7.acceleration_limits

@@ -5,10 +5,10 @@ import time
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.metrics.robot_limits import self_collision_metrics, torque_metrics
-from feasigrasp.evaluation.metrics.robot_twin import robot_twin
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.metrics.robot_limits import self_collision_metrics, torque_metrics
+from feasigrasp.runs.metrics.robot_twin import robot_twin
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station
 

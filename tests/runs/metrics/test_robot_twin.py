@@ -8,11 +8,11 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from feasigrasp.evaluation.metrics import robot_twin as module
-from feasigrasp.evaluation.metrics.robot_twin import RobotTwin
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path, model_path
+from feasigrasp.runs.metrics import robot_twin as module
+from feasigrasp.runs.metrics.robot_twin import RobotTwin
 from feasigrasp.scenario.files import load_scenario
 
 READY = np.deg2rad([0, 30, 0, -60, 0, 90, 0])

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from feasigrasp.evaluation.metrics.handling import ObjectTruth
-from feasigrasp.evaluation.metrics.motion_limits import JointTicks
-from feasigrasp.evaluation.metrics.run_metrics import METRICS, summarize
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.runs.metrics.handling import ObjectTruth
+from feasigrasp.runs.metrics.motion_limits import JointTicks
+from feasigrasp.runs.metrics.run_metrics import METRICS, summarize
 from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
 
 A, C, L, S, H, D = (int(phase) for phase in Phase)

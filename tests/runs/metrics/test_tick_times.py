@@ -5,11 +5,11 @@ import time
 import numpy as np
 import pytest
 
-from feasigrasp.evaluation.metrics.tick_times import TickTimes
-from feasigrasp.evaluation.runs.controller_probe import ControllerProbe
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
+from feasigrasp.runs.metrics.tick_times import TickTimes
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp_lab.runs.controller_probe import ControllerProbe
 
 
 class Slow(GraspController):

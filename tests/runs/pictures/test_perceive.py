@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from feasigrasp.evaluation.pictures.dense_surface import dense_surface
-from feasigrasp.evaluation.pictures.perception import (
+from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.grasps.perceive import perceive
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.runs.pictures.dense_surface import dense_surface
+from feasigrasp.runs.pictures.perception import (
     draw_perception,
     gripper_outline,
     towards_viewer,
     upward,
 )
-from feasigrasp.evaluation.pictures.splats import Viewer
-from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.grasps.perceive import perceive
-from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.runs.pictures.splats import Viewer
 from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
 
 RADIUS = 0.03

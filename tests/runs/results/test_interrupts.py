@@ -8,13 +8,13 @@ import time
 import pytest
 
 from feasigrasp.errors import OutputError
-from feasigrasp.evaluation.runs import isolated
-from feasigrasp.evaluation.runs.plan import PlannedRun
-from feasigrasp.evaluation.runs.run import INTERRUPTED, crash_record, run
 from feasigrasp.resources import diagram_path
-from feasigrasp.results.interrupts import Unfinished, postponed_interrupt
+from feasigrasp.runs.results.interrupts import Unfinished, postponed_interrupt
+from feasigrasp.runs.run import INTERRUPTED, crash_record, run
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.runs import isolated
+from feasigrasp_lab.runs.plan import PlannedRun
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.results.statistics import (
+from feasigrasp.runs.results.statistics import (
     area_under_curve,
     average_precision,
     mean,

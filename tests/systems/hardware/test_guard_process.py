@@ -18,7 +18,7 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.cli import main
 from feasigrasp.errors import HardwareError
-from feasigrasp.evaluation.runs.hardware.control import WAIT_FOR_GUARD, _Commands
+from feasigrasp.runs.hardware.control import WAIT_FOR_GUARD, _Commands
 from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.guard import Guard, refuse_if_commanded
 from feasigrasp.systems.hardware.priority import CONTROL, real_time

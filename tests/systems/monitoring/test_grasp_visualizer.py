@@ -10,12 +10,12 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.evaluation.runs.replay import FRAMES_PER_SECOND, start_recording, write_replay
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.runs.replay import FRAMES_PER_SECOND, start_recording, write_replay
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.monitoring.grasp_visualizer import (

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import GraspError, ScenarioError
-from feasigrasp.evaluation.metrics.robot_twin import robot_twin
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
 from feasigrasp.models.robot.grippers import GRIPPERS, PACKAGED, load_gripper
 from feasigrasp.resources import diagram_path
+from feasigrasp.runs.metrics.robot_twin import robot_twin
 from feasigrasp.scenario import load_scenario
 from feasigrasp.systems.from_scenario import make_station
 from feasigrasp.systems.station.cell_check import check_cell

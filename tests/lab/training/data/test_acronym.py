@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from feasigrasp.errors import MeshError
-from feasigrasp.training.data.acronym import acronym_labels, read_acronym
-from feasigrasp.training.data.grasp_examples import object_examples
+from feasigrasp_lab.training.data.acronym import acronym_labels, read_acronym
+from feasigrasp_lab.training.data.grasp_examples import object_examples
 
 h5py = pytest.importorskip("h5py", reason="the format is h5 (train extra)")
 

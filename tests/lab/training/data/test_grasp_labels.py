@@ -5,13 +5,13 @@ import pytest
 import trimesh
 
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.training.data.grasp_labels import (
+from feasigrasp_lab.training.data.grasp_labels import (
     N_TURNS,
     SLACK,
     best_labels,
     find_pairs,
 )
-from feasigrasp.training.data.grasp_truth import TrueGrasps
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 
 GRIPPER = ParallelGripper()
 TWIN = np.diag([-1.0, -1.0, 1.0, 1.0])

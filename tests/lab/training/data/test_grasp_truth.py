@@ -6,7 +6,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.training.data.grasp_truth import TrueGrasps, hand_boxes, surface_samples
+from feasigrasp_lab.training.data.grasp_truth import TrueGrasps, hand_boxes, surface_samples
 
 GRIPPER = ParallelGripper()
 OPEN = GRIPPER.max_opening

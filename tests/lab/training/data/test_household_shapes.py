@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.errors import MeshError
-from feasigrasp.training.data.household_shapes import (
+from feasigrasp_lab.training.data.household_shapes import (
     FAMILIES,
     HELD_OUT,
     TRAINED,

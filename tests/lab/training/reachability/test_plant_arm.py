@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import model_path
-from feasigrasp.training.reachability.plant_arm import PlantArm
+from feasigrasp_lab.training.reachability.plant_arm import PlantArm
 
 URDF = Path(__file__).with_name("six_axis_arm.urdf")
 

@@ -9,8 +9,8 @@ from feasigrasp.models.reach.kernels import REACHABLE, WRIST
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.training.reachability.plant_arm import SerialChain
-from feasigrasp.training.reachability.reachable_poses import (
+from feasigrasp_lab.training.reachability.plant_arm import SerialChain
+from feasigrasp_lab.training.reachability.reachable_poses import (
     IiwaArm,
     join,
     manipulability_reference,

@@ -1,0 +1,1 @@
+"""Many runs: plans, processes of their own, summaries, probes and roll-outs."""
