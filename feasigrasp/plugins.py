@@ -33,5 +33,5 @@ def load_plugin(kind: str, name: str) -> Any:
         KeyError: There is none of that kind and name.
         MissingPackageError: It needs a package that is not installed.
     """
-    with needed_by(f"{name!r} of feasigrasp.{kind}"):
+    with needed_by(f"the {kind.removesuffix('s')} {name!r}"):
         return plugins(kind)[name].load()

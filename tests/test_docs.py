@@ -9,14 +9,15 @@ from feasigrasp import cli
 
 REPOSITORY = Path(__file__).parents[1]
 PACKAGE = REPOSITORY / "feasigrasp"
+LAB = REPOSITORY / "feasigrasp_lab"
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 PAGES += sorted(PACKAGE.rglob("*.md"))
-MODULES = sorted(PACKAGE.rglob("*.py"))
+MODULES = sorted([*PACKAGE.rglob("*.py"), *LAB.rglob("*.py")])
 #: Where a path in a page may start.
-ROOTS = (REPOSITORY, PACKAGE, PACKAGE / "models")
+ROOTS = (REPOSITORY, PACKAGE, PACKAGE / "models", LAB)
 #: Folders of which paths are checked.
 FOLDERS = (
-    "feasigrasp|models|systems|scenario|training|results|evaluation|diagrams|examples|tests|docs"
+    "feasigrasp|feasigrasp_lab|models|systems|scenario|training|runs|diagrams|examples|tests|docs"
 )
 #: Words of others, and mathematics: what may stand in backticks without being ours.
 FOREIGN = {"PIP_EXTRA_INDEX_URL", "potrf", "drake_models", "manifold3d"}
@@ -26,7 +27,7 @@ PUT_TOGETHER = re.compile(r"^(bench|sampler|labels)\.|_(us|ms|percent)$")
 
 def sources() -> str:
     """Everything in which a name may be defined."""
-    folders = ("feasigrasp", "diagrams", "examples", "models", "tools")
+    folders = ("feasigrasp", "feasigrasp_lab", "diagrams", "examples", "models", "tools")
     files = [p for f in folders for p in (REPOSITORY / f).rglob("*") if p.suffix in SOURCE]
     names = " ".join(p.name for p in (REPOSITORY / "models").rglob("*"))
     return " ".join([names, *(p.read_text() for p in files), *(p.stem for p in files)])
@@ -41,7 +42,7 @@ def known() -> str:
 
 
 def dotted_names(text: str) -> set[str]:
-    return set(re.findall(r"\bfeasigrasp(?:\.[A-Za-z_]\w*)+", text))
+    return set(re.findall(r'(?<!")\bfeasigrasp(?:_lab)?(?:\.[A-Za-z_]\w*)+', text))
 
 
 def resolves(name: str) -> bool:

@@ -48,7 +48,7 @@ def picture_text(picture: Picture) -> str:
 
 
 def _page(name: str, **values: object) -> str:
-    page = resources.files("feasigrasp_lab.views").joinpath(name)
+    page = resources.files("feasigrasp.runs").joinpath(name)
     return Template(page.read_text()).substitute(values)
 
 

@@ -1,0 +1,3 @@
+"""What tests of systems share."""
+
+from tests.systems.conftest import ports  # noqa: F401
