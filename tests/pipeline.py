@@ -7,7 +7,7 @@ from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 
 FILE = diagram_path("dynamic.scenarios.yaml")
-PAGE = Path(__file__).parents[1] / "docs/segmentation.md"
+PAGE = Path(__file__).parents[1] / "docs/own_cell.md"
 #: What the documentation puts on top of a scenario for a camera that does not move.
 SECOND_CAMERA = re.findall(r"```yaml\n(cameras:.*?)```", PAGE.read_text(), re.DOTALL)[0]
 

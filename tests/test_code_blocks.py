@@ -1,19 +1,16 @@
-"""README and docs do what they show: every block of Python runs by itself, every command parses."""
+"""README and docs do what they show: blocks of Python run, commands parse, scenarios load."""
 
 import shlex
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 import trimesh
 import yaml
 from pydrake.systems.analysis import Simulator
 
 from feasigrasp import cli
-from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.runs.results.grasps_file import write_grasps
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_company, make_motion
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -21,50 +18,28 @@ from tools.run_readme import blocks, commands
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
-#: Page and number of each block of Python; those of examples.md are what `test_examples.py` runs.
-SNIPPETS = [
-    pytest.param(text, id=f"{page.name}-{number}")
-    for page in PAGES
-    if page.name != "examples.md"
-    for number, (language, text) in enumerate(blocks(page))
-    if language == "python"
-]
-COMMANDS = [
-    pytest.param(line, id=f"{page.name}: {line[:60]}")
-    for page in PAGES
-    for language, text in blocks(page)
-    if language == ""
-    for line in commands(text)
-]
 
 
-@pytest.mark.parametrize("code", SNIPPETS)
-def test_a_block_runs_by_itself(code, tmp_path, monkeypatch):
-    """Verbatim, in an empty namespace and an empty folder but for a user's own files."""
+def python_of(page):
+    return [text for language, text in blocks(page) if language == "python"]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if python_of(p)], ids=lambda page: page.stem)
+def test_every_block_of_a_page_runs_by_itself(page, tmp_path, monkeypatch):
+    """Verbatim, in an empty namespace and a folder with a user's own files."""
     monkeypatch.chdir(tmp_path)
-    if "mug.ply" in code:
-        (tmp_path / "mug.ply").write_bytes(cloud_of_a_mug())
-    if "grasps.json" in code:
-        one = GraspSet(np.eye(4), [0.05], [0.9])
-        write_grasps(tmp_path / "grasps.json", one, "camera", Path("mug.ply"))
-    exec(compile(code, "block", "exec"), {"__name__": "__main__"})
+    Path("mug.ply").write_bytes(cloud_of_a_mug())
+    Path("grasps.json").write_text('{"poses": [[[1, 0, 0, 0]]]}')
+    for number, code in enumerate(python_of(page)):
+        exec(compile(code, f"{page.name}, block {number}", "exec"), {"__name__": "__main__"})
 
 
 def cloud_of_a_mug() -> bytes:
     """What a camera sees of a mug, as a file, in the camera's frame [m]."""
-    mesh = load_object("mug").mesh
-    points = mesh.sample(20_000, seed=0)
+    points = load_object("mug").mesh.sample(20_000, seed=0)
     ahead = points[points[:, 1] < 0.0] @ [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
-    rows = "\n".join(" ".join(f"{x:.5f}" for x in point) for point in ahead + [0.0, 0.0, 0.45])
-    head = ["ply", "format ascii 1.0", f"element vertex {len(ahead)}"]
-    head += [*(f"property float {axis}" for axis in "xyz"), "end_header", ""]
-    return ("\n".join(head) + rows + "\n").encode()
-
-
-@pytest.mark.parametrize("line", COMMANDS)
-def test_a_command_parses(line):
-    """By the parser of the command itself."""
-    parse(line)
+    cloud = trimesh.PointCloud(ahead + [0.0, 0.0, 0.45])
+    return bytes(cloud.export(file_type="ply"))
 
 
 def parse(line: str) -> None:
@@ -78,7 +53,24 @@ def parse(line: str) -> None:
     parser.parse_args(rest)
 
 
-def test_the_checks_can_fail():
+def test_every_command_parses():
+    """By the parser of the command itself; YAML on the command line is that of a scenario."""
+    lines = [
+        line
+        for page in PAGES
+        for language, text in blocks(page)
+        if language == ""
+        for line in commands(text)
+    ]
+    assert len(lines) > 30
+    for line in lines:
+        parse(line)
+        words = shlex.split(line, comments=True)
+        if "--scenario-text" in words and "my_" not in line:
+            load_scenario(words[words.index("run") + 1], words[words.index("--scenario-text") + 1])
+
+
+def test_wrong_commands_do_not_parse():
     for wrong in ("feasigrasp run --sed 3", "feasigrasp evaluate dynamc", "feasigrasp perceiv"):
         with pytest.raises(SystemExit):
             parse(wrong)
@@ -86,29 +78,35 @@ def test_the_checks_can_fail():
         "feasigrasp run A    --seed 1",
         "A=1 feasigrasp doctor",
     ]
-    assert len(SNIPPETS) > 10 and len(COMMANDS) > 50
 
 
-def test_scenario_of_the_page_is_valid(tmp_path):
+@pytest.fixture(scope="module")
+def examples():
+    """The blocks of YAML on the page about one's own cell, by their first key."""
+    page = REPOSITORY / "docs" / "own_cell.md"
+    texts = [text for language, text in blocks(page) if language == "yaml"]
+    return {next(iter(yaml.load(text, Loader=yaml.BaseLoader))): text for text in texts}
+
+
+def test_every_scenario_of_the_page_loads(examples, tmp_path):
     file = tmp_path / "own.scenarios.yaml"
-    page = REPOSITORY / "docs" / "scenarios.md"
-    text, _, beside = (text for language, text in blocks(page) if language == "yaml")
-    file.write_text(text)
-    (name,) = yaml.load(text, Loader=yaml.BaseLoader)
-    scenario = load_scenario(file, name)
+    file.write_text(examples["SlowLift"])
+    scenario = load_scenario(file, "SlowLift")
     motion = make_motion(scenario)
     assert motion.pose(0.0)[:3, 3] == pytest.approx([0.5, 0.0, 0.55])
     assert scenario.object.model == "mug"
     depth = "perception: {segmentation: depth}"
-    seen = make_company(load_scenario(file, name, f"{beside}\n{depth}"), load_object("mug"), motion)
+    around = load_scenario(file, "SlowLift", f"{examples['carrier']}\n{depth}")
+    seen = make_company(around, load_object("mug"), motion)
     assert [body.name for body in seen] == ["carrier", "distractor"]
+    second = load_scenario("ReachLinear", examples["cameras"])
+    assert second.perception.second_camera in second.cameras
+    assert set(examples) == {"SlowLift", "Shelf", "carrier", "cameras"}
 
 
-def test_the_scenario_with_obstacles_runs_as_it_is_printed(tmp_path):
+def test_the_scenario_with_obstacles_runs_as_it_is_printed(examples, tmp_path):
     """A folder with the block as a file and a tray beside it, from another working directory."""
-    page = REPOSITORY / "docs" / "scenarios.md"
-    _, text, _ = (text for language, text in blocks(page) if language == "yaml")
-    (tmp_path / "shelf.yaml").write_text(text)
+    (tmp_path / "shelf.yaml").write_text(examples["Shelf"])
     trimesh.creation.box((300, 200, 10)).export(tmp_path / "bin.obj")
     scenario = load_scenario(tmp_path / "shelf.yaml", "Shelf")
     diagram = make_dynamic_grasp(scenario)

@@ -20,7 +20,7 @@ def test_site_is_built_without_warnings(repository, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     start = (site / "index.html").read_text()
     for page in (
-        "reference",
+        "docstrings",
         "release_notes",
         "contributing",
         "gallery",
@@ -34,13 +34,13 @@ def test_site_is_built_without_warnings(repository, tmp_path):
     for summary in repository.glob("docs/summaries/*.json"):
         if summary.name.startswith(("static_", "dynamic_")):
             assert html.escape(json.loads(summary.read_text())["command"]) in results, summary
-    reference = (site / "reference" / "index.html").read_text()
-    assert "complete_shape" in reference and "Fits" in re.sub("<[^>]+>", "", reference)
+    docstrings = (site / "docstrings" / "index.html").read_text()
+    assert "complete_shape" in docstrings and "Fits" in re.sub("<[^>]+>", "", docstrings)
 
 
 @pytest.fixture(scope="module")
 def notebook(repository):
-    return nbformat.read(repository / "docs" / "perceive_a_cloud.ipynb", as_version=4)
+    return nbformat.read(repository / "examples" / "perceive_a_cloud.ipynb", as_version=4)
 
 
 def test_notebook_says_of_every_candidate_what_becomes_of_it(notebook, tmp_path, repository):

@@ -1,31 +1,59 @@
-"""Writes the pages of ``docs/`` that say what is in the code: ``api.md`` and ``examples.md``.
+"""Writes ``docs/api.md``, the reference: public names, scenario keys and command options.
 
-Run ``python tools/make_docs.py`` after a change of a public name or an example; a test compares the
-pages with the code. With ``--pictures`` the examples are run, and their pictures drawn anew.
+Run ``python tools/make_docs.py`` after a change of any of them; a test compares page and code.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
-import subprocess
+import dataclasses as dc
+import re
 import sys
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from feasigrasp import cli
+from feasigrasp.models.clouds.depth_noise import DepthNoise
+from feasigrasp.models.clouds.hand_eye import HandEyeError
+from feasigrasp.scenario.cell import BoxConfig, MeshConfig
+from feasigrasp.scenario.limits import CHOICES, LIMITS
+from feasigrasp.scenario.parts import PartConfig
+from feasigrasp.scenario.presets import resolve
+from feasigrasp.scenario.schema import BezierPath, Scenario
+
 ROOT = Path(__file__).resolve().parents[1]
-PICTURES = ROOT / "docs" / "images" / "examples"
-API_HEAD = """# Public names
+HEAD = """# Reference
 
-What the packages hand on; everything else may change without notice. Shapes, units, frames and
-errors are in the docstrings. `python tools/make_docs.py` writes this page.
+Public names, [scenario keys](#scenario-keys) and [command options](#command-options).
+`python tools/make_docs.py` writes this page from the code.
 """
-EXAMPLES_HEAD = """# Examples
+NAMES = """## Public names
 
-Each runs by itself (`python examples/01_complete_a_cloud.py`), prints what it found and draws a
-picture, into `out/examples` or where an argument says; a test runs them all.
-`python tools/make_docs.py --pictures` writes this page and its pictures.
+All other names may change without notice. Docstrings have shapes, units, frames and errors.
 """
+KEYS = """## Scenario keys
+
+Defaults are those of mode `safe`. Keys of Drake's own schemas (`simulator_config`, `plant_config`,
+`directives`, entries of `cameras`) are in Drake's documentation.
+"""
+OPTIONS = """## Command options
+
+`feasigrasp COMMAND --help` has those of all other commands; `sim` takes most options of `run`.
+"""
+#: Structures that stand below a name of the user's own, or that are chosen by a tag.
+NESTED = {
+    "cell.boxes.*": BoxConfig,
+    "cell.meshes.*": MeshConfig,
+    "camera_noise.*": (DepthNoise, HandEyeError),
+    "motion: !BezierPath": BezierPath,
+    "parts.*": PartConfig,
+}
+#: Sections whose schema is Drake's.
+DRAKES = ("simulator_config", "plant_config", "directives", "cameras")
+COMMANDS = ("run", "perceive", "record", "track")
 
 
 def faces() -> list[str]:
@@ -50,53 +78,110 @@ def summary(thing: object) -> str:
     return " ".join(text.split())
 
 
-def api_page() -> str:
-    """The public names, package by package."""
-    parts = [API_HEAD]
+def public_names() -> Iterator[str]:
+    """A section for each package."""
     for face in faces():
         module = import_module(face)
-        parts.append(f"## `{face}`\n\n{summary(module)}\n\n| name | what it is |\n|---|---|")
+        rows = []
         for name in module.__all__:
             thing = getattr(module, name)
-            module_too = " (a module)" if isinstance(thing, ModuleType) else ""
-            parts[-1] += f"\n| `{name}`{module_too} | {summary(thing)} |"
-        parts[-1] += "\n"
-    return "\n".join(parts)
+            module_too = " (module)" if isinstance(thing, ModuleType) else ""
+            rows.append(f"| `{name}`{module_too} | {summary(thing)} |\n")
+        yield f"### `{face}`\n\n{summary(module)}\n\n| name | |\n|---|---|\n{''.join(rows)}"
 
 
-def examples() -> list[Path]:
-    """The numbered scripts."""
-    return sorted((ROOT / "examples").glob("[0-9]*.py"))
+def described(kind: type) -> dict[str, str]:
+    """What the ``Attributes:`` of a docstring says of each field."""
+    text = (kind.__doc__ or "").partition("Attributes:")[2]
+    found = re.findall(r"^ {8}(\w+): (.*?)(?=^ {8}\w+: |\Z)", text, re.DOTALL | re.MULTILINE)
+    return {name: " ".join(meaning.split()).replace("``", "`") for name, meaning in found}
 
 
-def examples_page() -> str:
-    """Every example with its picture."""
-    parts = [EXAMPLES_HEAD]
-    for script in examples():
-        code = script.read_text()
-        title = (ast.get_docstring(ast.parse(code)) or "").splitlines()[0]
-        number = script.stem.split("_")[0].lstrip("0")
-        picture = f"images/examples/{script.stem}.png"
-        parts.append(
-            f"## {number}. {title}\n\n`examples/{script.name}`\n\n![{title}]({picture})\n\n"
-            f"```python\n{code}```\n"
-        )
-    return "\n".join(parts)
+def key_rows(prefix: str, kind: type, default: object) -> Iterator[str]:
+    """A row for each field of a dataclass."""
+    meaning = described(kind)
+    for field in dc.fields(kind):
+        key = f"{prefix}.{field.name}".lstrip(".")
+        words = ", ".join(f"`{word}`" for word in CHOICES.get(key, ()))
+        least, most, unit = LIMITS.get(key, (None, None, ""))
+        span = words or ("" if least is None else f"{least:.4g} to {most:.4g} {unit}".strip())
+        value = shown(getattr(default, field.name))
+        yield f"| `{field.name}` | {value} | {span} | {meaning.get(field.name, '')} |\n"
 
 
-def draw_pictures() -> None:
-    """Runs the examples."""
-    for script in examples():
-        picture = PICTURES / f"{script.stem}.png"
-        subprocess.run([sys.executable, str(script), str(picture)], check=True, cwd=ROOT)
+def shown(value: object) -> str:
+    """A default, as YAML has it."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(shown, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value) if isinstance(value, int | str) else ""
+
+
+def keys() -> Iterator[str]:
+    """A table for each section of a scenario."""
+    scenario = resolve(Scenario())
+    head = "| key | default | values | meaning |\n|---|---|---|---|\n"
+    meaning = described(Scenario)
+    sections = {f.name: getattr(scenario, f.name) for f in dc.fields(Scenario)}
+    plain = [name for name in sections if not is_section(sections[name]) and name not in DRAKES]
+    yield head + "".join(r for r in key_rows("", Scenario, scenario) if r.split("`")[1] in plain)
+    for name, section in sections.items():
+        if is_section(section):
+            rows = list(key_rows(name, type(section), section))
+            yield f"### `{name}`\n\n{meaning[name]}\n\n{head}{''.join(rows)}"
+        for key, kinds in NESTED.items():
+            if re.match(rf"{name}\b", key):
+                each = kinds if isinstance(kinds, tuple) else (kinds,)
+                rows = [row for kind in each for row in key_rows(base(key), kind, kind())]
+                yield f"### `{key}`\n\n{head}{''.join(rows)}"
+
+
+def base(key: str) -> str:
+    """Where the limits of a nested structure stand."""
+    return key.partition(":")[0]
+
+
+def is_section(value: object) -> bool:
+    """Whether a value is a section of the scenario of our own, and not one of Drake's."""
+    return dc.is_dataclass(value) and type(value).__module__.startswith("feasigrasp")
+
+
+def options() -> Iterator[str]:
+    """A table for each command."""
+    for name in COMMANDS:
+        module, purpose = cli.installed_commands().single[name]
+        parser = cli.command_parser(f"feasigrasp {name}", purpose)
+        import_module(module).add_arguments(parser)
+        rows = [f"| {spelled(a)} | {explained(parser, a)} |\n" for a in parser._actions[1:]]
+        table = f"\n| option | |\n|---|---|\n{''.join(rows)}" if rows else ""
+        yield f"### `feasigrasp {name}`\n\n{cli.sentence(purpose)}\n{table}"
+
+
+def spelled(action: argparse.Action) -> str:
+    """An option with what it takes."""
+    value = action.metavar or ("" if action.nargs == 0 else action.dest.upper())
+    value = " ".join(value) if isinstance(value, tuple) else value
+    words = "/".join(map(str, action.choices or ())) or value
+    return f"`{' '.join([*action.option_strings[:1], words]).strip()}`"
+
+
+def explained(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
+    """What ``--help`` says of an option."""
+    formatter = parser._get_formatter()
+    return formatter._expand_help(action).replace("|", "\\|")
+
+
+def page() -> str:
+    """The whole page."""
+    return "\n".join([HEAD, NAMES, *public_names(), KEYS, *keys(), OPTIONS, *options()])
 
 
 def main() -> int:
-    """Writes the pages."""
-    if "--pictures" in sys.argv[1:]:
-        draw_pictures()
-    (ROOT / "docs" / "api.md").write_text(api_page())
-    (ROOT / "docs" / "examples.md").write_text(examples_page())
+    """Writes the page."""
+    (ROOT / "docs" / "api.md").write_text(page())
     return 0
 
 

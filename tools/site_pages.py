@@ -1,8 +1,8 @@
 """Pages of the documentation site that are made when it is built; a hook of MkDocs.
 
-Public names with their docstrings, release notes and how to contribute come from the code and from
-files at the root; the report from the stored summaries, as `feasigrasp report --html` makes it; the
-gallery of replays from ``out/gallery``, where `feasigrasp evaluate gallery` left it.
+Docstrings, release notes and how to contribute come from the code and from files at the root, the
+notebook from ``examples``; the report from the stored summaries, as `feasigrasp report --html`
+makes it; the gallery of replays from ``out/gallery``, where `feasigrasp evaluate gallery` left it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from importlib import import_module
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 
 from feasigrasp_lab.report.html_report import write_page
@@ -55,10 +56,11 @@ well, with the worst failures and links to their replays.
 """
 
 
+@event_priority(100)  # before the plugin that converts notebooks
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the pages."""
     pages = {
-        "reference.md": _reference(),
+        "docstrings.md": _docstrings(),
         "release_notes.md": _from_the_root("CHANGELOG.md"),
         "contributing.md": _from_the_root("CONTRIBUTING.md"),
         "report.md": _REPORT,
@@ -67,7 +69,14 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     }
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
+    notebook = "perceive_a_cloud.ipynb", str(ROOT / "examples")
+    files.append(File(*notebook, config.site_dir, config.use_directory_urls))
     return files
+
+
+def on_page_markdown(markdown: str, **_: object) -> str:
+    """Links out of ``docs`` lead nowhere on the site: their text is left."""
+    return re.sub(r"\[([^\]]+)\]\(\.\./([\w./]+)\)", r"\1 (`\2`)", markdown)
 
 
 def _report() -> str:
@@ -85,8 +94,8 @@ def on_post_build(config: MkDocsConfig) -> None:
         shutil.copytree(GALLERY, Path(config.site_dir) / "replays", dirs_exist_ok=True)
 
 
-def _reference() -> str:
-    parts = ["# Reference\n\nPublic names; [in short](api.md).\n"]
+def _docstrings() -> str:
+    parts = ["# Docstrings\n\nOf the public names; [in short](api.md).\n"]
     for face in faces():
         names = _public_names(face)
         options = "".join(f"\n        - {name}" for name in names)

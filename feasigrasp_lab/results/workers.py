@@ -66,7 +66,7 @@ def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
-        help="Run on this Dask scheduler, e.g. tcp://host:8786; see docs/cluster.md.",
+        help="Run on this Dask scheduler, e.g. tcp://host:8786; see docs/developing.md.",
     )
 
 

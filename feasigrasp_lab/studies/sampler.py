@@ -6,7 +6,7 @@ floating-gripper simulation. All presets see the same clouds: ``default`` (the n
 (the paper's architecture, same data), ``antipodal`` (no network). The candidates of ``antipodal``
 join in for either network where few grasps are left; ``default.alone`` and ``paper.alone`` are the
 networks without them. ``diffusion`` is the baseline, ``diffusion.unfiltered`` all of its samples as
-they are drawn. What each figure means is written in docs/sampler.md. A command that was
+they are drawn. What each figure means is written in docs/results_schema.md. A command that was
 interrupted goes on after its last object.
 """
 

@@ -2,7 +2,7 @@
 
 Every object is looked at from random directions by a noisy depth camera, once and three times
 while it turns, and completed by the ``paper`` preset and by the ``default`` one. What each figure
-means is written in docs/shape.md. A command that was interrupted goes on after its last object.
+means is written in docs/results_schema.md. A command that was interrupted goes on after its last object.
 """
 
 from __future__ import annotations

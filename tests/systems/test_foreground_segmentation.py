@@ -147,7 +147,7 @@ def test_the_first_mask_of_a_carried_object_has_next_to_nothing_of_the_carrier(n
 
 
 def test_a_hand_whose_hue_is_not_known_is_taken_for_a_part_of_what_it_holds():
-    """What it cannot do, see docs/segmentation.md."""
+    """What it cannot do, see docs/limitations.md."""
     text = "{object: {model: soup_can}, carrier: {hue: null}}"
     diagram = make_dynamic_grasp(load_scenario(FILE, "ReachLinearCarried", text))
     carrier = diagram.GetSubsystemByName("station").plant.num_bodies()
