@@ -1,7 +1,7 @@
 """``feasigrasp evaluate dynamic``: follow, grasp and lift moving objects.
 
-``--study`` chooses what is run, ``docs/developing.md`` has the table of each. Every run is a file of
-its own: repeated, the command goes on where it was. What it was measured under is printed, and is
+``--study`` chooses what is run (``docs/developing.md`` has the table). Every run is a file of its
+own: repeated, the command goes on where it was. What it was measured under is printed, and is
 ``conditions`` of ``summary.json``.
 """
 

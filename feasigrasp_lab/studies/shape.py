@@ -1,8 +1,9 @@
 """``feasigrasp evaluate shape``: compare completed shapes with the true ones.
 
 Every object is looked at from random directions by a noisy depth camera, once and three times
-while it turns, and completed by the ``paper`` preset and by the ``default`` one. What each figure
-means is written in docs/results_schema.md. A command that was interrupted goes on after its last object.
+while it turns, and completed by the ``paper`` preset and by the ``default`` one.
+``docs/results_schema.md`` defines each figure. A command that was interrupted goes on after its
+last object.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """``feasigrasp evaluate static``: grasp and lift objects at rest, as in the paper's Table I.
 
 An object lies at a pose drawn from the seed in a cube of 10 cm in front of the camera; the arm
-starts at home, moves there, closes, lifts, shakes and holds. ``docs/developing.md`` has the protocols.
+starts at home, moves there, closes, lifts, shakes and holds (protocols: ``docs/developing.md``).
 Objects without a true grasp for the hand are named beside the table, with the reason. Every run is
 a file of its own: repeated, the command goes on where it was.
 """

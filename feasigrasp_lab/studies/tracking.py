@@ -1,7 +1,7 @@
 """``feasigrasp evaluate tracking``: compare the pose tracked in depth images with the true one.
 
 Records what the wrist camera sees in the simulator, once, and plays it to our tracker and to peers
-with the errors of two sensors. What each figure means is written in docs/results_schema.md. A command
+with the errors of two sensors. ``docs/results_schema.md`` defines each figure. A command
 that was interrupted goes on after its last object.
 """
 
