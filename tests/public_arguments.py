@@ -16,9 +16,9 @@ from feasigrasp.models.clouds.view_record import ViewRecord
 from feasigrasp.models.control import JointControlOptions, Safety, SafetyOptions, TaskControlOptions
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.mode import ControlMode
-from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.task.memory import TaskMemory
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.grasps import AntipodalSampler, GraspSet, NetworkSampler, Perception
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.ik import IkFlow

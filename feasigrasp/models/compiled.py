@@ -8,8 +8,7 @@ said here.
 ``fastmath`` leaves the last bits to the compiler. A function that is called by another one is in
 the machine code of both, and which of the two copies runs depends on which was loaded first. So
 what is relaxed is called by Python alone or inlined (``forceinline``) up to what is;
-tests/models/test_compiled.py watches over it. `feasigrasp.models.numerics.fused` is for
-the rest.
+tests/models/test_compiled.py watches over it. `fused` is for the rest.
 """
 
 from __future__ import annotations
@@ -17,7 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
@@ -33,3 +33,16 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     ours |= {"fastmath": False, "forceinline": False}
     decorator: Any = njit(**(ours | options))
     return decorator if function is None else decorator(function)
+
+
+# Multiply and add with one rounding. ``fastmath={"contract"}`` lets the compiler fuse wherever it
+# likes: two copies of a function then differ in the last bit. Written out, it is the same anywhere.
+def _fused(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.fma(*args)
+
+    return types.float64(types.float64, types.float64, types.float64), generate
+
+
+#: ``fused(a, b, c)`` is ``a b + c`` of floats, rounded once, in compiled code.
+fused: Any = intrinsic(_fused)

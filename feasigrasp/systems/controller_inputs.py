@@ -12,9 +12,9 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.lookout import Sought
-from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
-from feasigrasp.models.control.safety.unseen_surface import kept_surface
+from feasigrasp.models.control.planning.unseen_surface import kept_surface
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.objects.prediction import Motion

@@ -25,16 +25,11 @@ from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.in_view import velocity_in_view
 from feasigrasp.models.control.planning.lookout import Sought, lookout, lookout_velocity
-from feasigrasp.models.control.safety.obstacle_grid import (
-    MovingObject,
-    ObstacleGrid,
-    object_grid,
-    obstacle_grid,
-)
-from feasigrasp.models.control.safety.reserve import is_close, retreat_velocity
+from feasigrasp.models.control.planning.reserve import is_close, retreat_velocity
+from feasigrasp.models.control.planning.static_grid import nearest_of
+from feasigrasp.models.control.planning.touch import yielding_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.control.safety.static_grid import nearest_of
-from feasigrasp.models.control.safety.touch import yielding_velocity
+from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.objects.pose_filter import empty_state
@@ -46,6 +41,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.models.shape.gpdf import Gpdf
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.grids import object_grid, obstacle_grid
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs

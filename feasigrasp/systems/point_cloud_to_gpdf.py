@@ -20,12 +20,12 @@ from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.usable import ViewFault, of_one_depth, usable_points
 from feasigrasp.models.clouds.view_record import ViewRecord
-from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.quantities import Bound, Count, Positive, Whole
 from feasigrasp.models.shape.completion import Preset, complete_shape
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.grids import object_grid
 from feasigrasp.scenario.schema import PerceptionConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, optional
 

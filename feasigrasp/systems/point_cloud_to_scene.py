@@ -17,12 +17,11 @@ from feasigrasp.models.clouds.depth_view import DepthView
 from feasigrasp.models.clouds.edges import edge_pixels
 from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.seen_space import SeenSpace
-from feasigrasp.models.control.safety.arm_balls import arm_balls
-from feasigrasp.models.control.safety.obstacle_grid import ARM_BOX, obstacle_grid
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.shape.grids import ARM_BOX, obstacle_grid
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import SceneConfig
 from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output

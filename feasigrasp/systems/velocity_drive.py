@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.control.safety.drive_step import drive_step_kernel, free_step_kernel
+from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel, free_step_kernel
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.iiwa import IIWA_7
 

@@ -24,15 +24,14 @@ from feasigrasp.models.grasps.filter import COSINE_STEPS, contact_cosine
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.hand_clearance import (
     HOPEFUL,
-    INVENTED,
     MARGIN,
-    MARGIN_GROWTH,
     THIN_WALL,
     hand_clearance,
     seen_clearance,
 )
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.surface_error import INVENTED, MARGIN_GROWTH
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
 from feasigrasp.runs.results.rows import write_json
 from feasigrasp_lab.results.finished import made_with

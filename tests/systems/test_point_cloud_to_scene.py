@@ -6,9 +6,10 @@ from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import ImageLabel16I
 
-from feasigrasp.models.control.safety.arm_balls import arm_balls
-from feasigrasp.models.control.safety.obstacle_grid import obstacle_grid
 from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.robot.capsules import arm_balls
+from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
+from feasigrasp.models.shape.grids import obstacle_grid
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
@@ -104,7 +105,7 @@ def test_the_table_may_go_on_where_nobody_has_looked_but_not_in_the_arm():
     grid = obstacle_grid(scene)
     assert (grid.distance_and_gradient(beside)[0] < 0.02).all()
     q = np.array([0.0, 1.8, 0.0, -1.0, 0.0, 0.5, 0.0])  # the hand reaches down beside the strip
-    balls = arm_balls()
+    balls = arm_balls(IIWA_CAPSULES)
     center = balls.placed(q)
     assert np.min(scene.unseen_distance(center) - balls.radius) < 0.0
     around = looked(dut, view, position=q).unseen

@@ -21,17 +21,16 @@ from feasigrasp.models.grasps.certainty import (
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
-from feasigrasp.models.shape.surface_error import surface_deviation
+from feasigrasp.models.shape.surface_error import INVENTED, MARGIN_GROWTH, surface_deviation
 
-#: Least distance of the open hand from completed surface that was seen [m], and by how much of the
-#: predicted deviation of the surface it grows.
-MARGIN, MARGIN_GROWTH = 0.003, 0.5
+#: Least distance of the open hand from completed surface that was seen [m].
+MARGIN = 0.003
 #: In walls thinner than this the field's normals may point to either side [m]: there only a network
 #: can tell whether two contacts oppose each other.
 THIN_WALL = 0.010
-#: Surface this far from all that was seen may not be there at all [m]: a hand that collides with
-#: nothing else stays, if a network finds it as likely as this that the grasp is good.
-INVENTED, HOPEFUL = 0.010, 0.5
+#: A hand that collides with nothing but `INVENTED` surface stays, if a network finds it as likely
+#: as this that the grasp is good.
+HOPEFUL = 0.5
 
 
 def hand_freedom(

@@ -10,8 +10,7 @@ from math import factorial
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
-from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.fused import fused
+from feasigrasp.models.compiled import compiled, fused
 
 # Adding 1.5 * 2^52 rounds to an integer, whose two's complement is then in the low mantissa bits.
 _TO_BITS = 6755399441055744.0

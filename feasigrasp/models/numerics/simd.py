@@ -16,8 +16,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.fused import fused
+from feasigrasp.models.compiled import compiled, fused
 
 #: Adding 1.5 * 2^52 rounds to a whole number and leaves it in the low mantissa bits.
 _TO_BITS = 6755399441055744.0

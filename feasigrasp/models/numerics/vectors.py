@@ -1,7 +1,6 @@
 """Vectors of three as tuples: compiled code keeps them in registers and vectorises over them."""
 
-from feasigrasp.models.compiled import compiled
-from feasigrasp.models.numerics.fused import fused
+from feasigrasp.models.compiled import compiled, fused
 
 
 @compiled(forceinline=True)

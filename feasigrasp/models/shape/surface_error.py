@@ -15,6 +15,10 @@ from feasigrasp.models.shape.gpdf import Gpdf
 
 #: Error of surface that was seen [m], and its growth with the distance from what was seen.
 _SEEN, _GROWTH = 0.0002, 0.21
+#: Clearances grow by this share of the predicted deviation of the surface.
+MARGIN_GROWTH = 0.5
+#: Surface this far from all that was seen may not be there at all [m].
+INVENTED = 0.010
 
 
 def predicted_deviation(apart: ArrayLike) -> Array:

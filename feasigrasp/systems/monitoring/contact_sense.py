@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from feasigrasp.models.control.safety.touch import TOUCH_STATE, touch_step_kernel
+from feasigrasp.models.control.planning.touch import TOUCH_STATE, touch_step_kernel
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 

@@ -12,7 +12,6 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.control.planning.lookout import Sought
-from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.status import Situation, Status, StatusCode, judge
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import grasp_errors
@@ -21,7 +20,7 @@ from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase, unmet_
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
 from feasigrasp.models.quantities import CONFIGURATION
 from feasigrasp.models.reach.reachability import Verdict
-from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics

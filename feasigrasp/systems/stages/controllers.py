@@ -11,18 +11,17 @@ from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.models.control.planning.prices import Prices
-from feasigrasp.models.control.safety.arm_balls import arm_balls
-from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
+from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.control.safety.static_grid import static_grid
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.pursuit import PursuitOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.reach.lookahead import WAY_IN
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
-from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.plugins import load_plugin
 from feasigrasp.scenario.presets import resolve

@@ -8,9 +8,9 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.shape.completion import Preset
+from feasigrasp.models.shape.grids import object_grid
 from feasigrasp.models.tracking.keyframe import Keyframe
 from feasigrasp.models.tracking.sequence import LearntShape
 from feasigrasp.scenario.schema import PerceptionConfig

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.fusion import FusedCloud
-from feasigrasp.models.control.safety.obstacle_grid import object_grid
 from feasigrasp.models.grasps.matching import recheck_grasps
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.completion import complete_shape
+from feasigrasp.models.shape.grids import object_grid
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.views import ViewedObject, look_at
 

@@ -7,7 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import MeshError
-from feasigrasp.models.control.safety.static_grid import nearest_of, static_grid
+from feasigrasp.models.control.planning.static_grid import nearest_of, static_grid
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
 

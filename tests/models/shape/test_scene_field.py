@@ -7,8 +7,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.grasps.scene_clear import scene_clear
+from feasigrasp.models.robot.capsules import arm_balls
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
 from feasigrasp.models.shape.scene_field import fit_scene
@@ -185,7 +185,7 @@ def test_random_hand_poses_agree_with_the_true_distance(scene):
 
 
 def test_balls_cover_the_capsules():
-    balls, rng = arm_balls(), np.random.default_rng(2)
+    balls, rng = arm_balls(IIWA_CAPSULES), np.random.default_rng(2)
     for c in IIWA_CAPSULES.movers:
         r, (a, b) = IIWA_CAPSULES.radius[c], IIWA_CAPSULES.ends[c]
         away = rng.normal(size=(200, 3))
@@ -218,7 +218,7 @@ def in_the_world():
 
 def configurations_above_the_table(in_the_world, count):
     """The balls' places in random configurations whose capsules are above the table's middle."""
-    rng, balls, found = np.random.default_rng(4), arm_balls(), []
+    rng, balls, found = np.random.default_rng(4), arm_balls(IIWA_CAPSULES), []
     home = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
     while len(found) < count:
         q = home + rng.uniform(-1.0, 1.0, 7) * [0.5, 0.6, 1, 0.6, 1, 1, 1]
@@ -229,7 +229,7 @@ def configurations_above_the_table(in_the_world, count):
 
 
 def test_arm_distances_above_a_table_are_the_heights_of_its_balls(table, in_the_world):
-    radius = arm_balls().radius
+    radius = arm_balls(IIWA_CAPSULES).radius
     for x in configurations_above_the_table(in_the_world, 20):
         if x[:, 0].max() < 0.9:
             distance = np.minimum(table.distance(x) - radius, 0.25)

@@ -30,9 +30,9 @@ from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_ke
 from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead
 from feasigrasp.models.control.planning.prices import Prices
-from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
-from feasigrasp.models.control.safety.reserve import kept_off, retreat_velocity
+from feasigrasp.models.control.planning.reserve import kept_off, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.grasps.grasp_set import GraspSet

@@ -13,7 +13,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array, Indices
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.safety.obstacle_grid import box_distance_kernel, grid_kernel
+from feasigrasp.models.geometry.obstacle_grid import box_distance_kernel, grid_kernel
 from feasigrasp.models.numerics.vectors import cross, dot, minus, step
 from feasigrasp.models.robot.capsule_kernels import (
     add_lever,
@@ -43,7 +43,7 @@ class Body(NamedTuple):
         radius: Their radii.
         pairs: Those that can come close.
         movers: Those that can come close to the table.
-        ball_link: As in `feasigrasp.models.control.safety.arm_balls.ArmBalls`, like the next two.
+        ball_link: As in `feasigrasp.models.robot.capsules.ArmBalls`, like the next two.
         ball_center: Centres of the balls.
         ball_radius: Their radii.
         guarded: What is kept off an object: points on the outside of the open hand and balls that

@@ -9,7 +9,7 @@ from feasigrasp.models.control.safety.clearance_rows import (
     object_rows_kernel,
     rows_kernel,
 )
-from feasigrasp.models.control.safety.speed_bounds import bounds_kernel
+from feasigrasp.models.control.safety.velocity_limits import bounds_kernel
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
 

@@ -14,7 +14,7 @@ Why there is always an admissible velocity: slowing down all joints in the same 
 joint stops from full speed, keeps the acceleration limits; if ``g <= 1/S`` it also keeps every row
 that held before, since then ``g d`` falls no faster than the speed of approach. It is exact where a
 distance is linear in the joints; where it bends, the clearance takes up the difference. The bounds
-of single joints are in `feasigrasp.models.control.safety.speed_bounds`; how a speed limit is
+of single joints are in `feasigrasp.models.control.safety.velocity_limits`; how a speed limit is
 approached (`SafetyOptions.speed_gain`) bounds only what speeds up.
 
 If the rows cannot be kept, because the arm was pushed or begins too close, it stops: the velocity
@@ -36,14 +36,13 @@ from numpy.typing import NDArray
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, record
-from feasigrasp.models.control.safety.arm_balls import arm_balls
-from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.control.safety.problem import (
     brake_kernel,
     clip_kernel,
     problem_kernel,
     stop_kernel,
 )
+from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.quantities import (
     JACOBIAN,
     JOINT_POSITIONS,
@@ -51,7 +50,7 @@ from feasigrasp.models.quantities import (
     TWIST,
     PositiveShare,
 )
-from feasigrasp.models.robot.capsules import capsule_model, hand_points
+from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 

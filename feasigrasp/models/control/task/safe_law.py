@@ -31,13 +31,13 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.mode import Law, Targets
-from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
-from feasigrasp.models.control.safety.reserve import is_close, kept_off, retreat_velocity
+from feasigrasp.models.control.planning.reserve import is_close, kept_off, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.meeting import meeting_velocity, object_at_meeting
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel, log_kernel
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import Bound, NotNegative, Positive

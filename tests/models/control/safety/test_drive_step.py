@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feasigrasp.models.control.safety.drive_step import (
+from feasigrasp.models.control.safety.velocity_limits import (
     WILD,
     drive_step_kernel,
     free_step_kernel,

@@ -7,27 +7,22 @@ import pytest
 from scipy.spatial import cKDTree
 
 from feasigrasp.models.arrays import record
-from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.safety.clearance_rows import (
     MOST_OBJECT_ROWS,
     object_rows_kernel,
 )
-from feasigrasp.models.control.safety.obstacle_grid import (
-    MovingObject,
-    ObstacleGrid,
-    box_distance_kernel,
-    object_grid,
-)
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid, box_distance_kernel
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.robot.capsule_kernels import link_poses_kernel
-from feasigrasp.models.robot.capsules import capsule_model, hand_points
+from feasigrasp.models.robot.capsules import arm_balls, capsule_model, hand_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
+from feasigrasp.models.shape.grids import object_grid
 from tests.truths import table_distances
 
 RADIUS = 0.04

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from feasigrasp.models.arrays import record
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
-from feasigrasp.models.control.safety.speed_bounds import bounds_kernel, braking_speed
+from feasigrasp.models.control.safety.velocity_limits import bounds_kernel, braking_speed
 from feasigrasp.models.robot.iiwa import IIWA_7
 
 OPTIONS = SafetyOptions()
@@ -66,7 +66,7 @@ def requests(kind, rng, n):
 @pytest.mark.parametrize("kind", ["random", "constant", "held"])
 @pytest.mark.parametrize("period", [0.002, 0.005, 0.02])
 def test_the_interval_is_never_empty_and_no_limit_is_ever_passed(kind, period):
-    """What the proof in `feasigrasp.models.control.safety.speed_bounds` says, over 3000 steps."""
+    """What the proof in `velocity_limits` says, over 3000 steps."""
     options = SafetyOptions(period=period)
     rng = np.random.default_rng(1)
     limit = IIWA_7.position_limits - options.position_margin

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.safety.obstacle_grid import MovingObject, ObstacleGrid, object_grid
+from feasigrasp.models.control.planning.unseen_surface import kept_surface
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
-from feasigrasp.models.control.safety.unseen_surface import kept_surface
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.geometry.points import nearest_distance, sphere_points
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.grids import object_grid
 
 RADIUS = 0.06
 GRIPPER = ParallelGripper()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.safety.touch import (
+from feasigrasp.models.control.planning.touch import (
     THRESHOLD,
     TOUCH_STATE,
     touch_step_kernel,

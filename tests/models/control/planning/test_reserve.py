@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid, object_grid
-from feasigrasp.models.control.safety.reserve import is_close, kept_off, step_back
+from feasigrasp.models.control.planning.reserve import is_close, kept_off, step_back
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.funnel import Funnel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
+from feasigrasp.models.shape.grids import object_grid
 
 FUNNEL, X_FG = Funnel(), ParallelGripper().X_FG
 Q = np.array([0.1, 0.6, -0.2, -1.4, 0.3, 1.1, 0.4])

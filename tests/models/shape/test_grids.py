@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.arrays import record
-from feasigrasp.models.control.safety.arm_balls import arm_balls
 from feasigrasp.models.control.safety.clearance_rows import Body, rows_kernel
-from feasigrasp.models.control.safety.obstacle_grid import obstacle_grid
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel, link_poses_kernel
-from feasigrasp.models.robot.capsules import capsule_model
+from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp.models.robot.self_collision import IIWA_CAPSULES
+from feasigrasp.models.shape.grids import obstacle_grid
 from feasigrasp.models.shape.scene_field import fit_scene
 
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
@@ -132,7 +132,7 @@ def test_rows_by_finite_differences(grid):
 
 def test_rows_agree_with_the_scene_field(box, grid):
     """Distances of the grid and of the field itself, ball by ball."""
-    balls = arm_balls()
+    balls = arm_balls(IIWA_CAPSULES)
     rng = np.random.default_rng(4)
     for _ in range(10):
         q = HOME + rng.uniform(-0.6, 0.6, 7)

@@ -9,7 +9,7 @@ the rim for ever.
 import numpy as np
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.safety.obstacle_grid import ObstacleGrid
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.funnel import grasp_errors
 
 #: A hand no farther than this from its nearest grasp is on its way into it [m], [rad].

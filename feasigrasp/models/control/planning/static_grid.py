@@ -1,4 +1,4 @@
-"""Obstacles whose place is given, as a grid that the safety QP looks up from the first tick."""
+"""The distance grid of obstacles whose place is given."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from feasigrasp.models.clouds.seen_space import SCENE_VOXEL
-from feasigrasp.models.control.safety.obstacle_grid import ARM_BOX, ObstacleGrid
+from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.objects.static_obstacles import StaticObstacle
+from feasigrasp.models.shape.grids import ARM_BOX
 
 
 def static_grid(

@@ -12,12 +12,8 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.safety.obstacle_grid import (
-    MovingObject,
-    ObstacleGrid,
-    grid_kernel,
-)
 from feasigrasp.models.control.safety.safe_velocity import Safety
+from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid, grid_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel, grasp_errors_kernel, standoff_kernel
 from feasigrasp.models.robot.iiwa import IIWA_7
