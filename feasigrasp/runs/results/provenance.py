@@ -30,7 +30,7 @@ def git_revision() -> str | None:
 
     It is the one of the first call: the code that runs does not change with the files.
     """
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     try:
         described = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--abbrev=12"],
