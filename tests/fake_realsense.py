@@ -1,4 +1,4 @@
-"""As much of pyrealsense2 as `feasigrasp.recordings.realsense` uses, its camera being a list.
+"""As much of pyrealsense2 as `feasigrasp.recordings.recorder` uses, its camera being a list.
 
 Names, units and errors are those of pyrealsense2 2.59; `test_realsense.py` compares the names with
 the library where it is installed.

@@ -29,8 +29,7 @@ from feasigrasp.models.segmentation.tabletop import object_on_table
 from feasigrasp.outputs import check_outputs
 from feasigrasp.recordings.capture import camera_file_of, captured_points
 from feasigrasp.resources import model_path
-from feasigrasp.runs.pictures.perception import draw_perception
-from feasigrasp.runs.pictures.perception_html import write_perception_html
+from feasigrasp.runs.pictures.perception import draw_perception, write_perception_html
 from feasigrasp.runs.results.grasps_file import check_suffix, write_grasps
 
 #: What the reasons of `GraspSet.rejected` mean, for somebody who wants a grasp.

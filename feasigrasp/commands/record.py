@@ -18,8 +18,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from feasigrasp.errors import HardwareError
-from feasigrasp.recordings.realsense import realsense
-from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, recorded
+from feasigrasp.recordings.recorder import DepthFrame, check_new_recording, realsense, recorded
 from feasigrasp.runs.results.arguments import factor, positive
 from feasigrasp.runs.results.interrupts import postponed_interrupt
 

@@ -3,19 +3,116 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from feasigrasp.errors import InputError, OutputError
+from feasigrasp.errors import CameraError, HardwareError, InputError, OutputError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.quantities import ArrayOf, Whole
 from feasigrasp.outputs import replacing, write_text
 from feasigrasp.recordings.camera_file import CameraInfo
+
+#: Images that are left out at first, until the exposure has settled; as many as librealsense's
+#: own example ``rs-save-to-disk`` leaves out.
+_SETTLING = 30
+
+
+@contextmanager
+def realsense(
+    width: int = 640, height: int = 480, rate: int = 30
+) -> Iterator[tuple[CameraInfo, Iterator[DepthFrame]]]:
+    """Starts the first RealSense that is plugged in, and stops it at the end.
+
+    The color image is put on the pixels of the depth image, which stays as it was measured.
+
+    Args:
+        width: Of both images [px].
+        height: Of both images [px].
+        rate: Images per second.
+
+    Yields:
+        The depth camera, and its images as they come.
+
+    Raises:
+        HardwareError: pyrealsense2 is not installed; there is no camera, or none with such images;
+            while images are read: none comes any more.
+        CameraError: The depth image is distorted.
+    """
+    rs = _library()
+    pipeline, config = rs.pipeline(), rs.config()
+    config.enable_stream(rs.stream.depth, width, height, rs.format.z16, rate)
+    config.enable_stream(rs.stream.color, width, height, rs.format.rgb8, rate)
+    try:
+        profile = pipeline.start(config)
+    except RuntimeError as error:
+        raise HardwareError(
+            f"no RealSense gives depth and color of {width} x {height} at {rate} Hz ({error}); is "
+            "one plugged in, at USB 3, and used by no other program? Else give another --size or "
+            "--rate"
+        ) from error
+    try:
+        yield _camera_info(rs, profile), _frames(rs, pipeline)
+    finally:
+        with suppress(RuntimeError):  # of a camera that is unplugged
+            pipeline.stop()
+
+
+def _library() -> Any:
+    try:
+        import pyrealsense2
+    except ImportError as error:
+        raise HardwareError(
+            f"a RealSense is read by pyrealsense2 ({error}); pip install pyrealsense2"
+        ) from error
+    return pyrealsense2
+
+
+def _camera_info(rs: Any, profile: Any) -> CameraInfo:
+    """What the depth camera says of itself."""
+    lens = profile.get_stream(rs.stream.depth).as_video_stream_profile().get_intrinsics()
+    if any(lens.coeffs):
+        raise CameraError(
+            f"the depth image is distorted ({lens.model}: {list(lens.coeffs)}), which is not "
+            "reckoned with; take a camera of the D400 family, whose is not"
+        )
+    sensor = profile.get_device().first_depth_sensor()
+    stereo, baseline = rs.option.stereo_baseline, CameraInfo.baseline
+    if sensor.supports(stereo):
+        baseline = round(1e-3 * sensor.get_option(stereo), 6)  # handed out in millimetres
+    return CameraInfo(
+        (lens.fx, lens.fy, lens.ppx, lens.ppy),
+        round(sensor.get_depth_scale(), 9),  # of single precision
+        (lens.width, lens.height),
+        baseline=baseline,
+        source="the RealSense",
+    )
+
+
+def _frames(rs: Any, pipeline: Any) -> Iterator[DepthFrame]:
+    to_depth = rs.align(rs.stream.depth)
+    settling, last = _SETTLING, -1
+    while True:
+        try:
+            both = to_depth.process(pipeline.wait_for_frames())
+        except RuntimeError as error:
+            raise HardwareError(f"no image comes from the RealSense any more ({error})") from error
+        depth, color = both.get_depth_frame(), both.get_color_frame()
+        if not depth or not color or depth.get_frame_number() == last:
+            continue  # one of the two was late
+        last = depth.get_frame_number()
+        if settling > 0:
+            settling -= 1
+            continue
+        # The arrays are views of the library's own memory, which is used again.
+        pixels, colors = np.array(depth.get_data()), np.array(color.get_data())
+        yield DepthFrame(1e-3 * depth.get_timestamp(), last, pixels, colors)
+
 
 #: zlib's quickest level: an image of 640 x 480 has to be written in less than 33 ms.
 _COMPRESSION = 1

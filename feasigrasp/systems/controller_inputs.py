@@ -12,7 +12,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.lookout import Sought
-from feasigrasp.models.control.planning.unseen_surface import kept_surface
+from feasigrasp.models.control.planning.reserve import kept_surface
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.grasp_set import GraspSet

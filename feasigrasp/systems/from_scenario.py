@@ -38,6 +38,7 @@ from feasigrasp.systems.grasp_sampler import GraspSampler
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.point_cloud_to_gpdf import PointCloudToGPDF
 from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
+from feasigrasp.systems.reachability_filter import ViewFilter
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
 from feasigrasp.systems.segmentation.mask_segmentation import MaskFn, MaskSegmentation
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
@@ -49,7 +50,6 @@ from feasigrasp.systems.station.directives import cell_directives
 from feasigrasp.systems.station.station import Station
 from feasigrasp.systems.tracking.field_tracker import FieldTracker
 from feasigrasp.systems.tracking.keyframes_to_gpdf import KeyframesToGPDF
-from feasigrasp.systems.tracking.view_filter import ViewFilter
 
 #: A tracker's field changes with every keyframe; grasps need not be sampled so often [s].
 _KEYFRAMES_REST = 0.25

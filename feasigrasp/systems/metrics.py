@@ -10,10 +10,9 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel, so3_log_kernel
 from feasigrasp.models.grasps.funnel import grasp_errors
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.robot.condition import arm_condition_kernel
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.kinematics import arm_condition_kernel, forward_kinematics
 from feasigrasp.systems.ports import declare_input, optional
 
 #: Time between samples [s].

@@ -9,21 +9,167 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.grasps.grasp_set import GraspSet
+from feasigrasp.models.clouds.camera import Camera
+from feasigrasp.models.control.planning.in_view import rated_by_view
+from feasigrasp.models.geometry import se3
+from feasigrasp.models.grasps.carry import rated
+from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
+from feasigrasp.models.grasps.hand_clearance import scene_clear, unseen_clear
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import WAY_IN, JudgedGrasps, judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.shape.gpdf import Gpdf
+from feasigrasp.models.shape.scene_field import SceneField
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.ports import (
     PeriodicState,
     declare_cache,
     declare_input,
     declare_output,
+    evaluate,
     optional,
 )
+
+
+class ViewFilter(LeafSystem):
+    """Rates grasps by how much of the object the camera on the hand sees there.
+
+    .. pydrake_system::
+
+        name: ViewFilter
+        input_ports:
+        - grasps
+        - gpdf
+        - position
+        - camera_pose
+        output_ports:
+        - grasps
+
+    ``grasps`` are in the object frame O, before and after, the hand turned as it will be; ``gpdf``
+    is the object's `Gpdf`, or None, without which nothing is rated; ``position`` V7 [rad] and
+    ``camera_pose`` X_WC tell where on the hand the camera is. None is dropped.
+    """
+
+    def __init__(self, gripper: ParallelGripper, camera: Camera, standoff: float = 0.0) -> None:
+        """A filter for a hand with ``camera`` on it that waits ``standoff`` behind grasps [m]."""
+        super().__init__()
+        self._gripper, self._camera, self._standoff = gripper, camera, standoff
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._gpdf = declare_input(self, "gpdf", kind=Gpdf | None)
+        self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
+        self._pose = declare_input(self, "camera_pose", RigidTransform())
+        declare_output(self, "grasps", self._calc)
+
+    def _calc(self, context: Context) -> GraspSet:
+        grasps, gpdf = self._grasps.Eval(context), evaluate(self._gpdf, context)
+        if gpdf is None:
+            return grasps
+        X_WH = forward_kinematics(self._position.Eval(context), self._gripper.X_FG)
+        X_HC = se3.inverse(X_WH) @ self._pose.Eval(context).GetAsMatrix4()
+        X_HC[2, 3] -= self._standoff
+        return rated_by_view(grasps, gpdf.points, X_HC, self._camera)
+
+
+#: Direction of gravity in W.
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+class CarryFilter(LeafSystem):
+    """How likely the pads of grasps bear the object's weight as the object is turned now.
+
+    .. pydrake_system::
+
+        name: CarryFilter
+        input_ports:
+        - grasps
+        - object_pose
+        output_ports:
+        - grasps
+
+    ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
+    ``RigidTransform``; while it is not finite, the worst direction of gravity counts, and nothing
+    is dropped. Scores are multiplied by the probability that a grasp carries (`rated`); how sure is
+    enough depends on what is in reach, which `GripperSequencer` knows. What hardly carries is
+    dropped and counted as "too heavy there". Grasps whose `GraspSet.load` nobody has told pass as
+    they are.
+    """
+
+    def __init__(self) -> None:
+        """A filter; what it judges by comes with the grasps."""
+        super().__init__()
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        declare_output(self, "grasps", self._calc, {self._grasps.ticket(), self._pose.ticket()})
+
+    def _calc(self, context: Context) -> GraspSet:
+        R_WO = self._pose.Eval(context).rotation().matrix()
+        down = _DOWN @ R_WO if np.isfinite(R_WO).all() else None
+        return rated(self._grasps.Eval(context), down)
+
+
+class SceneFilter(LeafSystem):
+    """Drops the grasps at which the open hand would be in the scene.
+
+    .. pydrake_system::
+
+        name: SceneFilter
+        input_ports:
+        - grasps
+        - object_pose
+        - scene
+        output_ports:
+        - grasps
+
+    ``grasps`` are in the object frame O, before and after; ``object_pose`` X_WO is a
+    ``RigidTransform``; ``scene`` a `SceneField` in W, or None, which drops nothing. What is dropped
+    is counted as "hits the scene", as "in space that was never seen" where the hand would stand in
+    what may belong to the scene, or as "the object's pose is unknown" while that is not finite.
+    """
+
+    def __init__(
+        self, gripper: ParallelGripper, *, margin: float = 0.005, either_way_round: bool = False
+    ) -> None:
+        """A filter for one hand.
+
+        Args:
+            gripper: The hand.
+            margin: Least distance of the hand from every surface [m].
+            either_way_round: Whether a grasp stays if the hand is clear after half a turn about
+                the approach direction; for sets whose grasps have not been turned yet.
+        """
+        super().__init__()
+        self._gripper, self._margin, self._either = gripper, margin, either_way_round
+        self._grasps = declare_input(self, "grasps", GraspSet.empty())
+        self._pose = declare_input(self, "object_pose", RigidTransform())
+        self._scene = declare_input(self, "scene", kind=SceneField | None)
+        inputs = {self._grasps.ticket(), self._pose.ticket(), self._scene.ticket()}
+        declare_output(self, "grasps", self._calc, inputs)
+
+    def _calc(self, context: Context) -> GraspSet:
+        grasps: GraspSet = self._grasps.Eval(context)
+        scene: SceneField | None = evaluate(self._scene, context)
+        if scene is None or len(grasps) == 0:
+            return grasps
+        X_WO = self._pose.Eval(context).GetAsMatrix4()
+        if not np.isfinite(X_WO).all():
+            return grasps.select(np.zeros(len(grasps), dtype=bool), Rejection.UNKNOWN_POSE)
+        for judge, reason in (
+            (scene_clear, Rejection.HITS_SCENE),
+            (unseen_clear, Rejection.UNSEEN),
+        ):
+            X_WG = X_WO @ grasps.X_OG
+            clear = judge(scene, X_WG, self._gripper, self._margin)
+            if self._either:
+                other = np.flatnonzero(~clear)
+                clear[other] = judge(scene, X_WG[other] @ FLIP, self._gripper, self._margin)
+            grasps = grasps.select(clear, reason)
+        return grasps
 
 
 class ReachabilityFilter(LeafSystem):

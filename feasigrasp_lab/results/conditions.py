@@ -10,7 +10,7 @@ def conditions_text(found: Mapping[str, Any]) -> str:
     """The conditions as one paragraph, to stand beside a table.
 
     Args:
-        found: As `feasigrasp_lab.runs.conditions.conditions` makes them.
+        found: As `feasigrasp_lab.runs.run_plan.conditions` makes them.
     """
     speeds = ", ".join(
         f"{name} {speed['path_m_s']:.2f} m/s and {speed['spin_rad_s']:.2g} rad/s"

@@ -35,11 +35,16 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.one_thread import one_thread
-from feasigrasp.runs.metrics.grasp_tracking import TRACKED_ANGLE, TRACKED_POSITION
 from feasigrasp.runs.metrics.motion_limits import JointTicks
 from feasigrasp.runs.metrics.robot_limits import self_collision_metrics
 from feasigrasp.runs.metrics.robot_twin import robot_twin
-from feasigrasp.runs.metrics.run_metrics import METRICS, Metric, summarize
+from feasigrasp.runs.metrics.run_metrics import (
+    METRICS,
+    TRACKED_ANGLE,
+    TRACKED_POSITION,
+    Metric,
+    summarize,
+)
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics

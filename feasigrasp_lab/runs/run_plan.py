@@ -3,15 +3,123 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+from feasigrasp.models.objects.tracker_config import TrackerConfig, TrackerKind
 from feasigrasp.runs.results.interrupts import Unfinished
+from feasigrasp.scenario.parts import Part
+from feasigrasp.scenario.sampling import largest_speed
+from feasigrasp.scenario.schema import Scenario, Segmentation
+from feasigrasp_lab.protocols.ablations import without_ablation
 from feasigrasp_lab.results.finished import Record
 from feasigrasp_lab.results.workers import shard_folders
-from feasigrasp_lab.runs.conditions import conditions
 from feasigrasp_lab.runs.isolated import report_crashes, run_all
-from feasigrasp_lab.runs.plan import Plan
+from feasigrasp_lab.runs.plan import Plan, PlannedRun
+
+#: What the object's frame is, by what tells its pose.
+_FRAME: dict[str, str] = {
+    TrackerKind.MOCAP: "given, with the pose",
+    TrackerKind.CAMERA: "that of the first view",
+}
+#: By what the object's pixels are told.
+_SEGMENTATION: dict[str, str] = {
+    Segmentation.LABELS: "label image of the simulation",
+    Segmentation.DEPTH: "depth image, arm and cell known",
+}
+#: The errors of a tracker's measurements, and how they are told.
+_ERRORS = {
+    "latency": "{:g} s late",
+    "position_noise": "noise {:g} m",
+    "rotation_noise": "{:.2g} rad",
+    "dropout": "{:.0%} lost",
+}
+
+
+def conditions(plan: Plan, split: str) -> dict[str, Any]:
+    """The conditions of many runs, for ``summary.json``; ``docs/results_schema.md`` defines them.
+
+    An entry that is not the same in all runs is a list of what it is.
+
+    Args:
+        plan: The runs, and what was left out.
+        split: ``development`` or ``test``.
+    """
+    runs = plan.runs
+    by_name: dict[str, Scenario] = {}
+    for planned in runs:
+        by_name.setdefault(without_ablation(planned.name), planned.scenario)
+    return {
+        "split": split,
+        "speeds": {name: _speeds(scenario) for name, scenario in by_name.items()},
+        "camera": _common(runs, _camera),
+        "perception_latency_s": _common(runs, lambda s: s.perception.latency),
+        "tracking": _common(runs, lambda s: _tracking(s.tracker)),
+        "segmentation": _common(runs, _segmentation),
+        "object_frame": _common(runs, lambda s: _FRAME[s.tracker.kind]),
+        "friction": _common(runs, lambda s: s.object.friction),
+        "mass": _common(runs, _mass),
+        "execution": _common(runs, _execution),
+        "objects": list(dict.fromkeys(planned.object_name for planned in runs)),
+        "left_out": plan.left_out,
+        "seeds": sorted({planned.scenario.random_seed for planned in runs}),
+    }
+
+
+def _segmentation(scenario: Scenario) -> str:
+    own = scenario.parts.get(Part.SEGMENTATION)
+    return _SEGMENTATION[scenario.perception.segmentation] if own is None else own.name
+
+
+def _common(runs: Sequence[PlannedRun], read: Callable[[Scenario], Any]) -> Any:
+    """What all runs have, or the list of what some have."""
+    values = list(dict.fromkeys(read(planned.scenario) for planned in runs))
+    return values[0] if len(values) == 1 else values
+
+
+def _speeds(scenario: Scenario) -> dict[str, float]:
+    """Largest speed on the path, and speed of the rotation."""
+    return {
+        "path_m_s": round(largest_speed(scenario), 4),
+        "spin_rad_s": abs(scenario.motion.spin),
+    }
+
+
+def _camera(scenario: Scenario) -> str:
+    name = scenario.perception.camera
+    camera, noise = scenario.cameras[name], scenario.camera_noise.get(name)
+    size = f"{name}, {camera.width} x {camera.height}"
+    if noise is None:
+        return f"{size}, without noise"
+    changed = ", ".join(f"{key} {value:g}" for key, value in sorted(noise.items()))
+    return f"{size}, noise of a D435" + (f" with {changed}" if changed else "")
+
+
+def _mass(scenario: Scenario) -> str:
+    mass, factor = scenario.object.mass, scenario.object.mass_factor
+    own = "the object's own" if mass is None else f"{mass:g} kg"
+    return own if factor == 1.0 else f"{factor:.3g} times {own}"
+
+
+def _execution(scenario: Scenario) -> str:
+    config = scenario.execution
+    if config.teleport:
+        return "the arm is put at a grasp"
+    if config.position_error == config.angle_error == 0.0:
+        return "the hand is where it is believed"
+    angle = math.degrees(config.angle_error)
+    return f"the hand is {1e3 * config.position_error:.3g} mm and {angle:.3g} deg off"
+
+
+def _tracking(tracker: TrackerConfig) -> str:
+    if tracker.kind == TrackerKind.CAMERA:
+        return f"in the camera's depth images, {1.0 / tracker.image_period:.3g} Hz"
+    rate = f"{1.0 / tracker.period:g} Hz"
+    errors = {text: getattr(tracker, name) for name, text in _ERRORS.items()}
+    if not any(errors.values()):
+        return f"true pose, {rate}, no latency"
+    return f"measured pose, {rate}, {', '.join(text.format(x) for text, x in errors.items())}"
 
 
 class Report(Protocol):

@@ -53,7 +53,7 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PoseExamples:
-    """Examples as `feasigrasp_lab.training.data.hand_poses` makes them, stacked; see there."""
+    """Examples as `feasigrasp_lab.training.train_diffusion` makes them, stacked; see there."""
 
     points: NDArray[np.float32]
     normals: NDArray[np.float32]

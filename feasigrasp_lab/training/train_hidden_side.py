@@ -3,13 +3,14 @@
 First it makes pictures of household shapes, in shards that are kept: a shape is looked at from one
 to three random directions by the noisy depth camera, the distance field is fitted, and rays cast
 from behind towards a camera tell where the object ends behind every pixel of its picture. Then it
-trains `feasigrasp_lab.training.hidden_side_network` on them. Whole families are held out and judge;
+trains `feasigrasp_lab.training.train_hidden_side` on them. Whole families are held out and judge;
 start the same command again to resume.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from functools import partial
 from pathlib import Path
@@ -17,25 +18,88 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn import functional
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.view_image import SIDE, ViewImage
 from feasigrasp.models.shape.completion import ROUGH_POINTS, complete_shape
 from feasigrasp.models.shape.hidden_side import TYPICAL_SIZE, features, picture_scale
-from feasigrasp.models.shape.hidden_side_network import BELIEVED, FEATURES
+from feasigrasp.models.shape.hidden_side_network import (
+    BELIEVED,
+    CHANNELS,
+    FEATURES,
+    LEAST_SPREAD,
+    HiddenSide,
+)
+from feasigrasp.models.weights_file import network_arrays
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
 from feasigrasp_lab.results.finished import make_shards, read_shard, write_arrays
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.data.object_streams import ObjectStream
 from feasigrasp_lab.training.data.views import ViewedObject, fused, turning_views
-from feasigrasp_lab.training.hidden_side_network import HiddenSideNetwork, export
 from feasigrasp_lab.training.loop import (
     TrainingRun,
     add_loop_arguments,
     rows_of_step,
     without_denormals,
 )
+
+# The U-Net of the hidden side in torch, to train it.
+#
+# See `feasigrasp.models.shape.hidden_side_network` for what it computes, and for its weights.
+
+
+class _Block(nn.Sequential):
+    """Two convolutions."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__(
+            nn.Conv2d(inputs, outputs, 3, padding=1),
+            nn.SiLU(),
+            nn.Conv2d(outputs, outputs, 3, padding=1),
+            nn.SiLU(),
+        )
+
+
+class HiddenSideNetwork(nn.Module):
+    """Thickness of the object behind every pixel, and the spread of what it may be.
+
+    It changes the thickness that is believed without it. Pictures (b, FEATURES, s, s) become
+    medians and scales of Laplace distributions, (b, s, s) each, in units of the picture's scale;
+    s is a multiple of 8. Blocks of 2 x 2 pixels are looked at together: what lies behind them
+    hardly differs.
+    """
+
+    def __init__(self, channels: tuple[int, ...] = CHANNELS) -> None:
+        super().__init__()
+        self.channels = channels
+        inputs = (4 * FEATURES, *channels[:-1])
+        self.down = nn.ModuleList(_Block(a, b) for a, b in zip(inputs, channels, strict=True))
+        self.up = nn.ModuleList(_Block(a + b, a) for a, b in itertools.pairwise(channels))
+        self.head = nn.Conv2d(channels[0], 2, 1)
+        nn.init.zeros_(self.head.weight)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
+        """See the class."""
+        x = functional.pixel_unshuffle(pictures, 2).contiguous(memory_format=torch.channels_last)
+        skipped: list[Tensor] = []
+        for block in self.down:
+            x = block(functional.avg_pool2d(x, 2) if skipped else x)
+            skipped.append(x)
+        for level in reversed(range(len(self.up))):
+            larger = functional.interpolate(x, scale_factor=2, mode="nearest")
+            x = self.up[level](torch.cat([skipped[level], larger], dim=1))
+        answers = functional.interpolate(self.head(x), scale_factor=2, mode="bilinear")
+        change, spread = answers.unbind(dim=1)
+        return pictures[:, BELIEVED] + change, functional.softplus(spread) + LEAST_SPREAD
+
+
+def export(network: HiddenSideNetwork) -> HiddenSide:
+    """The network without torch, as it is used and saved."""
+    return HiddenSide(network.channels, network_arrays(network))
+
 
 Pictures = tuple[NDArray[np.float16], NDArray[np.float16]]
 

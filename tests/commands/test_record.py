@@ -12,7 +12,7 @@ from PIL import Image
 from feasigrasp import cli
 from feasigrasp.models.clouds.camera import unproject
 from feasigrasp.recordings import captured_points, read_depth_folder
-from feasigrasp.recordings.realsense import _SETTLING
+from feasigrasp.recordings.recorder import _SETTLING
 from tests import fake_realsense
 from tests.fake_realsense import camera, composite_frame, pixels, stream
 

@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.load import Load
 from feasigrasp.models.shape.mass import MassEstimate
-from feasigrasp.systems.carry_filter import CarryFilter
+from feasigrasp.systems.reachability_filter import CarryFilter
 
 
 def heavy_grasps():

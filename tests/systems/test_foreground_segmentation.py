@@ -17,7 +17,7 @@ from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.segmentation.foreground_segmentation import ForegroundSegmentation
 from feasigrasp.systems.segmentation.segment_point_cloud import SegmentPointCloud
-from feasigrasp_lab.measures.first_mask import first_mask_iou, intersection_over_union
+from feasigrasp_lab.studies.segmentation import first_mask_iou, intersection_over_union
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 CAMERA = Camera((60.0, 60.0, 31.5, 23.5), 64, 48, 0.1, 0.007)

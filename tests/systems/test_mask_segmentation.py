@@ -18,7 +18,7 @@ from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.segmentation.mask_segmentation import MaskSegmentation
-from feasigrasp_lab.measures.first_mask import intersection_over_union
+from feasigrasp_lab.studies.segmentation import intersection_over_union
 
 CAMERA = Camera((60.0, 60.0, 31.5, 23.5), 64, 48, 0.1, 0.007)
 PAGE = Path(__file__).parents[2] / "docs/own_parts.md"

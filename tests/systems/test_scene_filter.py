@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.scene_field import fit_scene
-from feasigrasp.systems.scene_filter import SceneFilter
+from feasigrasp.systems.reachability_filter import SceneFilter
 
 
 def grasp_set(*poses):

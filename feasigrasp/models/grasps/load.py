@@ -1,8 +1,8 @@
 """What the pads of grasps have to bear and can: the probability that a grasp carries its object.
 
 Weight that attacks beside the closing line turns the object about it, and nothing but the friction
-of the pads resists (`feasigrasp.models.grasps.pads`). About the other two axes they resist by where
-they press: on small patches, such as a hammer's head between the pads, that is not much more.
+of the pads resists (`feasigrasp.models.grasps.carry`). About the other two axes they resist by
+where they press: on small patches, such as a hammer's head between the pads, that is not much more.
 """
 
 from __future__ import annotations

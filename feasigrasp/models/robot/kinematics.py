@@ -21,6 +21,26 @@ from feasigrasp.models.numerics.vectors import cross, dot, step, turn
 from feasigrasp.models.quantities import JOINTS, POSE
 from feasigrasp.models.robot.iiwa import IIWA_7
 
+
+@compiled
+def arm_condition_kernel(q, v):
+    """Three figures of one state of the arm.
+
+    Args:
+        q: Joint positions [rad], shape (7,).
+        v: Joint velocities [rad/s], shape (7,).
+
+    Returns:
+        Smallest distance to a joint limit, negative beyond it [rad]; largest joint speed over its
+        limit; manipulability sqrt(det J J^T).
+    """
+    margin, ratio = np.inf, 0.0
+    for i in range(IIWA_7.joints):
+        margin = min(margin, IIWA_7.position_limits[i] - abs(q[i]))
+        ratio = max(ratio, abs(v[i]) / IIWA_7.velocity_limits[i])
+    return margin, ratio, manipulability_kernel(q)
+
+
 _BASE_SHOULDER, _SHOULDER_ELBOW, _ELBOW_WRIST, _WRIST_FLANGE = IIWA_7.lengths
 # Writable, since a kernel is compiled once more for read-only arguments.
 _IDENTITY = np.eye(4)

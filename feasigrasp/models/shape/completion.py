@@ -9,19 +9,21 @@ shaped.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import lapack
+from scipy.ndimage import binary_erosion
 from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.arrays import Array, Mask
+from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud
 from feasigrasp.models.clouds.free_space import free_distance, rim_points
@@ -32,8 +34,115 @@ from feasigrasp.models.quantities import POINTS, ArrayOf, Count, Positive, Whole
 from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_gpdf
-from feasigrasp.models.shape.hidden_nodes import HiddenNodes, hidden_nodes
-from feasigrasp.models.shape.hidden_side_network import load_hidden_side
+from feasigrasp.models.shape.hidden_side import BackSurface
+from feasigrasp.models.shape.hidden_side_network import HiddenSide, load_hidden_side
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePoints(Frozen):
+    """Points of the completed surface.
+
+    Attributes:
+        points: Positions, shape (m, 3) [m].
+        normals: Outward unit normals, shape (m, 3).
+        variance_at: Predictive variance of the occupancy at points (k, 3), shape (k,).
+    """
+
+    points: Array
+    normals: Array
+    variance_at: Callable[[Array], Array] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        """Freezes the arrays."""
+        self._freeze(points=self.points, normals=self.normals)
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    @cached_property
+    def variance(self) -> Array:
+        """Predictive variance of the occupancy, shape (m,): small where it was seen.
+
+        Computed when it is asked for: it costs more than the points.
+        """
+        variance = self.variance_at(self.points)
+        variance.flags.writeable = False
+        return variance
+
+
+# Nodes of the distance field on the side of an object that nobody has seen, as far as it is known.
+#
+# `hidden_side` tells where the object probably ends behind each picture. Other pictures contradict
+# that where they look through the place, or see a surface in front of it that is not the far one.
+
+#: Nodes closer to an observed point than this know nothing that it does not [m], nor do those
+#: closer than so many times their expected error. Where several pictures look round the object,
+#: they more often see such places themselves than that these are the far side of something thin.
+CLEARANCE, DOUBT = 3e-3, 1.0
+CLEARANCE_OF_SEVERAL, DOUBT_OF_SEVERAL = 10e-3, 1.5
+#: Nodes deeper in the free space of a picture than this are impossible [m].
+_FREE = 2e-3
+
+
+class HiddenNodes(NamedTuple):
+    """Points where the hidden surface probably is.
+
+    Attributes:
+        points: Shape (n, 3) [m].
+        deviation: Expected error along the line of sight, shape (n,) [m].
+    """
+
+    points: Array
+    deviation: Array
+
+
+def hidden_nodes(
+    field: Gpdf, images: Sequence[ViewImage], observed: Array, network: HiddenSide, count: int
+) -> HiddenNodes:
+    """Nodes on the far sides of all pictures.
+
+    Args:
+        field: What is believed without the network.
+        images: Pictures of the object, in the frame of the points; at least one.
+        observed: Points seen, shape (n, 3) [m].
+        network: Tells far sides.
+        count: Number of nodes, at most.
+    """
+    backs = network.back_surfaces(images, field)
+    parts = [_of_picture(image, back) for image, back in zip(images, backs, strict=True)]
+    points, deviation = (np.concatenate(part) for part in zip(*parts, strict=True))
+    several = len(images) > 1
+    clearance = CLEARANCE_OF_SEVERAL if several else CLEARANCE
+    doubt = DOUBT_OF_SEVERAL if several else DOUBT
+    kept = free_distance(images, points) < _FREE
+    for image, back in zip(images, backs, strict=True):
+        kept &= ~_inside(image, back, points)
+    points, deviation = points[kept], deviation[kept]
+    kept = cKDTree(observed).query(points)[0] > np.maximum(clearance, doubt * deviation)
+    points, deviation = points[kept], deviation[kept]
+    if len(points) == 0:
+        return HiddenNodes(points, deviation)
+    chosen = farthest_points(points, min(count, len(points)))
+    return HiddenNodes(points[chosen], deviation[chosen])
+
+
+def _of_picture(image: ViewImage, back: BackSurface) -> tuple[Array, Array]:
+    """Far points of the pixels whose four neighbours show the object too, and their deviations."""
+    mask = binary_erosion(image.mask)
+    rows, columns = np.nonzero(mask)
+    return image.unproject((rows, columns), back.depth[mask]), back.deviation[mask]
+
+
+def _inside(image: ViewImage, back: BackSurface, points: Array) -> Mask:
+    """Which points (n, 3) a picture puts inside the object, by more than its far side may err."""
+    row, column, z, within = image.project(points)
+    at = row, column
+    before = z < back.depth[at] - np.maximum(2.0 * back.deviation[at], 3e-3)
+    behind = z > image.depth[at] + 3e-3
+    inside: Mask = within & image.mask[at] & before & behind
+    return inside
+
 
 #: Values at this distance beside some of the points tell inside from outside [m].
 SURFACE_OFFSET = 2e-3

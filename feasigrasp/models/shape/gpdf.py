@@ -16,9 +16,9 @@ from feasigrasp.models.arrays import Array, Frozen, Indices, Mask
 from feasigrasp.models.geometry.points import farthest_points
 from feasigrasp.models.quantities import POINT, POINTS, ArrayOf, Count, NotNegative, Positive, Whole
 from feasigrasp.models.shape import gpdf_kernels as kernels
+from feasigrasp.models.shape.completion import SurfacePoints
 from feasigrasp.models.shape.covariance import cross_covariance
 from feasigrasp.models.shape.node_sums import make_tiles
-from feasigrasp.models.shape.surface_points import SurfacePoints
 
 #: Shortest step of a ray through the object [m].
 _RAY_STEP = 2e-3

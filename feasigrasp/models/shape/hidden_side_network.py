@@ -1,7 +1,7 @@
 """The network behind `hidden_side`: a small U-Net from pictures to thickness, and its weights.
 
 Computed with NumPy, since torch takes longer to load than all pictures of a run; trained with torch
-by `feasigrasp_lab.training.hidden_side_network`.
+by `feasigrasp_lab.training.train_hidden_side`.
 """
 
 from __future__ import annotations

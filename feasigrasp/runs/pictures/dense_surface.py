@@ -6,8 +6,8 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3 import perpendiculars
+from feasigrasp.models.shape.completion import SurfacePoints
 from feasigrasp.models.shape.gpdf_fit import Gpdf
-from feasigrasp.models.shape.surface_points import SurfacePoints
 
 #: Points of the first, uneven sample are projected from a grid of this many points per side.
 _GRID = 16

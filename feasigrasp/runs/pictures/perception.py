@@ -2,24 +2,113 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from pydrake.geometry import Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.perception import BaseField, Fields, PointCloud
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.grasps.glyphs import spread_order
+from feasigrasp.models.grasps.glyphs import (
+    disc,
+    frames_along,
+    gripper_glyph,
+    place_copies,
+    spread_order,
+)
 from feasigrasp.models.grasps.perceive import Perception
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.shape.completion import SurfacePoints
 from feasigrasp.models.shape.gpdf_fit import Gpdf
-from feasigrasp.models.shape.surface_points import SurfacePoints
 from feasigrasp.outputs import save_figure
 from feasigrasp.runs.pictures.dense_surface import dense_surface
-from feasigrasp.runs.pictures.sheets import add_scale
 from feasigrasp.runs.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
+from feasigrasp.runs.replay import quiet_meshcat, write_html
 from feasigrasp.systems.monitoring.grasp_visualizer import distance_from_seen
+from feasigrasp.systems.station.meshcat_scene import set_background
+
+#: Everything is drawn below this Meshcat path; its children can be switched off by hand.
+_ROOT = "/perception"
+_GRASP_COLOR, _CLOUD_COLOR = Rgba(0.06, 0.65, 0.25), np.array([[40], [50], [65]], dtype=np.uint8)
+#: Radius of the discs that stand for the completed surface [m].
+_DISC_RADIUS = 0.0022
+
+
+def write_perception_html(perception: Perception, filename: Path) -> None:
+    """Writes cloud, completed surface (coloured by uncertainty) and grasps as an HTML file.
+
+    The object stands upright with its middle in the origin; the measured points are under
+    ``/perception/cloud``, the surface under ``completion``, the grasps under ``grasps``.
+    """
+    meshcat = quiet_meshcat()
+    # Meshcat's up is z.
+    R = RotationMatrix.MakeFromOneVector(upward(perception), 2).inverse()
+    middle = perception.gpdf.completion.points.mean(axis=0)
+    meshcat.SetTransform(_ROOT, RigidTransform(R, -(R @ middle)))
+
+    points = perception.cloud.points
+    cloud = PointCloud(len(points), Fields(BaseField.kXYZs | BaseField.kRGBs))
+    cloud.mutable_xyzs()[:] = points.T
+    cloud.mutable_rgbs()[:] = _CLOUD_COLOR
+    meshcat.SetObject(f"{_ROOT}/cloud", cloud, point_size=0.0015)
+
+    surface = dense_surface(perception.gpdf)
+    vertices, faces = disc(_DISC_RADIUS)
+    colors = np.repeat(uncertainty_colors(perception.gpdf, surface), len(vertices), axis=0)
+    frames = frames_along(surface.points, surface.normals)
+    vertices, faces = place_copies(frames, vertices, faces)
+    meshcat.SetTriangleColorMesh(f"{_ROOT}/completion", vertices.T, faces.T, colors.T)
+
+    X_OG = shown_grasps(perception)
+    if len(X_OG) > 0:
+        vertices, faces = place_copies(X_OG, *gripper_glyph(perception.gripper))
+        meshcat.SetTriangleMesh(f"{_ROOT}/grasps", vertices.T, faces.T, _GRASP_COLOR)
+
+    set_background(meshcat)
+    towards = R @ towards_viewer(perception)
+    size = float(np.ptp(surface.points, axis=0).max())
+    place = 2.2 * size * (towards / np.linalg.norm(towards) + np.array([0.0, 0.0, 0.15]))
+    meshcat.SetCameraPose(place, np.zeros(3))
+    write_html(meshcat, filename)
+
+
+def two_rows(titles: Sequence[str], sides: tuple[str, str]) -> tuple[Figure, Any]:
+    """A figure and its axes, shape (2, columns).
+
+    Args:
+        titles: Of the columns, names of objects.
+        sides: Names of the rows.
+    """
+    figure = Figure(figsize=(2.7 * len(titles), 6.3))
+    axes = figure.subplots(2, len(titles), squeeze=False)
+    figure.subplots_adjust(left=0.04, right=0.99, top=0.935, bottom=0.11, wspace=0.03, hspace=0.08)
+    for ax, title in zip(axes[0], titles, strict=True):
+        ax.set_title(title.replace("_", " "), fontsize=11)
+    for height, side in zip((0.73, 0.31), sides, strict=True):
+        figure.text(0.012, height, side, rotation=90, va="center", fontsize=11)
+    return figure, axes
+
+
+def add_scale(
+    figure: Figure,
+    colors: Colormap,
+    most: float,
+    label: str,
+    place: tuple[float, float, float, float] = (0.3, 0.055, 0.4, 0.016),
+) -> None:
+    """A colour scale from 0 to ``most`` below the panels, at left, bottom, width and height."""
+    scale = ScalarMappable(Normalize(0.0, most), colors)
+    bar = figure.colorbar(scale, cax=figure.add_axes(place), orientation="horizontal")
+    bar.set_label(label, fontsize=8, labelpad=1)
+    bar.ax.tick_params(labelsize=7, pad=1)
+
 
 #: From surface that was seen to surface that was made up.
 UNCERTAINTY_COLORS = LinearSegmentedColormap.from_list(

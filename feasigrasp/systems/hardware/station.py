@@ -44,8 +44,8 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import station_config
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.images import RgbdReceiver
 from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
-from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import pixel_centred_intrinsics
 from feasigrasp.systems.station.cell_models import add_cell

@@ -8,7 +8,6 @@ from pydrake.systems.primitives import ConstantValueSource, ZeroOrderHold
 
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.systems.carry_filter import CarryFilter
 from feasigrasp.systems.from_scenario import (
     carries_its_camera,
     led_by_its_camera,
@@ -16,7 +15,7 @@ from feasigrasp.systems.from_scenario import (
 )
 from feasigrasp.systems.gripper_sequencer import GripperSequencer
 from feasigrasp.systems.monitoring.contact_sense import ContactSense
-from feasigrasp.systems.scene_filter import SceneFilter
+from feasigrasp.systems.reachability_filter import CarryFilter, SceneFilter
 from feasigrasp.systems.stages.cell import Cell, given
 from feasigrasp.systems.stages.controllers import (
     make_drive,

@@ -12,8 +12,7 @@ from feasigrasp.systems.monitoring.status_monitor import StatusMonitor
 from feasigrasp.systems.monitoring.true_frame import TrueFrame
 from feasigrasp.systems.stages.cell import Cell, given
 from feasigrasp.systems.stages.delay import Delay
-from feasigrasp.systems.station.object_contact import ObjectContact
-from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
+from feasigrasp.systems.station.object_contact import ObjectContact, ObstacleDistance
 
 
 def add_status(cell: Cell) -> None:

@@ -3,18 +3,100 @@
 from __future__ import annotations
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import SceneGraph
 from pydrake.lcm import DrakeLcm
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.perception import DepthImageToPointCloud
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, PixelType
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.systems.sensors import (
+    ApplyCameraConfig,
+    CameraConfig,
+    CameraInfo,
+    ImageDepth32F,
+    PixelType,
+)
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
-from feasigrasp.systems.station.believed_pose import BelievedPose
-from feasigrasp.systems.station.noisy_depth import NoisyDepth
+from feasigrasp.systems.ports import declare_input, declare_output
+
+
+class NoisyDepth(LeafSystem):
+    """Adds a depth camera's errors to its images.
+
+    .. pydrake_system::
+
+        name: NoisyDepth
+        input_ports:
+        - depth_image
+        output_ports:
+        - depth_image
+
+    Both are ``ImageDepth32F`` [m]; a pixel without depth is infinite, one that is too near 0. The
+    errors depend on the seed and the time only, so an image that is read twice is the same twice,
+    and a run repeats.
+    """
+
+    def __init__(
+        self,
+        noise: DepthNoise,
+        info: CameraInfo,
+        seed: int = 0,
+        *,
+        near: float = 0.0,
+        far: float = np.inf,
+    ) -> None:
+        """The errors of one camera; cameras with the same seed err alike.
+
+        Args:
+            noise: The errors.
+            info: The depth camera's intrinsics.
+            seed: Seed of the errors.
+            near: Least depth that the camera measures [m].
+            far: Largest depth that it measures [m].
+        """
+        super().__init__()
+        self._noise, self._seed = noise, seed
+        self._near, self._far = near, far
+        self._intrinsics = (info.focal_x(), info.focal_y(), info.center_x(), info.center_y())
+        image = AbstractValue.Make(ImageDepth32F(info.width(), info.height()))
+        self._input = self.DeclareAbstractInputPort("depth_image", image)
+        self.DeclareAbstractOutputPort("depth_image", image.Clone, self._calc)
+
+    def _calc(self, context: Context, output) -> None:
+        depth = self._input.Eval(context).data[:, :, 0]
+        rng = np.random.default_rng([self._seed, round(1e6 * context.get_time())])
+        noisy = self._noise.apply(depth, self._intrinsics, rng, near=self._near, far=self._far)
+        output.get_mutable_value().mutable_data[:, :, 0] = noisy
+
+
+class BelievedPose(LeafSystem):
+    """Turns the true pose of a camera into what its calibration says.
+
+    .. pydrake_system::
+
+        name: BelievedPose
+        input_ports:
+        - true_pose
+        output_ports:
+        - pose
+
+    Both are ``RigidTransform``, X_WC and X_WB.
+    """
+
+    def __init__(self, X_CB: Array) -> None:
+        """A camera that is believed to be at ``X_CB`` (4, 4) in its own true frame."""
+        super().__init__()
+        self._X_CB = RigidTransform(X_CB)
+        self._pose = declare_input(self, "true_pose", RigidTransform())
+        declare_output(self, "pose", self._calc, model=RigidTransform())
+
+    def _calc(self, context: Context) -> RigidTransform:
+        return self._pose.Eval(context) @ self._X_CB
+
 
 #: Makes the seed of a calibration another than those of the images.
 _HAND_EYE = 2**40

@@ -2,14 +2,187 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from pydrake.geometry import (
+    FrameId,
+    FramePoseVector,
+    GeometryFrame,
+    GeometryId,
+    GeometryInstance,
+    MakePhongIllustrationProperties,
+    Mesh,
+    PerceptionProperties,
+    RenderLabel,
+    Rgba,
+    RoleAssign,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import (
+    CalcContactFrictionFromSurfaceProperties,
+    CoulombFriction,
+    MultibodyPlant,
+)
 from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
 
+from feasigrasp.models.objects.company import Companion
+from feasigrasp.models.objects.mesh import write_obj
 from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 from feasigrasp.scenario.schema import ObjectConfig
+from feasigrasp.systems.ports import declare_output
+
+#: How exactly the time is known at which the object is let go [s].
+_PERIOD = 0.01
+
+
+class Company(LeafSystem):
+    """Where bodies are that are only seen, in a scene graph.
+
+    .. pydrake_system::
+
+        name: Company
+        input_ports:
+        - hold
+        output_ports:
+        - poses
+
+    ``hold`` is 1 while the object is carried and 0 once it is let go; ``poses`` is a
+    ``FramePoseVector`` for the scene graph.
+    """
+
+    def __init__(self, bodies: Sequence[Companion], frames: Sequence[FrameId]) -> None:
+        """Moves bodies, each with its frame of the scene graph."""
+        super().__init__()
+        self._bodies = list(zip(bodies, frames, strict=True))
+        self._hold = self.DeclareVectorInputPort("hold", 1)
+        # When the object was let go; infinite before.
+        self._let_go = self.DeclareDiscreteState([np.inf])
+        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._remember)
+        declare_output(self, "poses", self._calc, model=FramePoseVector())
+
+    def _remember(self, context: Context, state) -> EventStatus:
+        known = np.isfinite(context.get_discrete_state_vector().value()[0])
+        if known or self._hold.Eval(context)[0] > 0.5:
+            return EventStatus.DidNothing()
+        state.get_mutable_vector().SetAtIndex(0, context.get_time())
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context) -> FramePoseVector:
+        time = context.get_time()
+        since = max(time - context.get_discrete_state_vector().value()[0], 0.0)
+        poses = FramePoseVector()
+        for body, frame in self._bodies:
+            poses.set_value(frame, RigidTransform(body.pose(time, since)))
+        return poses
+
+
+def add_company(
+    builder: DiagramBuilder,
+    scene_graph: SceneGraph,
+    bodies: Sequence[Companion],
+    *,
+    name: str,
+    directory: str | Path,
+    first_label: int,
+) -> Company:
+    """Puts bodies into a scene graph, and adds the system that moves them; ``hold`` is left open.
+
+    They can be seen by cameras and viewers, and are no obstacle to anything.
+
+    Args:
+        builder: The builder that holds the scene graph.
+        scene_graph: Where they are shown.
+        bodies: The bodies.
+        name: Of the system.
+        directory: Existing folder for their meshes; renderers read them late.
+        first_label: Label of the first one in label images; the next ones count up.
+    """
+    source = scene_graph.RegisterSource(name)
+    frames = []
+    for label, body in enumerate(bodies, start=first_label):
+        path = Path(directory) / f"{body.name}.obj"
+        write_obj(path, np.asarray(body.mesh.vertices), np.asarray(body.mesh.faces))
+        frame = scene_graph.RegisterFrame(source, GeometryFrame(body.name))
+        geometry = GeometryInstance(RigidTransform(), Mesh(str(path)), body.name)
+        geometry.set_illustration_properties(
+            MakePhongIllustrationProperties(np.asarray(body.color))
+        )
+        geometry.set_perception_properties(_seen(body.color, label))
+        scene_graph.RegisterGeometry(source, frame, geometry)
+        frames.append(frame)
+    company = builder.AddNamedSystem(name, Company(bodies, frames))
+    builder.Connect(company.get_output_port(), scene_graph.get_source_pose_port(source))
+    return company
+
+
+def _seen(color: Sequence[float], label: int) -> PerceptionProperties:
+    properties = PerceptionProperties()
+    properties.AddProperty("phong", "diffuse", Rgba(*color))
+    properties.AddProperty("label", "id", RenderLabel(label))
+    return properties
+
+
+# Friction between the gripper and what it holds.
+#
+# Drake combines the coefficients of two surfaces to ``2 a b / (a + b)``, which is the wanted one if
+# both have it: so both are given it.
+
+
+def set_friction(
+    plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, friction: float
+) -> None:
+    """Gives all collision geometry of a model one Coulomb friction, static and dynamic.
+
+    Args:
+        plant: The plant that holds the model.
+        scene_graph: The scene graph that the plant is registered with.
+        instance: The model.
+        friction: The coefficient.
+    """
+    inspector = scene_graph.model_inspector()
+    for geometry in _surfaces(plant, instance):
+        properties = inspector.GetProximityProperties(geometry)
+        properties.UpdateProperty(
+            "material", "coulomb_friction", CoulombFriction(friction, friction)
+        )
+        scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)
+
+
+def contact_friction(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    one: ModelInstanceIndex,
+    other: ModelInstanceIndex,
+) -> float:
+    """The Coulomb friction of contacts between two models, as the plant computes it.
+
+    It is the static coefficient, the only one that a discrete plant uses; the largest one, if the
+    pairs of their surfaces differ.
+    """
+    inspector = scene_graph.model_inspector()
+    ones, others = (
+        [
+            inspector.GetProximityProperties(geometry).GetProperty("material", "coulomb_friction")
+            for geometry in _surfaces(plant, instance)
+        ]
+        for instance in (one, other)
+    )
+    return max(
+        float(CalcContactFrictionFromSurfaceProperties(a, b).static_friction())
+        for a in ones
+        for b in others
+    )
+
+
+def _surfaces(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[GeometryId]:
+    bodies = map(plant.get_body, plant.GetBodyIndices(instance))
+    return [g for body in bodies for g in plant.GetCollisionGeometriesForBody(body)]
+
 
 _URDF = """<?xml version="1.0"?>
 <robot name="{model_name}" xmlns:drake="http://drake.mit.edu">

@@ -26,10 +26,13 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.station.camera import export_camera
 from feasigrasp.systems.station.cell_models import StationConfig, add_cell, robot_instances
-from feasigrasp.systems.station.company import add_company
 from feasigrasp.systems.station.finger_drive import FingerDrive
-from feasigrasp.systems.station.friction import contact_friction, set_friction
-from feasigrasp.systems.station.object_model import add_object
+from feasigrasp.systems.station.object_model import (
+    add_company,
+    add_object,
+    contact_friction,
+    set_friction,
+)
 from feasigrasp.systems.station.object_servo import ObjectServo
 
 

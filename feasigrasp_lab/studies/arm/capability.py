@@ -17,8 +17,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.runs.results.arguments import add_common_arguments, positive
 from feasigrasp.runs.results.rows import Row, report_rows, write_csv
-from feasigrasp_lab.pictures.capability import Slice, plot_slices
-from feasigrasp_lab.pictures.capability_scene import write_scene
+from feasigrasp_lab.pictures.capability import Slice, plot_slices, write_scene
 from feasigrasp_lab.studies.arm.reachability import exact
 
 #: The arm in the pictures, in the plane of the vertical slice [rad].

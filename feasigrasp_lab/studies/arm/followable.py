@@ -14,10 +14,12 @@ from collections.abc import Iterator
 import numpy as np
 from tqdm import tqdm
 
-from feasigrasp.models.arrays import Array
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.ik.closed_form import closed_form
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.results.arguments import add_common_arguments, factor, positive
 from feasigrasp.runs.results.rows import Row, report_rows
@@ -25,8 +27,40 @@ from feasigrasp.runs.results.statistics import mean
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import make_motion
 from feasigrasp.scenario.schema import Scenario
-from feasigrasp_lab.measures.followable import followable
 from feasigrasp_lab.protocols.speed import AT_SPEEDS, MOTIONS, curve_point
+
+
+def followable(
+    X_WF: Array, dt: float, shares: tuple[float, float] = (1.0, 1.0), arm_angles: int = 16
+) -> Mask:
+    """Whether some configuration follows moving flange poses inside the arm's limits.
+
+    The arm keeps its branch and its arm angle, one of so many; it may collide with itself or the
+    table. Velocities and accelerations are central differences.
+
+    Args:
+        X_WF: Flange poses at k instants, shape (..., k, 4, 4), k > 2 [m]; limits are kept at all
+            but the first and the last.
+        dt: Time between instants [s].
+        shares: Of the velocity and of the acceleration limits that are used.
+        arm_angles: How many arm angles are tried.
+
+    Returns:
+        Shape (...).
+    """
+    poses = np.ascontiguousarray(X_WF, dtype=float)
+    found = np.zeros(poses.shape[:-3], dtype=bool)
+    fastest = np.multiply(shares[0], IIWA_7.velocity_limits)
+    sharpest = np.multiply(shares[1], IIWA_7.acceleration_limits)
+    for psi in np.linspace(-np.pi, np.pi, arm_angles, endpoint=False):
+        q = closed_form(poses, psi)  # (..., k, 8, 7), NaN out of reach
+        before, now, after = q[..., :-2, :, :], q[..., 1:-1, :, :], q[..., 2:, :, :]
+        kept = np.abs(now) <= IIWA_7.position_limits
+        kept &= np.abs(after - before) <= 2.0 * dt * fastest
+        kept &= np.abs(after - 2.0 * now + before) <= dt**2 * sharpest
+        found |= kept.all(axis=(-3, -1)).any(axis=-1)
+    return found
+
 
 #: Shares of the velocity and of the acceleration limits, by the end of a row's preset: those of the
 #: arm, and what our safety problem uses of them.

@@ -21,11 +21,16 @@ from feasigrasp.models.grasps.glyphs import spread_order
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.surface_points import SurfacePoints
+from feasigrasp.models.shape.completion import SurfacePoints
 from feasigrasp.outputs import save_figure
 from feasigrasp.runs.pictures.dense_surface import dense_surface
-from feasigrasp.runs.pictures.perception import DOT, gripper_outline, outlines_at
-from feasigrasp.runs.pictures.sheets import add_scale, two_rows
+from feasigrasp.runs.pictures.perception import (
+    DOT,
+    add_scale,
+    gripper_outline,
+    outlines_at,
+    two_rows,
+)
 from feasigrasp.runs.pictures.splats import Viewer, draw_lines, draw_points, frame
 from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
 from feasigrasp.runs.results.rows import Row, report_rows, write_csv

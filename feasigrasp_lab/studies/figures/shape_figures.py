@@ -24,9 +24,10 @@ from feasigrasp.runs.pictures.perception import (
     DOT,
     MOST_UNCERTAIN,
     UNCERTAINTY_COLORS,
+    add_scale,
+    two_rows,
     uncertainty_colors,
 )
-from feasigrasp.runs.pictures.sheets import add_scale, two_rows
 from feasigrasp.runs.pictures.splats import Viewer, draw_points, frame
 from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
 from feasigrasp.runs.results.rows import Row, report_rows, write_csv

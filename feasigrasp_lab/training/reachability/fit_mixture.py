@@ -21,9 +21,9 @@ import numpy as np
 from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
+from feasigrasp.models.mixtures.fit import seed_means
 from feasigrasp.models.mixtures.float32_kernels import pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
-from feasigrasp.models.mixtures.seeding import seed_means
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
 
 #: Parts that a pass is dealt out in, whatever the number of threads.

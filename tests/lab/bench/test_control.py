@@ -11,6 +11,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jaco
 from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.bench import control as bench_control
 from feasigrasp_lab.bench.control import (
+    V_WO,
     format_table_3,
     joint_probe,
     task_probe,
@@ -18,7 +19,6 @@ from feasigrasp_lab.bench.control import (
 from feasigrasp_lab.measures.timing import Timing, timing_row
 from feasigrasp_lab.peers.control import ArrayArm, ArrayJointStep, ArrayTaskStep, se3_log
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
-from feasigrasp_lab.runs.controller_probe import V_WO
 
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG

@@ -8,9 +8,9 @@ import pytest
 
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp_lab.bench import safety as bench
+from feasigrasp_lab.bench.safety import solve_daqp, solvers
 from feasigrasp_lab.measures.timing import cpu_time
 from feasigrasp_lab.peers import safety_laws as laws
-from feasigrasp_lab.peers.safety_solvers import solve_daqp, solvers
 
 OPTIONS = SafetyOptions()
 

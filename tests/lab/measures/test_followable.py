@@ -6,8 +6,8 @@ import pytest
 from feasigrasp.models.ik.closed_form import closed_form
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp_lab.measures.followable import followable
 from feasigrasp_lab.peers.drake_arm import DrakeArm
+from feasigrasp_lab.studies.arm.followable import followable
 
 DT = 0.02
 T = DT * np.arange(-5, 6)

@@ -8,8 +8,8 @@ import pytest
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp_lab.results.conditions import conditions_text
-from feasigrasp_lab.runs.conditions import conditions
 from feasigrasp_lab.runs.plan import Plan, PlannedRun
+from feasigrasp_lab.runs.run_plan import conditions
 
 
 def planned(name, text="{}", model="duck"):

@@ -6,13 +6,14 @@ import trimesh
 
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import WSG_50, ParallelGripper
-from feasigrasp_lab.runs.floating_gripper import FloatingGripper, hold_trials
-from feasigrasp_lab.runs.hand_load import (
+from feasigrasp_lab.runs.floating_gripper import (
     GRAVITY,
     LIFT_TIME,
     RAMP_TIME,
     SHAKE,
     SHAKE_PERIOD,
+    FloatingGripper,
+    hold_trials,
     load,
 )
 from feasigrasp_lab.studies.grasp_labels import sample_grasps, summary_rows

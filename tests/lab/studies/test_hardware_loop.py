@@ -15,7 +15,7 @@ from pydrake.lcm import DrakeLcm
 
 from feasigrasp.errors import HardwareError
 from feasigrasp.runs.hardware import cell as cell_module
-from feasigrasp.runs.hardware.heard import HeardCommands
+from feasigrasp.runs.hardware.cell import HeardCommands
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.hardware import channels
 from feasigrasp_lab.runs.hardware import network, pair

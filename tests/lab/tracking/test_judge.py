@@ -6,10 +6,14 @@ import pytest
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.raycasting import Raycaster
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp_lab.studies.tracking import FIGURES, summary_rows
+from feasigrasp_lab.studies.tracking import (
+    FIGURES,
+    PeerTracker,
+    point_to_plane_open3d,
+    summary_rows,
+)
 from feasigrasp_lab.tracking import recording as module
 from feasigrasp_lab.tracking.judge import TrueObject, judge, lost
-from feasigrasp_lab.tracking.peers import PeerTracker, point_to_plane_open3d
 from feasigrasp_lab.tracking.recording import RATE, Recording, recorded
 from feasigrasp_lab.tracking.sensors import SENSORS, images
 from feasigrasp_lab.tracking.trackers import OurTracker

@@ -13,8 +13,8 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.statistics import area_under_curve, roc_curve
-from feasigrasp_lab.peers.reachability import FlatMixture, VoxelMap, flatten
 from feasigrasp_lab.studies.arm import reachability
+from feasigrasp_lab.studies.arm.reachability import FlatMixture, VoxelMap, flatten
 from feasigrasp_lab.training.fit_reachability import parse_components, parse_tool
 from feasigrasp_lab.training.reachability.plant_arm import PlantArm
 
@@ -211,7 +211,7 @@ def test_flat_mixture_is_a_normal_density():
     covariance = np.cov(x.T, bias=True)
     extra = np.linalg.eigvalsh(covariance)
     assert extra.min() > 0
-    from feasigrasp_lab.peers.reachability import FLOOR
+    from feasigrasp_lab.studies.arm.reachability import FLOOR
 
     normal = multivariate_normal(x.mean(axis=0), covariance + FLOOR * np.eye(x.shape[1]))
     np.testing.assert_allclose(fit.log_density(X), normal.logpdf(x), rtol=1e-8)

@@ -12,9 +12,9 @@ from feasigrasp_lab.baselines.grasp_diffusion import GraspDiffusion
 from feasigrasp_lab.measures.diffusion_score import score
 from feasigrasp_lab.results.finished import read_shard
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
-from feasigrasp_lab.training.data.hand_poses import LEAST
 from feasigrasp_lab.training.data.household_shapes import make_shape
 from feasigrasp_lab.training.diffusion_batches import with_noise
+from feasigrasp_lab.training.train_diffusion import LEAST
 
 
 @pytest.mark.parametrize("deviation", [0.03, 0.7])

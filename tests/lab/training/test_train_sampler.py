@@ -18,9 +18,13 @@ from feasigrasp_lab.training import train_sampler
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.grasp_batches import load_examples
 from feasigrasp_lab.training.grasp_losses import Labels, free_share, loss
-from feasigrasp_lab.training.grasp_validation import average_precision, held_out_metrics, measures
 from feasigrasp_lab.training.loop import TrainingError
-from feasigrasp_lab.training.train_sampler import Training
+from feasigrasp_lab.training.train_sampler import (
+    Training,
+    average_precision,
+    held_out_metrics,
+    measures,
+)
 
 POINTS, TURNS = 40, 36
 

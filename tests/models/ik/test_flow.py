@@ -22,7 +22,7 @@ from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
 from feasigrasp.models.weights_file import WeightsError
-from feasigrasp_lab.training.ik_flow_network import IkFlowNetwork
+from feasigrasp_lab.training.train_ik_flow import IkFlowNetwork
 
 SMALL = FlowShape(components=(6, 3, 2, 1, 2, 3, 2), hidden=((16, 16),) * 7, narrowest=0.01)
 

@@ -11,8 +11,12 @@ from feasigrasp.models.clouds.fusion import FusedCloud
 from feasigrasp.models.clouds.view_image import SIDE, view_image
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
-from feasigrasp.models.shape.completion import complete_shape
-from feasigrasp.models.shape.hidden_nodes import CLEARANCE, CLEARANCE_OF_SEVERAL, hidden_nodes
+from feasigrasp.models.shape.completion import (
+    CLEARANCE,
+    CLEARANCE_OF_SEVERAL,
+    complete_shape,
+    hidden_nodes,
+)
 from feasigrasp.models.shape.hidden_side import (
     BackSurface,
     believed_thickness,
@@ -21,7 +25,7 @@ from feasigrasp.models.shape.hidden_side import (
 )
 from feasigrasp.models.shape.hidden_side_network import FEATURES, HiddenSide
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError
-from feasigrasp_lab.training.hidden_side_network import HiddenSideNetwork, export
+from feasigrasp_lab.training.train_hidden_side import HiddenSideNetwork, export
 
 VOXEL_SIZE = 0.005
 RADIUS = 0.04

@@ -7,7 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
 from feasigrasp.errors import PointCloudError
-from feasigrasp.models.grasps.scene_clear import scene_clear
+from feasigrasp.models.grasps.hand_clearance import scene_clear
 from feasigrasp.models.robot.capsules import arm_balls
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.self_collision import IIWA_CAPSULES

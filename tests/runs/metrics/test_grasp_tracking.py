@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.runs.metrics.grasp_tracking import tracking_metrics
+from feasigrasp.runs.metrics.run_metrics import tracking_metrics
 
 PERIOD = 0.1
 HERE = np.eye(4)

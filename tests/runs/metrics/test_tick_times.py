@@ -9,7 +9,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.runs.metrics.tick_times import TickTimes
 from feasigrasp.systems.grasp_controller import GraspController
-from feasigrasp_lab.runs.controller_probe import ControllerProbe
+from feasigrasp_lab.bench.control import ControllerProbe
 
 
 class Slow(GraspController):

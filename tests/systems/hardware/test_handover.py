@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig, Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.systems.hardware.simulated_driver import Handover
+from feasigrasp.systems.hardware.simulated_cell import Handover
 
 CONFIG, GRIPPER = GraspSequenceConfig(), ParallelGripper()
 WIDTH = 0.05

@@ -6,7 +6,7 @@ from drake import lcmt_iiwa_command, lcmt_iiwa_status, lcmt_image_array
 from pydrake.lcm import DrakeLcm
 
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.hardware.intake import Intake
+from feasigrasp.systems.hardware.control_loop import Intake
 
 
 def status(utime, q=(0.0,) * 7):

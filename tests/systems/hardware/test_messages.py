@@ -15,12 +15,12 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.systems.hardware import channels
+from feasigrasp.systems.hardware.images import RgbdReceiver
 from feasigrasp.systems.hardware.object_pose import (
     ObjectPoseReceiver,
     ObjectPoseSender,
     pose_message,
 )
-from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
 
 SIZE = (6, 4)
 

@@ -7,8 +7,8 @@ from pydrake.common.value import Value
 
 from diagrams.ros2_station import images, pose, status
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.systems.hardware.images import RgbdReceiver
 from feasigrasp.systems.hardware.object_pose import ObjectPoseReceiver
-from feasigrasp.systems.hardware.rgbd_receiver import RgbdReceiver
 
 HEADER = Message(stamp=Message(sec=3, nanosec=250_000_000), frame_id="camera")
 

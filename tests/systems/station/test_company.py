@@ -10,7 +10,7 @@ from feasigrasp.models.objects.company import Carrier
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.scenario.sampling import load_scenario_object, make_motion
-from feasigrasp.systems.station.company import Company
+from feasigrasp.systems.station.object_model import Company
 from tests.cell import Cell
 
 FILE = diagram_path("dynamic.scenarios.yaml")

@@ -8,7 +8,7 @@ from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station
-from feasigrasp.systems.station.noisy_depth import NoisyDepth
+from feasigrasp.systems.station.camera import NoisyDepth
 
 INFO = CameraInfo(64, 48, 60.0, 60.0, 31.5, 23.5)
 

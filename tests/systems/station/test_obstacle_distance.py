@@ -9,7 +9,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.from_scenario import make_station
-from feasigrasp.systems.station.obstacle_distance import ObstacleDistance
+from feasigrasp.systems.station.object_contact import ObstacleDistance
 
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
 #: Upright: the arm is a column, only its base and first links are near anything.

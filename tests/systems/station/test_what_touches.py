@@ -10,7 +10,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.scenario.sampling import load_scenario_object
 from feasigrasp.systems.from_scenario import make_station
-from feasigrasp.systems.station.friction import set_friction
+from feasigrasp.systems.station.object_model import set_friction
 from tests.cell import HOME, OPEN, Cell, scenario
 
 

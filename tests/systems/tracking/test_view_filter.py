@@ -6,7 +6,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.control.planning.grasp_view import rated_by_view
+from feasigrasp.models.control.planning.in_view import rated_by_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -14,7 +14,7 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.systems.ports import to_value
-from feasigrasp.systems.tracking.view_filter import ViewFilter
+from feasigrasp.systems.reachability_filter import ViewFilter
 
 CAMERA = Camera((223.0, 216.0, 211.5, 119.5), 424, 240, near=0.07, depth_noise=0.02)
 GRIPPER = ParallelGripper()

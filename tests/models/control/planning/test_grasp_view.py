@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.clouds.camera import Camera
-from feasigrasp.models.control.planning.grasp_view import rated_by_view, share_in_view
+from feasigrasp.models.control.planning.in_view import rated_by_view, share_in_view
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet

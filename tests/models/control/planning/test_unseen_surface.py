@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.planning.unseen_surface import kept_surface
+from feasigrasp.models.control.planning.reserve import kept_surface
 from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid

@@ -4,8 +4,7 @@ import numpy as np
 
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.control.task.choice import ChoiceOptions
-from feasigrasp.models.control.task.meeting import meeting_velocity, object_at_meeting
-from feasigrasp.models.control.task.safe_law import _SOONEST
+from feasigrasp.models.control.task.safe_law import _SOONEST, meeting_velocity, object_at_meeting
 from feasigrasp.models.geometry import se3
 
 PERIOD = 0.005
