@@ -9,8 +9,8 @@ shaped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple
@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from feasigrasp.errors import PointCloudError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.arrays import Array, Frozen, Mask
+from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.clouds.checks import check_fit, checked_cloud
 from feasigrasp.models.clouds.free_space import free_distance, rim_points
@@ -36,40 +36,6 @@ from feasigrasp.models.shape.gpdf import Gpdf, checked_queries
 from feasigrasp.models.shape.gpdf_fit import PAPER, FitSettings, fit_field, fit_gpdf
 from feasigrasp.models.shape.hidden_side import BackSurface
 from feasigrasp.models.shape.hidden_side_network import HiddenSide, load_hidden_side
-
-
-@dataclass(frozen=True, eq=False)
-class SurfacePoints(Frozen):
-    """Points of the completed surface.
-
-    Attributes:
-        points: Positions, shape (m, 3) [m].
-        normals: Outward unit normals, shape (m, 3).
-        variance_at: Predictive variance of the occupancy at points (k, 3), shape (k,).
-    """
-
-    points: Array
-    normals: Array
-    variance_at: Callable[[Array], Array] = field(repr=False)
-
-    def __post_init__(self) -> None:
-        """Freezes the arrays."""
-        self._freeze(points=self.points, normals=self.normals)
-
-    def __len__(self) -> int:
-        """Number of points."""
-        return len(self.points)
-
-    @cached_property
-    def variance(self) -> Array:
-        """Predictive variance of the occupancy, shape (m,): small where it was seen.
-
-        Computed when it is asked for: it costs more than the points.
-        """
-        variance = self.variance_at(self.points)
-        variance.flags.writeable = False
-        return variance
-
 
 # Nodes of the distance field on the side of an object that nobody has seen, as far as it is known.
 #

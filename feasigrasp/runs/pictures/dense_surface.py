@@ -6,7 +6,7 @@ import numpy as np
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry.se3 import perpendiculars
-from feasigrasp.models.shape.completion import SurfacePoints
+from feasigrasp.models.shape.gpdf import SurfacePoints
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 
 #: Points of the first, uneven sample are projected from a grid of this many points per side.

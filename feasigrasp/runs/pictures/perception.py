@@ -25,7 +25,7 @@ from feasigrasp.models.grasps.glyphs import (
 )
 from feasigrasp.models.grasps.perceive import Perception
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.completion import SurfacePoints
+from feasigrasp.models.shape.gpdf import SurfacePoints
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.outputs import save_figure
 from feasigrasp.runs.pictures.dense_surface import dense_surface

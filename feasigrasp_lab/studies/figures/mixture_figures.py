@@ -25,7 +25,7 @@ from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.completion import SurfacePoints
+from feasigrasp.models.shape.gpdf import SurfacePoints
 from feasigrasp.outputs import save_figure
 from feasigrasp.runs.pictures.dense_surface import dense_surface
 from feasigrasp.runs.pictures.perception import DOT, gripper_outline, outlines_at

@@ -21,7 +21,7 @@ from feasigrasp.models.grasps.glyphs import spread_order
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.models.shape.completion import SurfacePoints
+from feasigrasp.models.shape.gpdf import SurfacePoints
 from feasigrasp.outputs import save_figure
 from feasigrasp.runs.pictures.dense_surface import dense_surface
 from feasigrasp.runs.pictures.perception import (
