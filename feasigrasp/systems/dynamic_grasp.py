@@ -24,14 +24,18 @@ from feasigrasp.systems.from_scenario import (
     make_station,
 )
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.pipeline import (
+    Cell,
+    add_control,
+    add_measurement,
+    add_perception,
+    add_status,
+    add_tracker,
+    add_visualization,
+)
 from feasigrasp.systems.segmentation.mask_segmentation import MaskFn
-from feasigrasp.systems.stages.cell import Cell, given
-from feasigrasp.systems.stages.control import add_control
 from feasigrasp.systems.stages.controllers import make_reachability
-from feasigrasp.systems.stages.measurement import add_measurement, add_status
-from feasigrasp.systems.stages.perception import add_perception
 from feasigrasp.systems.stages.remote import remote_object, remote_planner
-from feasigrasp.systems.stages.visualization import add_visualization
 from feasigrasp.systems.station.cell_check import check_cell
 from feasigrasp.systems.station.station import Station
 
@@ -156,7 +160,7 @@ def make_dynamic_grasp(
     check_cell(station.plant, gripper, hand_error=hand_error)
     cell = Cell(builder, scenario, gripper, station, segmentation)
     check_segmentation(scenario, own=cell.masked)
-    _add_tracker(cell, tracker or make_part(Part.TRACKER, scenario, reachability))
+    add_tracker(cell, tracker or make_part(Part.TRACKER, scenario, reachability))
     if cell.remote:
         if sampler or perception or segmentation:
             raise ScenarioError(
@@ -165,9 +169,9 @@ def make_dynamic_grasp(
             )
         # A fault of the mask has no place over there.
         tracks = not tracker and not scenario.faults and looks_for_itself(scenario)
-        gpdf = add_perception(cell, remote_object(cell), tracks_elsewhere=tracks)
+        add_perception(cell, remote_object(cell), tracks_elsewhere=tracks)
     else:
-        gpdf = add_perception(
+        add_perception(
             cell,
             perception or make_part(Part.PERCEPTION, scenario, reachability),
             sampler or make_part(Part.SAMPLER, scenario, reachability),
@@ -175,12 +179,13 @@ def make_dynamic_grasp(
     made = controller or make_part(Part.CONTROLLER, scenario, reachability)
     _check_controller(made)
     elsewhere = cell.remote and not controller and isinstance(made, GraspController)
-    add_control(cell, reachability, made, gpdf, remote_planner(cell) if elsewhere else None)
+    add_control(cell, reachability, made, remote_planner(cell) if elsewhere else None)
     add_status(cell)
     if isinstance(station, Station):
         add_measurement(cell)
     if meshcat is not None:
         add_visualization(cell, meshcat)
+    cell.connect()
     # In a process of its own perception samples as well.
     other = {"sampler": "perception"} if cell.remote else {}
     subsystems = Subsystems(
@@ -213,13 +218,3 @@ def _check_controller(controller: LeafSystem) -> None:
             f"{name}.{output} has {size} numbers; give the velocities of {IIWA_7.joints} joints "
             "[rad/s]"
         )
-
-
-def _add_tracker(cell: Cell, tracker: LeafSystem) -> None:
-    """Adds a tracker; one that looks at images is connected when these are there."""
-    cell.builder.AddNamedSystem("tracker", tracker)
-    if tracker.HasInputPort("pose"):
-        measured = cell.faults.pose(cell.station.GetOutputPort("object.pose"))
-        has_stamp = tracker.HasInputPort("stamp")
-        stamp = given(stamp=cell.port("object.stamp") if has_stamp else None)
-        cell.connect(tracker, pose=measured, **stamp)

@@ -53,8 +53,7 @@ from feasigrasp.systems.hardware import channels
 from feasigrasp.systems.hardware.channels import IIWA_PERIOD
 from feasigrasp.systems.hardware.images import publish_images
 from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
-from feasigrasp.systems.stages.cell import Cell
-from feasigrasp.systems.stages.measurement import add_judges
+from feasigrasp.systems.pipeline import Cell, add_judges
 from feasigrasp.systems.station.camera import believed_in_camera
 from feasigrasp.systems.station.station import Station
 
@@ -207,7 +206,8 @@ def make_simulated_cell(scenario: Scenario, lcm: DrakeLcm) -> Diagram:
     for name, camera in scenario.cameras.items():
         publish_images(builder, station, name, camera, lcm, mask=mask)
     cell = Cell(builder, scenario, load_gripper(scenario.gripper), station)
-    add_judges(cell, builder.GetSubsystemByName("handover"))
+    add_judges(cell)
+    cell.connect()
     diagram = builder.Build()
     diagram.set_name("simulated_cell")
     return diagram

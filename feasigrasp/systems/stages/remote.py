@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
@@ -15,6 +15,7 @@ from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.scenario.files import dump_scenario, parse_scenario
 from feasigrasp.scenario.parts import Part
+from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import (
     make_foreground_segmentation,
     make_grasp_sampler,
@@ -26,8 +27,20 @@ from feasigrasp.systems.point_cloud_to_scene import PointCloudToScene
 from feasigrasp.systems.ports import declare_output
 from feasigrasp.systems.remote.remote_stage import RemoteStage
 from feasigrasp.systems.remote.served import inputs_of, outputs_of
-from feasigrasp.systems.stages.cell import Cell
 from feasigrasp.systems.stages.controllers import make_reachability
+
+
+class RemoteCell(Protocol):
+    """What is read of a cell here."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is built."""
+
+    @property
+    def simulated(self) -> bool:
+        """Whether its time is that of a simulation."""
+
 
 #: Inputs that each camera has its own of.
 _OF_A_CAMERA = ("point_cloud", "camera_pose", "position", "color_image")
@@ -120,7 +133,7 @@ def make_tracker_stage(text: str) -> Diagram:
     return builder.Build()
 
 
-def remote_object(cell: Cell) -> RemoteStage:
+def remote_object(cell: RemoteCell) -> RemoteStage:
     """What `make_object_stage` makes, in a process of its own.
 
     Raises:
@@ -137,7 +150,7 @@ def remote_object(cell: Cell) -> RemoteStage:
     return _remote(cell, make_object_stage, period, scenario.perception.latency)
 
 
-def remote_scene(cell: Cell, labels: Iterable[int]) -> RemoteStage:
+def remote_scene(cell: RemoteCell, labels: Iterable[int]) -> RemoteStage:
     """What `make_scene_stage` makes, in a process of its own."""
     config, known = cell.scenario, sorted(set(labels))
     return _remote(
@@ -145,29 +158,27 @@ def remote_scene(cell: Cell, labels: Iterable[int]) -> RemoteStage:
     )
 
 
-def remote_tracker(cell: Cell) -> RemoteStage:
+def remote_tracker(cell: RemoteCell) -> RemoteStage:
     """What `make_tracker_stage` makes, in a process of its own."""
     return _remote(cell, make_tracker_stage, cell.scenario.tracker.image_period, PROMPT_LATENCY)
 
 
-def remote_planner(cell: Cell) -> RemoteStage:
+def remote_planner(cell: RemoteCell) -> RemoteStage:
     """What `make_planner_stage` makes, in a process of its own."""
     return _remote(cell, make_planner_stage, cell.scenario.reachability.period, PROMPT_LATENCY)
 
 
-def lapsed(cell: Cell) -> OutputPort | None:
-    """Greater than 0 (V1) while one of the processes is gone; None where there are none."""
-    stages = [system for system in cell.builder.GetSystems() if isinstance(system, RemoteStage)]
-    if not stages:
-        return None
-    some = cell.builder.AddNamedSystem("lapsed", Adder(len(stages), 1))
-    for i, stage in enumerate(stages):
-        cell.builder.Connect(stage.GetOutputPort("lapsed"), some.get_input_port(i))
-    return some.get_output_port()
+def add_lapsed(builder: DiagramBuilder) -> None:
+    """Adds ``lapsed``, greater than 0 (V1) while one of the processes is gone, if there are any."""
+    stages = [system for system in builder.GetSystems() if isinstance(system, RemoteStage)]
+    if stages:
+        some = builder.AddNamedSystem("lapsed", Adder(len(stages), 1))
+        for i, stage in enumerate(stages):
+            builder.Connect(stage.GetOutputPort("lapsed"), some.get_input_port(i))
 
 
 def _remote(
-    cell: Cell, make: Callable[..., System], period: float, latency: float, **options: Any
+    cell: RemoteCell, make: Callable[..., System], period: float, latency: float, **options: Any
 ) -> RemoteStage:
     """What ``make`` makes of the scenario; the latency counts where the cell is simulated."""
     made = partial(make, dump_scenario(cell.scenario), **options)

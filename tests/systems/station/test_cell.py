@@ -125,7 +125,7 @@ BLOCK = "{cell: {boxes: {block: {size: [0.08, 0.08, 0.3], position: [0.11, 0.19,
 def test_the_arm_keeps_clear_of_a_box_in_its_way(scene, given, monkeypatch):
     """By the simulation's own geometry; an arm that is not given the box runs into it."""
     if not given:
-        monkeypatch.setattr("feasigrasp.systems.stages.control.make_static_grid", lambda _: None)
+        monkeypatch.setattr("feasigrasp.systems.pipeline.make_static_grid", lambda _: None)
     setting = own(BLOCK)
     setting.scene.enabled = scene
     diagram = make_dynamic_grasp(setting, controller=Turn(make_reachability(setting)))
