@@ -6,12 +6,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from feasigrasp.models.control import Safety, SafetyOptions
+from feasigrasp.models.control import SafetyFilter, SafetyOptions
 from feasigrasp.models.robot import ParallelGripper, pose_and_jacobian
 
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/04_a_safe_joint_velocity.png")
 
-safety = Safety(SafetyOptions(period=0.005, clearance=0.01, table_height=0.0))
+safety = SafetyFilter(SafetyOptions(period=0.005, clearance=0.01, table_height=0.0))
 X_FG = ParallelGripper().X_FG
 V_WG = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -0.3])  # [angular; linear]
 

@@ -13,7 +13,12 @@ from feasigrasp import Result
 from feasigrasp.models.clouds import DepthNoise, FusedCloud
 from feasigrasp.models.clouds.edges import Outline
 from feasigrasp.models.clouds.view_record import ViewRecord
-from feasigrasp.models.control import JointControlOptions, Safety, SafetyOptions, TaskControlOptions
+from feasigrasp.models.control import (
+    JointControlOptions,
+    SafetyFilter,
+    SafetyOptions,
+    TaskControlOptions,
+)
 from feasigrasp.models.control.joint.solutions import Solutions
 from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.task.memory import TaskMemory
@@ -142,7 +147,7 @@ class Examples:
             "DepthNoise": DepthNoise(),
             "FusedCloud": FusedCloud(cloud, cloud, 0.003, 1, False, cloud, np.ones(len(cloud))),
             "JointControlOptions": JointControlOptions(),
-            "Safety": Safety(gripper=gripper),
+            "SafetyFilter": SafetyFilter(gripper=gripper),
             "SafetyOptions": SafetyOptions(),
             "TaskControlOptions": TaskControlOptions(),
             "AntipodalSampler": AntipodalSampler(),

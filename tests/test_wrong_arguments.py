@@ -44,8 +44,8 @@ LEGAL = {
     "judge_grasps.[XV]_WO:NaN": "the object is lost: nothing is in reach",
     "judge_grasps.[XV]_WO:infinite": "the same",
     "judge_grasps.kept_before:*": "any number of ids",
-    "Safety.*:NaN": "a request or state that is not finite: the arm brakes",
-    "Safety.*:infinite": "the same",
+    "SafetyFilter.*:NaN": "a request or state that is not finite: the arm brakes",
+    "SafetyFilter.*:infinite": "the same",
     "*.enforced.*:NaN": "the same",
     "*.enforced.*:infinite": "the same",
     "*.in_view.qd:NaN": "the same; handed on without a camera",
@@ -95,7 +95,7 @@ MATCHED = {
     "IkFlow.forward.q", "RiemannianMixture.means", "RiemannianMixture.covariances",
     "SceneField.points",
     "Gpdf.ray_exits.starts", "Gpdf.ray_exits.directions", "CompletedField.cloud", "Gpdf.nodes",
-    "Gpdf.cholesky", "se3.make_pose.R", "se3.make_pose.p", "Safety.velocity.J", "Gpdf.bounds",
+    "Gpdf.cholesky", "se3.make_pose.R", "se3.make_pose.p", "SafetyFilter.velocity.J", "Gpdf.bounds",
 }  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from feasigrasp.models.control.planning.lookout import Sought, lookout, lookout_
 from feasigrasp.models.control.planning.reserve import is_close, retreat_velocity
 from feasigrasp.models.control.planning.static_grid import nearest_of
 from feasigrasp.models.control.planning.touch import yielding_velocity
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.grasps.grasp_set import GraspSet
@@ -195,11 +195,11 @@ class GraspController(LeafSystem):
         self.DeclareVectorOutputPort("chosen_grasp", 16, self._calc_chosen, self.memory_tickets)
 
     @cached_property
-    def safety(self) -> Safety | None:
+    def safety(self) -> SafetyFilter | None:
         """The QP that keeps limits and clearances; None in modes that enforce nothing."""
         if self.mode is not ControlMode.SAFE:
             return None
-        return Safety(self._safety_options, self.reachability.gripper)
+        return SafetyFilter(self._safety_options, self.reachability.gripper)
 
     @checked(ControlError)
     def update(self, memory: Any, inputs: ControllerInputs) -> Any:
@@ -360,7 +360,7 @@ class GraspController(LeafSystem):
             return None
         return lookout(sought, inputs.q, X_WC, self.reachability)
 
-    def _look_again(self, safety: Safety, q_view: Array, inputs: ControllerInputs) -> Array:
+    def _look_again(self, safety: SafetyFilter, q_view: Array, inputs: ControllerInputs) -> Array:
         """The velocity that takes the arm to another view: at first back from the object."""
         X_FG, moving = self.reachability.gripper.X_FG, self._kept_off(inputs)
         if moving is None or not is_close(moving, inputs.q, X_FG):

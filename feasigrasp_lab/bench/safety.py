@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
@@ -172,7 +172,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser, out="out/bench_safety", objects="builtin")
 
 
-def ticks(n: int, seed: int, safety: Safety) -> list[State]:
+def ticks(n: int, seed: int, safety: SafetyFilter) -> list[State]:
     """Control ticks of runs under random twists.
 
     Args:
@@ -221,7 +221,7 @@ def _start(rng: np.random.Generator) -> Array:
 
 
 def judge(
-    states: Sequence[State], commands: Sequence[Array | None], safety: Safety
+    states: Sequence[State], commands: Sequence[Array | None], safety: SafetyFilter
 ) -> dict[str, Array]:
     """What the commands do at each tick; infinity or NaN without a command.
 
@@ -300,7 +300,7 @@ def _all_of(law: Law, states: Sequence[State]) -> list[Array | None]:
 def main(args: argparse.Namespace) -> int:
     """Runs the command."""
     options = SafetyOptions()
-    safety = Safety(options)
+    safety = SafetyFilter(options)
     states = ticks(QUICK_TICKS if args.quick else TICKS, args.seed, safety)
     laws: dict[tuple[str, str], Law] = {
         ("bench.safety", "default"): package(safety),

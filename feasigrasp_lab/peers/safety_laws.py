@@ -22,7 +22,7 @@ from pydrake.systems.framework import BusValue
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp_lab.peers.drake_arm import DrakeArm
 
@@ -57,7 +57,7 @@ class State:
 Law = Callable[[State], "Array | None"]
 
 
-def package(safety: Safety) -> Law:
+def package(safety: SafetyFilter) -> Law:
     """The package's own QP, its matrices included."""
     return lambda s: safety.velocity(s.q, s.qd_preferred, s.J, s.V, qd_last=s.qd_last)
 

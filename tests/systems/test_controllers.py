@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.self_collision import min_distance
@@ -120,7 +120,7 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
         )
         velocity = SpatialVelocity(rng.normal(scale=0.5, size=6))
         qd = Bench(make, grasps=grasps, q=q, pose=pose, velocity=velocity).command()
-        lower, upper = Safety(options).problem(q, np.zeros(7))[1][:2, :7]
+        lower, upper = SafetyFilter(options).problem(q, np.zeros(7))[1][:2, :7]
         assert np.isfinite(qd).all()
         assert np.all((lower - 1e-9 <= qd) & (qd <= upper + 1e-9))
         moved += bool(np.any(qd))
@@ -137,7 +137,7 @@ def test_other_modes_enforce_nothing(make, free):
     commands = {
         mode: Bench(make, q=q, velocity=spin, mode=mode).command() for mode in ("safe", free)
     }
-    lower, upper = Safety().problem(q, np.zeros(7))[1][:2, :7]
+    lower, upper = SafetyFilter().problem(q, np.zeros(7))[1][:2, :7]
     assert np.all((lower - 1e-9 <= commands["safe"]) & (commands["safe"] <= upper + 1e-9))
     assert np.isfinite(commands[free]).all()
     assert np.any((commands[free] > upper) | (commands[free] < lower))

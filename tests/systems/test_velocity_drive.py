@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.velocity_drive import VelocityDrive
@@ -64,7 +64,7 @@ def test_the_desired_velocity_is_the_second_half_of_the_state_and_depends_on_no_
 
 def test_commands_of_the_safety_qp_pass_unchanged():
     """What the drive would clip has been kept before: random requests, new ones every 0.1 s."""
-    safety, rng = Safety(SafetyOptions(period=PERIOD)), np.random.default_rng(5)
+    safety, rng = SafetyFilter(SafetyOptions(period=PERIOD)), np.random.default_rng(5)
     dut, simulator, context = fixed()
     simulator.Initialize()
     q, last, request = Q0, np.zeros(7), np.zeros(7)

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp_lab.bench import safety as bench
 from feasigrasp_lab.bench.safety import solve_daqp, solvers
 from feasigrasp_lab.measures.timing import cpu_time
@@ -17,7 +17,7 @@ OPTIONS = SafetyOptions()
 
 @pytest.fixture(scope="module")
 def safety():
-    return Safety(OPTIONS)
+    return SafetyFilter(OPTIONS)
 
 
 @pytest.fixture(scope="module")

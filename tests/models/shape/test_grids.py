@@ -5,7 +5,7 @@ import pytest
 
 from feasigrasp.models.arrays import record
 from feasigrasp.models.control.safety.clearance_rows import Body, rows_kernel
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.robot.capsule_kernels import capsule_ends_kernel, link_poses_kernel
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -168,7 +168,7 @@ REQUESTS = {
 @pytest.mark.parametrize("name", REQUESTS)
 def test_no_capsule_touches_the_box(grid, name):
     """Five seconds of twists that lead the hand into the box, at up to 1 m/s."""
-    model, safety = capsule_model(), Safety(OPTIONS)
+    model, safety = capsule_model(), SafetyFilter(OPTIONS)
     change = OPTIONS.period * OPTIONS.acceleration_scale * IIWA_7.acceleration_limits
     q, last, nearest = np.array([0.3, -0.5, 0.0, -1.5, 0.0, 1.2, 0.0]), np.zeros(7), np.inf
     for k in range(1000):
@@ -181,7 +181,7 @@ def test_no_capsule_touches_the_box(grid, name):
 
 
 def test_without_the_grid_the_same_requests_lead_into_the_box():
-    model, safety = capsule_model(), Safety(OPTIONS)
+    model, safety = capsule_model(), SafetyFilter(OPTIONS)
     q, last, nearest = np.array([0.3, -0.5, 0.0, -1.5, 0.0, 1.2, 0.0]), np.zeros(7), np.inf
     for k in range(600):
         J = pose_and_jacobian(q)[1]

@@ -31,7 +31,7 @@ from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.planning.reserve import kept_off, retreat_velocity
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import Funnel
@@ -184,7 +184,7 @@ class JointSpaceControl:
     period: float = 0.05
     mode: str = ControlMode.SAFE
     search: SolutionSearch = field(init=False, repr=False)
-    safety: Safety | None = field(init=False, repr=False)
+    safety: SafetyFilter | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Derives what every step needs."""
@@ -197,7 +197,7 @@ class JointSpaceControl:
             self.reachability, options.funnel, options.prices, options.solutions, self.period
         )
         object.__setattr__(self, "search", search)
-        safety = Safety(options.safety, gripper) if safe else None
+        safety = SafetyFilter(options.safety, gripper) if safe else None
         object.__setattr__(self, "safety", safety)
 
     def update(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.safety.safe_velocity import Safety
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid, grid_kernel
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
 from feasigrasp.models.grasps.funnel import (
@@ -115,7 +115,7 @@ def is_close(moving: MovingObject, q: Array, X_FG: Array) -> bool:
 
 
 def retreat_velocity(
-    safety: Safety,
+    safety: SafetyFilter,
     q: Array,
     X_FG: Array,
     moving: MovingObject,
@@ -125,7 +125,7 @@ def retreat_velocity(
 ) -> Array:
     """The joint velocity (7,) [rad/s] in which the hand leaves an object backwards.
 
-    Arguments as for `kept_off` and `Safety.velocity`.
+    Arguments as for `kept_off` and `SafetyFilter.velocity`.
     """
     X_WH, J_WH = pose_and_jacobian(q, X_FG)
     return safety.velocity(

@@ -135,7 +135,7 @@ class SafetyOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Safety(Frozen):
+class SafetyFilter(Frozen):
     """The safety QP of an arm with a hand.
 
     Attributes:
@@ -236,7 +236,7 @@ class Safety(Frozen):
         stop_kernel(np.eye(IIWA_7.joints), np.zeros(IIWA_7.joints))
         brake_kernel(_NONE, self.options.acceleration_scale, self.options.period)
 
-    @checked(ControlError, "Safety")
+    @checked(ControlError, "SafetyFilter")
     def problem(
         self,
         q: Annotated[Array, JOINT_POSITIONS],
@@ -260,7 +260,7 @@ class Safety(Frozen):
             ControlError: As `velocity`.
         """
         if (J is None) != (V is None):
-            raise ControlError("Safety: J and V belong together; give both or neither")
+            raise ControlError("SafetyFilter: J and V belong together; give both or neither")
         most = len(self._senses[0])
         matrix, vector = np.empty((most, IIWA_7.joints)), np.zeros((3, most))
         grid = _NO_GRID if obstacles is None else obstacles

@@ -33,7 +33,7 @@ from feasigrasp.models.compiled import compiled
 from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.planning.outlook import poses_ahead
 from feasigrasp.models.control.planning.reserve import is_close, kept_off, retreat_velocity
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.pursuit import PursuitOptions, pursuit_velocity
 from feasigrasp.models.control.task.reference import strand_reference
@@ -214,7 +214,7 @@ def task_space_velocity(
     X_WO: Array,
     V_WO: Array,
     reachability: Reachability,
-    safety: Safety,
+    safety: SafetyFilter,
     options: TaskControlOptions,
     *,
     time: float = 0.0,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.planning.reserve import kept_surface
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.geometry.points import nearest_distance, sphere_points
@@ -93,7 +93,7 @@ def test_a_grasp_that_nothing_is_in_the_way_of_changes_nothing(bowl):
 def way_in(surface):
     """How far from its grasp at the rim a hand comes to rest that goes straight there [m]."""
     X_WO, X_OG = bowl_with_hand_at(0.06)
-    safety, q, qd = Safety(SafetyOptions()), Q, np.zeros(7)
+    safety, q, qd = SafetyFilter(SafetyOptions()), Q, np.zeros(7)
     for _ in range(600):
         X, J = pose_and_jacobian(q, GRIPPER.X_FG)
         way = (X_WO @ X_OG)[:3, 3] - X[:3, 3]

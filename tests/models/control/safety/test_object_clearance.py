@@ -11,7 +11,7 @@ from feasigrasp.models.control.safety.clearance_rows import (
     MOST_OBJECT_ROWS,
     object_rows_kernel,
 )
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid, box_distance_kernel
 from feasigrasp.models.geometry.points import sphere_points
@@ -41,7 +41,7 @@ def grid():
 
 @pytest.fixture(scope="module")
 def safety():
-    return Safety(OPTIONS)
+    return SafetyFilter(OPTIONS)
 
 
 def at(position):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from feasigrasp.errors import ControlError
-from feasigrasp.models.control.safety.safe_velocity import Safety, SafetyOptions
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.robot.capsules import capsule_model
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -16,7 +16,7 @@ from feasigrasp.models.robot.self_collision import min_distance, signed_distance
 from tests.truths import table_distances
 
 OPTIONS = SafetyOptions()
-SAFETY = Safety(OPTIONS)
+SAFETY = SafetyFilter(OPTIONS)
 HOME = np.array([0, -0.846, 0, -1.582, 0, 1.446, 0])
 CAPACITY = OPTIONS.velocity_scale * IIWA_7.velocity_limits
 
@@ -285,7 +285,7 @@ def test_rows_that_are_left_out_change_nothing():
 def test_the_hand_that_is_given_is_the_one_that_is_kept_clear():
     """A larger hand dives at the table: its own fingers stop above it, not the default ones."""
     large = ParallelGripper(max_opening=0.13, tool_offset=0.25, tip=0.04, heel=-0.08)
-    model, safety = capsule_model(large), Safety(OPTIONS, large)
+    model, safety = capsule_model(large), SafetyFilter(OPTIONS, large)
     q, last = HOME, np.zeros(7)
     dive = np.array([0, 0, 0, 0, 0, -0.5])
     lowest = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.planning.prices import LEAST_SCORE, RAREST, Prices
-from feasigrasp.models.control.safety.safe_velocity import Safety
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter
 from feasigrasp.models.control.task.choice import ChoiceOptions
 from feasigrasp.models.control.task.memory import TaskMemory
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
@@ -17,7 +17,7 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 
 REACHABILITY = Reachability()
 OPTIONS = TaskControlOptions(choice=ChoiceOptions(Prices.to_grasp_soon()))
-SAFETY = Safety(OPTIONS.safety, REACHABILITY.gripper)
+SAFETY = SafetyFilter(OPTIONS.safety, REACHABILITY.gripper)
 #: The arm and the object are alike on both sides of the plane y = 0.
 HOME = np.deg2rad([0.0, 20.0, 0.0, -80.0, 0.0, 80.0, 0.0])
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.2])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feasigrasp.models.control.safety.safe_velocity import Safety
+from feasigrasp.models.control.safety.safe_velocity import SafetyFilter
 from feasigrasp.models.control.task import safe_law
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
@@ -32,7 +32,7 @@ REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG
 OPTIONS = TaskControlOptions()
 NO_FUNNEL = TaskControlOptions(choice=ChoiceOptions(funnel=Funnel(max_standoff=1e-4)))
-SAFETY = Safety(OPTIONS.safety, REACHABILITY.gripper)
+SAFETY = SafetyFilter(OPTIONS.safety, REACHABILITY.gripper)
 PERIOD = OPTIONS.safety.period
 STILL = np.zeros(6)
 
