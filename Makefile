@@ -31,7 +31,8 @@ lint: setup
 	$(PYTHON) -m ruff check
 	$(PYTHON) -m ruff format --check
 	$(PYTHON) -m mypy
-	.venv/bin/lint-imports
+	.venv/bin/lint-imports --no-logo
+	$(PYTHON) tools/check_size.py
 
 format: setup
 	$(PYTHON) -m ruff check --fix

@@ -16,6 +16,12 @@ COMMANDS = [(group, name) for group, (_, found) in GROUPS.items() for name in fo
 ALL = [*COMMANDS, *((name,) for name in SINGLE)]
 
 
+def found(*command):
+    """Module and purpose of a command."""
+    *group, name = command
+    return (GROUPS[group[0]][1] if group else SINGLE)[name]
+
+
 def test_version(capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main(["--version"])
@@ -29,30 +35,30 @@ def test_without_a_command_it_lists_them(argv, capsys):
     assert ("dynamic" if argv else "evaluate") in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("group", "name"), COMMANDS)
-def test_every_command_has_its_own_help(group, name, capsys):
-    with pytest.raises(SystemExit) as ended:
-        cli.main([group, name, "--help"])
-    assert ended.value.code == 0
-    out = capsys.readouterr().out
-    assert f"feasigrasp {group} {name}" in out
-    if group in ("evaluate", "bench"):
-        for option in ("--out", "--seed", "--jobs", "--objects", "--quick"):
-            assert option in out
+def test_every_command_has_its_own_help(capsys):
+    for command in ALL:
+        with pytest.raises(SystemExit) as ended:
+            cli.main([*command, "--help"])
+        assert ended.value.code == 0
+        out = capsys.readouterr().out
+        assert f"feasigrasp {' '.join(command)}" in out
+        if command[0] in ("evaluate", "bench"):
+            for option in ("--out", "--seed", "--jobs", "--objects", "--quick"):
+                assert option in out, command
 
 
-@pytest.mark.parametrize(("group", "name"), COMMANDS)
-def test_every_command_is_a_module_that_says_what_it_does(group, name):
-    module_name, purpose = GROUPS[group][1][name]
-    module = importlib.import_module(module_name)
-    assert callable(module.main) and callable(module.add_arguments)
-    first = module.__doc__.splitlines()[0]
-    assert first == f"``feasigrasp {group} {name}``: {purpose}."
+def test_every_command_is_a_module_that_says_what_it_does():
+    for command in ALL:
+        module_name, purpose = found(*command)
+        module = importlib.import_module(module_name)
+        assert callable(module.main) and callable(module.add_arguments)
+        if command != ("report",):
+            said = f"``feasigrasp {' '.join(command)}``: {purpose}."
+            assert module.__doc__.splitlines()[0] == said
 
 
 def test_the_commands_are_those_that_users_rely_on():
-    found = {group: list(commands) for group, (_, commands) in GROUPS.items()}
-    assert found == {
+    assert {group: list(commands) for group, (_, commands) in GROUPS.items()} == {
         "evaluate": [
             *(
                 "capability",
@@ -82,19 +88,6 @@ def test_the_commands_are_those_that_users_rely_on():
     }
 
 
-@pytest.mark.parametrize("name", list(SINGLE))
-def test_a_command_without_a_group_has_its_help_too(name, capsys):
-    module_name, purpose = SINGLE[name]
-    module = importlib.import_module(module_name)
-    if ".commands." in module_name:
-        assert module.__doc__.splitlines()[0] == f"``feasigrasp {name}``: {purpose}."
-    assert callable(module.main) and name not in GROUPS
-    with pytest.raises(SystemExit) as ended:
-        cli.main([name, "--help"])
-    assert ended.value.code == 0
-    assert f"feasigrasp {name}" in capsys.readouterr().out
-
-
 def test_the_commands_for_people_are_there():
     assert list(SINGLE) == [
         *("doctor", "guard", "objects", "perceive", "record", "run", "scenarios", "sim", "track"),
@@ -103,25 +96,25 @@ def test_the_commands_for_people_are_there():
     ]
 
 
-@pytest.fixture(params=ALL, ids=" ".join)
-def parser(request):
-    """The parser of a command."""
-    *group, name = request.param
-    module = (GROUPS[group[0]][1] if group else SINGLE)[name][0]
-    parser = cli.command_parser(" ".join(request.param), "test")
-    importlib.import_module(module).add_arguments(parser)
-    return parser
+def parsers():
+    """The parsers of all commands."""
+    for command in ALL:
+        parser = cli.command_parser(" ".join(command), "test")
+        importlib.import_module(found(*command)[0]).add_arguments(parser)
+        yield parser
 
 
-def test_options_are_spelled_with_hyphens(parser):
-    assert not [option for option in parser._option_string_actions if "_" in option]
+def test_options_are_spelled_with_hyphens():
+    for parser in parsers():
+        assert not [option for option in parser._option_string_actions if "_" in option]
 
 
-def test_options_show_their_defaults(parser):
-    shown = parser._get_formatter()
-    for action in parser._actions:
-        if not any(action.default is none for none in (None, False, argparse.SUPPRESS)):
-            assert action.help and "Default: " in shown._expand_help(action), action.dest
+def test_options_show_their_defaults():
+    for parser in parsers():
+        shown = parser._get_formatter()
+        for action in parser._actions:
+            if not any(action.default is none for none in (None, False, argparse.SUPPRESS)):
+                assert action.help and "Default: " in shown._expand_help(action), action.dest
 
 
 def is_sentence(text):
@@ -129,18 +122,19 @@ def is_sentence(text):
     return re.fullmatch(r"[A-Z'][^\n]+[^.]\.", text) is not None
 
 
-def test_help_is_made_of_sentences(parser):
-    shown = parser._get_formatter()
-    for action in parser._actions:
-        text = shown._expand_help(action) if action.help else ""
-        assert is_sentence(text), (action.dest, text)
+def test_help_is_made_of_sentences():
+    for parser in parsers():
+        shown = parser._get_formatter()
+        for action in parser._actions:
+            text = shown._expand_help(action) if action.help else ""
+            assert is_sentence(text), (parser.prog, action.dest, text)
 
 
 def test_the_list_of_commands_is_made_of_sentences():
     assert not is_sentence("folder of the results") and not is_sentence("Folder")
     purposes = [what for what, _ in GROUPS.values()]
-    for found in (*(commands for _, commands in GROUPS.values()), SINGLE):
-        purposes += [what for _, what in found.values()]
+    for commands in (*(commands for _, commands in GROUPS.values()), SINGLE):
+        purposes += [what for _, what in commands.values()]
     assert all(map(is_sentence, map(cli.sentence, purposes)))
 
 

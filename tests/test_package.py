@@ -10,8 +10,6 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 import feasigrasp
 
 PACKAGE = Path(feasigrasp.__file__).parent
@@ -101,10 +99,10 @@ def upward_imports(module: str, names: set[str]) -> list[str]:
     return wrong + [n for n, p in others.items() if p not in (None, own) and ROW[p] >= ROW[own]]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=module_name)
-def test_dependencies_point_one_way(path):
-    wrong = upward_imports(module_name(path), imported_names(path))
-    assert not wrong, f"{module_name(path)} imports {wrong}"
+def test_dependencies_point_one_way():
+    names = {module_name(path): imported_names(path) for path in MODULES}
+    wrong = {module: upward_imports(module, imported) for module, imported in names.items()}
+    assert not {module: imported for module, imported in wrong.items() if imported}
 
 
 def test_every_folder_has_its_place_in_the_order():
@@ -215,9 +213,8 @@ def test_folders_are_small():
     assert not [f"{module_name(f)}: {n} files" for f, n in counts.items() if n > 18]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=module_name)
-def test_every_module_says_what_it_is_for(path):
-    assert ast.get_docstring(ast.parse(path.read_text())), f"{path} has no docstring"
+def test_every_module_says_what_it_is_for():
+    assert not [path for path in MODULES if not ast.get_docstring(ast.parse(path.read_text()))]
 
 
 def is_compiled(function: ast.FunctionDef) -> bool:
@@ -237,10 +234,12 @@ def untyped_functions(source: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "models").rglob("*.py")), ids=module_name)
-def test_the_mathematics_is_typed(path):
+def test_the_mathematics_is_typed():
     """Mypy lets functions without types pass, for the sake of compiled ones; others have some."""
-    assert not untyped_functions(path.read_text())
+    found = {
+        path: untyped_functions(path.read_text()) for path in (PACKAGE / "models").rglob("*.py")
+    }
+    assert not {path: functions for path, functions in found.items() if functions}
 
 
 def test_an_untyped_function_is_found():

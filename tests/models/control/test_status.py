@@ -67,10 +67,9 @@ def test_every_code_can_be_said_and_has_its_place_in_the_docs(repository):
     assert places == sorted(places)
 
 
-@pytest.mark.parametrize(("one", "other"), list(combinations(CASES, 2)))
-def test_of_two_things_the_first_in_order_is_said(one, other):
-    if one[0].keys() & other[0].keys():
-        return  # they cannot both be so
-    found, _ = judge(replace(FINE, **one[0], **other[0]))
+def test_of_two_things_the_first_in_order_is_said():
     order = list(StatusCode)
-    assert found is min(one[1], other[1], key=order.index)
+    for one, other in combinations(CASES, 2):
+        if not one[0].keys() & other[0].keys():  # else they cannot both be so
+            found, _ = judge(replace(FINE, **one[0], **other[0]))
+            assert found is min(one[1], other[1], key=order.index), (one, other)
