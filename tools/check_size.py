@@ -1,4 +1,4 @@
-"""Holds packages, documentation and data to the sizes of ``[tool.feasigrasp.size]`` in pyproject.
+"""Holds packages, documentation and data to the table ``size`` of pyproject.toml.
 
 Run by ``make lint``. A size is a ceiling: whoever adds to one part takes away elsewhere in it.
 """
