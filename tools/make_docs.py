@@ -79,7 +79,7 @@ def public_names() -> Iterator[str]:
             thing = getattr(module, name)
             module_too = " (module)" if isinstance(thing, ModuleType) else ""
             rows.append(f"| `{name}`{module_too} | {summary(thing)} |\n")
-        yield f"### `{face}`\n\n{summary(module)}\n\n| name | |\n|---|---|\n{''.join(rows)}"
+        yield f"### `{face}`\n\n{summary(module)}\n\n| name | description |\n|---|---|\n{''.join(rows)}"
 
 
 def described(kind: type) -> dict[str, str]:
@@ -148,7 +148,7 @@ def options() -> Iterator[str]:
         parser = cli.command_parser(f"feasigrasp {name}", purpose)
         import_module(module).add_arguments(parser)
         rows = [f"| {spelled(a)} | {explained(parser, a)} |\n" for a in parser._actions[1:]]
-        table = f"\n| option | |\n|---|---|\n{''.join(rows)}" if rows else ""
+        table = f"\n| option | description |\n|---|---|\n{''.join(rows)}" if rows else ""
         yield f"### `feasigrasp {name}`\n\n{cli.sentence(purpose)}\n{table}"
 
 
