@@ -1,5 +1,6 @@
 """README and docs do what they show: blocks of Python run, commands parse, scenarios load."""
 
+import re
 import shlex
 from importlib import import_module
 from pathlib import Path
@@ -68,6 +69,23 @@ def test_every_command_parses():
         words = shlex.split(line, comments=True)
         if "--scenario-text" in words and "my_" not in line:
             load_scenario(words[words.index("run") + 1], words[words.index("--scenario-text") + 1])
+
+
+def test_every_part_of_the_page_can_be_named_in_a_scenario(tmp_path, monkeypatch):
+    """Each class of the page, as the file that its command names."""
+    page = REPOSITORY / "docs" / "own_parts.md"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    named = re.findall(r"\b(my_\w+):(\w+)", page.read_text())
+    for module, name in named:
+        (code,) = (text for text in python_of(page) if f"class {name}" in text)
+        (tmp_path / f"{module}.py").write_text(code)
+    assert dict(named).keys() == {"my_grasps", "my_prediction", "my_motions", "my_masks"}
+    for language, text in blocks(page):
+        for line in commands(text) if language == "" else []:
+            words = shlex.split(line)
+            make_dynamic_grasp(load_scenario(words[2], words[words.index("--scenario-text") + 1]))
+    make_dynamic_grasp(load_scenario("Static", "{parts: {motion: {name: 'my_motions:Bobbing'}}}"))
 
 
 def test_wrong_commands_do_not_parse():

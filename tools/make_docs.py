@@ -65,7 +65,9 @@ def faces() -> list[str]:
 
 
 def summary(thing: object) -> str:
-    """The first sentence of a docstring, on one line."""
+    """The first sentence of a docstring, on one line; the entries of a tuple of words."""
+    if type(thing) is tuple:
+        return ", ".join(str(each) for each in thing)
     text = (getattr(thing, "__doc__", None) or "").split("\n\n")[0]
     return " ".join(text.split())
 
@@ -79,7 +81,8 @@ def public_names() -> Iterator[str]:
             thing = getattr(module, name)
             module_too = " (module)" if isinstance(thing, ModuleType) else ""
             rows.append(f"| `{name}`{module_too} | {summary(thing)} |\n")
-        yield f"### `{face}`\n\n{summary(module)}\n\n| name | description |\n|---|---|\n{''.join(rows)}"
+        head = "| name | description |\n|---|---|\n"
+        yield f"### `{face}`\n\n{summary(module)}\n\n{head}{''.join(rows)}"
 
 
 def described(kind: type) -> dict[str, str]:
