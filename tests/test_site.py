@@ -11,6 +11,8 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+from tools.constants import constants
+
 
 def test_site_is_built_without_warnings(repository, tmp_path):
     site = tmp_path / "site"
@@ -20,6 +22,7 @@ def test_site_is_built_without_warnings(repository, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     start = (site / "index.html").read_text()
     for page in (
+        "constants",
         "docstrings",
         "release_notes",
         "contributing",
@@ -36,6 +39,13 @@ def test_site_is_built_without_warnings(repository, tmp_path):
             assert html.escape(json.loads(summary.read_text())["command"]) in results, summary
     docstrings = (site / "docstrings" / "index.html").read_text()
     assert "complete_shape" in docstrings and "Fits" in re.sub("<[^>]+>", "", docstrings)
+
+
+def test_constants_have_value_and_comment():
+    found = {(c.module, c.name): c for c in constants()}
+    share = found["feasigrasp.models.tracking.information", "NOISE_SHARE"]
+    assert share.value == "0.003" and "normals" in share.comment
+    assert ("feasigrasp.models.robot.iiwa", "IIWA_7") not in found
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from mkdocs.structure.files import File, Files
 
 from feasigrasp_lab.report.html_report import write_page
 from feasigrasp_lab.report.markdown_report import sections
+from tools.constants import Constant, constants
 from tools.figures import SUMMARIES
 from tools.make_docs import ROOT, faces
 
@@ -61,6 +62,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the pages."""
     pages = {
         "docstrings.md": _docstrings(),
+        "constants.md": _constants(),
         "release_notes.md": _from_the_root("CHANGELOG.md"),
         "contributing.md": _from_the_root("CONTRIBUTING.md"),
         "report.md": _REPORT,
@@ -101,6 +103,20 @@ def _docstrings() -> str:
         options = "".join(f"\n        - {name}" for name in names)
         parts.append(f"## `{face}`\n\n::: {face}\n    options:\n      members:{options}\n")
     return "\n".join(parts)
+
+
+def _constants() -> str:
+    rows = [
+        f"| `{c.module.removeprefix('feasigrasp.')}` | `{c.name}` | `{c.value}` | {escaped(c)} |"
+        for c in constants()
+    ]
+    head = "| module | name | value | unit, meaning, source |\n|---|---|---|---|\n"
+    return f"# Constants\n\nAll numeric constants of the package.\n\n{head}" + "\n".join(rows)
+
+
+def escaped(constant: Constant) -> str:
+    """A comment as a cell of a table."""
+    return constant.comment.replace("|", "\\|")
 
 
 def _public_names(face: str) -> list[str]:
