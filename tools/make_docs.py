@@ -52,7 +52,7 @@ NESTED = {
 }
 #: Sections whose schema is Drake's.
 DRAKES = ("simulator_config", "plant_config", "directives", "cameras")
-COMMANDS = ("run", "perceive", "record", "track")
+COMMANDS = ("run", "perceive")
 
 
 def faces() -> list[str]:
