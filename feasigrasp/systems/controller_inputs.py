@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import CacheEntry, Context
+from pydrake.systems.framework import Context
 
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
@@ -22,7 +22,7 @@ from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import evaluate, optional
+from feasigrasp.systems.ports import Cached, evaluate, optional
 
 
 class ControllerInputs:
@@ -146,7 +146,7 @@ class ControllerInputs:
         X_OH = se3.inverse(self.X_WO) @ forward_kinematics(self.q, X_FG)
         return kept_surface(grid, X_OH, self.grasps.X_OG, hand)
 
-    def _grid(self, entry: CacheEntry) -> ObstacleGrid | None:
+    def _grid(self, entry: Cached) -> ObstacleGrid | None:
         safe = self._controller.mode is ControlMode.SAFE
         grid: ObstacleGrid | None = evaluate(entry, self._context) if safe else None
         return grid

@@ -11,7 +11,6 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
-    CacheEntry,
     Context,
     DependencyTicket,
     InputPort,
@@ -45,7 +44,15 @@ from feasigrasp.models.shape.grids import object_grid, obstacle_grid
 from feasigrasp.models.shape.scene_field import SceneField, fit_scene
 from feasigrasp.scenario.schema import ReachabilityConfig
 from feasigrasp.systems.controller_inputs import ControllerInputs
-from feasigrasp.systems.ports import PeriodicState, declare_cache, declare_input, evaluate, optional
+from feasigrasp.systems.ports import (
+    Cached,
+    PeriodicState,
+    declare_cache,
+    declare_input,
+    evaluate,
+    optional,
+    weakly,
+)
 
 #: Time between the commands of a rehearsal: long, to be there soon [s].
 _REHEARSAL_STEP = 0.04
@@ -191,8 +198,10 @@ class GraspController(LeafSystem):
         )
         self._memory = PeriodicState(self, memory, period, self._updated)
         self._lookout = PeriodicState(self, None, period, self._look_out)
-        self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, self._calc)
-        self.DeclareVectorOutputPort("chosen_grasp", 16, self._calc_chosen, self.memory_tickets)
+        self.DeclareVectorOutputPort("commanded_velocity", IIWA_7.joints, weakly(self._calc))
+        self.DeclareVectorOutputPort(
+            "chosen_grasp", 16, weakly(self._calc_chosen), self.memory_tickets
+        )
 
     @cached_property
     def safety(self) -> SafetyFilter | None:
@@ -329,7 +338,7 @@ class GraspController(LeafSystem):
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]
-    ) -> CacheEntry:
+    ) -> Cached:
         """A grid of the field at an optional port, made anew when that changes; None if None."""
 
         def calc(context: Context) -> ObstacleGrid | None:

@@ -44,6 +44,7 @@ from feasigrasp.systems.ports import (
     declare_input,
     declare_output,
     optional,
+    weakly,
 )
 
 
@@ -174,9 +175,11 @@ class GripperSequencer(LeafSystem):
         )
         motion = {state, time, self._motion.ticket()}
         declare_output(self, "object_motion", self._calc_motion, motion)
-        self.DeclareVectorOutputPort("gripper_position", 1, self._calc_gripper, {state, time})
-        self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, {state})
-        self.DeclareVectorOutputPort("phase", 1, self._calc_phase, {state})
+        self.DeclareVectorOutputPort(
+            "gripper_position", 1, weakly(self._calc_gripper), {state, time}
+        )
+        self.DeclareVectorOutputPort("object_hold", 1, weakly(self._calc_hold), {state})
+        self.DeclareVectorOutputPort("phase", 1, weakly(self._calc_phase), {state})
         declare_output(self, "sought", self._calc_sought, {state, self._tracking.ticket()})
         declare_output(self, "look_from", self._calc_look_from, {state, approach})
 

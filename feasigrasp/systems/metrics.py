@@ -13,7 +13,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import arm_condition_kernel, forward_kinematics
-from feasigrasp.systems.ports import declare_input, optional
+from feasigrasp.systems.ports import declare_input, optional, weakly
 
 #: Time between samples [s].
 SAMPLE_PERIOD = 0.02
@@ -86,7 +86,7 @@ class Metrics(LeafSystem):
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._sampled = declare_input(self, "sampled_grasps", GraspSet.empty())
         self._seen_at = self.DeclareVectorInputPort("seen_at", 1)
-        self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), self._calc)
+        self.DeclareVectorOutputPort("sample", len(SAMPLE_NAMES), weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
         q, v = np.split(self._state.Eval(context), 2)

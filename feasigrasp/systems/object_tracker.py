@@ -20,7 +20,7 @@ from feasigrasp.models.objects.pose_filter import (
 from feasigrasp.models.objects.prediction import MotionEstimate, predict_kernel
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.objects.tracking import Tracking, TrackingState
-from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
+from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, weakly
 
 _ROW = 13  # time, then the upper three rows of a pose
 
@@ -72,8 +72,8 @@ class ObjectTracker(LeafSystem):
         _compile(self._noise)
         # The periodic update at t = 0 comes after other systems' abstract states were updated: they
         # would know of no measurement until their next turn.
-        self.DeclareInitializationDiscreteUpdateEvent(self._measure)
-        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._measure)
+        self.DeclareInitializationDiscreteUpdateEvent(weakly(self._measure))
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, weakly(self._measure))
         state, time = self.discrete_state_ticket(self._state), self.time_ticket()
         self._estimated = declare_cache(self, "estimate", self._estimate, {state, time})
         estimated = {self._estimated.ticket()}

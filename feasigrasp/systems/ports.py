@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from enum import Enum
 from typing import Any, Literal
@@ -40,7 +41,7 @@ def to_value(value: Any) -> AbstractValue:
     return AbstractValue.Make(_stored(value))
 
 
-def evaluate(source: InputPort | ObjectInput | OutputPort | CacheEntry, context: Context) -> Any:
+def evaluate(source: InputPort | ObjectInput | OutputPort | Cached, context: Context) -> Any:
     """The value of a port or cache entry; None where it holds `Nothing`."""
     return _read(source.Eval(context))
 
@@ -117,15 +118,35 @@ def declare_output(
     """
     allocate = to_value(model).Clone
     tickets = prerequisites or {system.all_sources_ticket()}
-    return system.DeclareAbstractOutputPort(name, allocate, _setting(calc), tickets)
+    setting = _kept_by(system, _setting(calc))
+    return system.DeclareAbstractOutputPort(name, allocate, setting, tickets)
 
 
 def declare_cache(
     system: LeafSystem, name: str, calc: Calc, prerequisites: set[DependencyTicket]
-) -> CacheEntry:
+) -> Cached:
     """A cache entry with the Python object that ``calc`` returns."""
-    producer = ValueProducer(to_value(None).Clone, _setting(calc))
-    return system.DeclareCacheEntry(name, producer, prerequisites)
+    producer = ValueProducer(to_value(None).Clone, _kept_by(system, _setting(calc)))
+    return Cached(system, system.DeclareCacheEntry(name, producer, prerequisites))
+
+
+class Cached:
+    """A cache entry of a system, which it does not keep alive as Drake's own handle does."""
+
+    def __init__(self, system: LeafSystem, entry: CacheEntry) -> None:
+        """The entry that was declared."""
+        self._system, self._index = weakref.ref(system), entry.cache_index()
+        self._ticket = entry.ticket()
+
+    def Eval(self, context: Context) -> Any:
+        """The value."""
+        system = self._system()
+        assert system is not None  # whose context could this be?
+        return system.get_cache_entry(self._index).Eval(context)
+
+    def ticket(self) -> DependencyTicket:
+        """Says that something depends on it."""
+        return self._ticket
 
 
 class PeriodicState:
@@ -142,7 +163,7 @@ class PeriodicState:
         def advance(context: Context, state: State) -> None:
             state.get_mutable_abstract_state(self._index).set_value(_stored(update(context)))
 
-        system.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, advance)
+        system.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, _kept_by(system, advance))
 
     def Eval(self, context: Context) -> Any:
         """The object at present."""
@@ -151,6 +172,23 @@ class PeriodicState:
     def ticket(self) -> DependencyTicket:
         """Says that something depends on it."""
         return self._ticket
+
+
+def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A method of a system, for Drake to call without keeping the system alive.
+
+    Drake 1.51 holds callbacks out of sight of Python's garbage collector (1.58 some of them), so
+    that a system whose callbacks are its own methods is never freed: 40 MB for each diagram.
+    """
+    return _kept_by(method.__self__, method)  # type: ignore[attr-defined]
+
+
+def _kept_by(system: LeafSystem, call: Callable[..., Any]) -> Callable[..., Any]:
+    """Calls ``call``, which the system itself keeps."""
+    calls = system.__dict__.setdefault("_callbacks", [])
+    calls.append(call)
+    number, owner = len(calls) - 1, weakref.ref(system)
+    return lambda *given: owner()._callbacks[number](*given)  # type: ignore[union-attr]
 
 
 def _setting(calc: Calc) -> Callable[[Context, AbstractValue], None]:

@@ -8,6 +8,7 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel, free_step_kernel
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.systems.ports import weakly
 
 
 class VelocityDrive(LeafSystem):
@@ -65,11 +66,11 @@ class VelocityDrive(LeafSystem):
         self.DeclareVectorOutputPort(
             "desired_velocity",
             IIWA_7.joints,
-            self._calc_velocity,
+            weakly(self._calc_velocity),
             {self.discrete_state_ticket(state)},
         )
-        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        self.DeclareInitializationDiscreteUpdateEvent(weakly(self._initialize))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
         zero = np.zeros(IIWA_7.joints)
         self._step(zero, zero, zero, zero)  # compiles its kernel, before the first tick
 

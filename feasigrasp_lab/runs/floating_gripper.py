@@ -27,7 +27,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from feasigrasp.models.objects.carrying import Load, carrying_wrench_kernel
 from feasigrasp.models.objects.rigid_object import RigidObject
 from feasigrasp.models.robot.gripper import ParallelGripper
-from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.ports import declare_output, weakly
 from feasigrasp.systems.station.cell_models import FINGER_KD, FINGER_KP
 from feasigrasp.systems.station.directives import hand_urdf
 from feasigrasp.systems.station.object_model import add_object, set_friction
@@ -107,7 +107,8 @@ class HandLoad(LeafSystem):
         self.end = self.let_go + RAMP_TIME + LIFT_TIME + 3.0 * SHAKE_PERIOD
         self._state = self.DeclareVectorInputPort("state", 13)
         self._pose = self.DeclareNumericParameter(BasicVector(np.eye(4).ravel()))
-        self.DeclareVectorOutputPort("finger_state", 2, self._calc_finger, {self.time_ticket()})
+        finger = weakly(self._calc_finger)
+        self.DeclareVectorOutputPort("finger_state", 2, finger, {self.time_ticket()})
         force = [ExternallyAppliedSpatialForce()]
         declare_output(self, "spatial_force", self._calc_force, model=force)
 

@@ -49,6 +49,7 @@ from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
 from feasigrasp.systems.object_tracker import ObjectTracker
+from feasigrasp.systems.ports import weakly
 from feasigrasp.systems.stages.controllers import (
     make_controller,
     make_drive,
@@ -91,7 +92,7 @@ class _ObjectPose(LeafSystem):
         super().__init__()
         self._motion = motion
         self.DeclareAbstractOutputPort(
-            "pose", Value[RigidTransform], self._calc, {self.time_ticket()}
+            "pose", Value[RigidTransform], weakly(self._calc), {self.time_ticket()}
         )
 
     def _calc(self, context: Context, output) -> None:

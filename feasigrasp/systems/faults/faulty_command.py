@@ -14,6 +14,7 @@ from feasigrasp.models.faults.control import CommandFault, SolverFailure
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
+from feasigrasp.systems.ports import weakly
 
 
 class FaultyCommand(LeafSystem):
@@ -35,7 +36,7 @@ class FaultyCommand(LeafSystem):
         super().__init__()
         self._fault, self._seed = fault, seed
         self._input = self.DeclareVectorInputPort("velocity", IIWA_7.joints)
-        self.DeclareVectorOutputPort("velocity", IIWA_7.joints, self._calc)
+        self.DeclareVectorOutputPort("velocity", IIWA_7.joints, weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
         qd, time = self._input.Eval(context), context.get_time()

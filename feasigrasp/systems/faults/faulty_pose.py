@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.models.faults.pose import PoseFault
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 
 class FaultyPose(LeafSystem):
@@ -32,7 +32,7 @@ class FaultyPose(LeafSystem):
         self._input = declare_input(self, "pose", RigidTransform())
         # Discrete, as in the tracker: an abstract one would update the whole diagram.
         self._past = self.DeclareDiscreteState(np.full(16 * fault.depth(period), np.nan))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
         declare_output(self, "pose", self._calc, model=RigidTransform())
 
     def _remember(self, context: Context, discrete_state) -> None:

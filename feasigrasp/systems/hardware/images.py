@@ -23,7 +23,7 @@ from pydrake.systems.sensors import (
 )
 
 from feasigrasp.systems.hardware import channels
-from feasigrasp.systems.ports import declare_cache, declare_input, declare_output
+from feasigrasp.systems.ports import declare_cache, declare_input, declare_output, weakly
 from feasigrasp.systems.station.station import Station
 
 
@@ -58,7 +58,7 @@ class RgbdReceiver(LeafSystem):
         depth, labels = ImageDepth32F(width, height), ImageLabel16I(width, height)
         declare_output(self, "depth_image", self._calc_depth, ticket, model=depth)
         declare_output(self, "label_image", self._calc_labels, ticket, model=labels)
-        self.DeclareVectorOutputPort("stamp", 1, self._calc_stamp, ticket)
+        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), ticket)
 
     def _decode(self, context: Context) -> dict[int, NDArray[np.generic]]:
         """The images of the message that can be used, by pixel format."""

@@ -13,7 +13,7 @@ from feasigrasp.models.geometry import se3
 from feasigrasp.models.objects.motion_capture import measured_pose
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.systems.hardware.channels import POSE_NAMES
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 _ROW = 8  # time, then the pose as it is sent
 
@@ -40,7 +40,7 @@ class ObjectPoseSender(LeafSystem):
         self._pose = declare_input(self, "pose", RigidTransform())
         rows = np.full((round(config.latency / config.period) + 1) * _ROW, np.nan)
         state = self.DeclareDiscreteState(rows)
-        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._measure)
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, weakly(self._measure))
         declare_output(
             self,
             "message",
@@ -85,7 +85,7 @@ class ObjectPoseReceiver(LeafSystem):
         self._message = self.DeclareAbstractInputPort("message", Value(lcmt_robot_state()))
         ticket = {self._message.ticket()}
         declare_output(self, "pose", self._calc_pose, ticket, model=RigidTransform())
-        self.DeclareVectorOutputPort("stamp", 1, self._calc_stamp, ticket)
+        self.DeclareVectorOutputPort("stamp", 1, weakly(self._calc_stamp), ticket)
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         message = self._message.Eval(context)

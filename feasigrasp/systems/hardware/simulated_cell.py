@@ -54,6 +54,7 @@ from feasigrasp.systems.hardware.channels import IIWA_PERIOD
 from feasigrasp.systems.hardware.images import publish_images
 from feasigrasp.systems.hardware.object_pose import ObjectPoseSender
 from feasigrasp.systems.pipeline import Cell, add_judges
+from feasigrasp.systems.ports import weakly
 from feasigrasp.systems.station.camera import believed_in_camera
 from feasigrasp.systems.station.station import Station
 
@@ -86,8 +87,8 @@ class SimulatedIiwaDriver(LeafSystem):
         stopped = self.DeclareDiscreteState(1)
         self.DeclareStateOutputPort("position", kept)
         self.DeclareStateOutputPort("stopped", stopped)
-        self.DeclareInitializationDiscreteUpdateEvent(self._update)
-        self.DeclarePeriodicDiscreteUpdateEvent(IIWA_PERIOD, 0.0, self._update)
+        self.DeclareInitializationDiscreteUpdateEvent(weakly(self._update))
+        self.DeclarePeriodicDiscreteUpdateEvent(IIWA_PERIOD, 0.0, weakly(self._update))
 
     def _update(self, context: Context, state) -> EventStatus:
         stopped = context.get_discrete_state(1).value()[0]
@@ -135,13 +136,13 @@ class Handover(LeafSystem):
         self._target = self.DeclareVectorInputPort("target", 1)
         self._measured = self.DeclareVectorInputPort("gripper_state", 2)
         state = self.DeclareDiscreteState([0.0, 0.0, np.nan])  # phase, since when, pressing since
-        self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, weakly(self._update))
         ticket = {self.discrete_state_ticket(state)}
         self.DeclareVectorOutputPort(
-            "gripper_position", 1, self._calc_gripper, {self._target.ticket()}
+            "gripper_position", 1, weakly(self._calc_gripper), {self._target.ticket()}
         )
-        self.DeclareVectorOutputPort("object_hold", 1, self._calc_hold, ticket)
-        self.DeclareVectorOutputPort("phase", 1, self._calc_phase, ticket)
+        self.DeclareVectorOutputPort("object_hold", 1, weakly(self._calc_hold), ticket)
+        self.DeclareVectorOutputPort("phase", 1, weakly(self._calc_phase), ticket)
 
     def _update(self, context: Context, state) -> EventStatus:
         phase, since, pressing = context.get_discrete_state(0).value()
@@ -223,7 +224,7 @@ class _Messages(LeafSystem):
         """The bus."""
         super().__init__()
         self._lcm = lcm
-        self.DeclarePerStepDiscreteUpdateEvent(self._take)
+        self.DeclarePerStepDiscreteUpdateEvent(weakly(self._take))
 
     def _take(self, context, discrete_state) -> None:
         self._lcm.HandleSubscriptions(0)

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from pydrake.systems.sensors import ImageLabel16I, ImageRgba8U
 
 from feasigrasp.models.arrays import Mask
-from feasigrasp.systems.ports import declare_input
+from feasigrasp.systems.ports import declare_input, weakly
 
 #: Colour that the object's pixels are mixed with, and the share of it.
 TINT, TINT_SHARE = np.array([255.0, 140.0, 0.0]), 0.45
@@ -57,8 +57,8 @@ class CameraPictures(LeafSystem):
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         self._labels = declare_input(self, "label_image", ImageLabel16I(1, 1))
         self.pictures: list[Picture] = []
-        self.DeclareInitializationPublishEvent(self._clear)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._take)
+        self.DeclareInitializationPublishEvent(weakly(self._clear))
+        self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._take))
 
     def _clear(self, context: Context) -> EventStatus:
         self.pictures.clear()

@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from feasigrasp.models.control.planning.touch import TOUCH_STATE, touch_step_kernel
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.systems.ports import weakly
 
 
 class ContactSense(LeafSystem):
@@ -35,10 +36,10 @@ class ContactSense(LeafSystem):
         self._torque = self.DeclareVectorInputPort("torque_external", IIWA_7.joints)
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self.DeclareDiscreteState(TOUCH_STATE)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
         state = {self.xd_ticket()}
-        self.DeclareVectorOutputPort("touch", IIWA_7.joints, self._calc_touch, state)
-        self.DeclareVectorOutputPort("touches", 1, self._calc_touches, state)
+        self.DeclareVectorOutputPort("touch", IIWA_7.joints, weakly(self._calc_touch), state)
+        self.DeclareVectorOutputPort("touches", 1, weakly(self._calc_touches), state)
         self._update_state(np.zeros(TOUCH_STATE), np.zeros(IIWA_7.joints))  # compiles
 
     def _update_state(self, state, torque):

@@ -21,7 +21,7 @@ from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.shape.gpdf_fit import Gpdf
 from feasigrasp.systems.point_cloud_to_gpdf import Perceived
-from feasigrasp.systems.ports import declare_input
+from feasigrasp.systems.ports import declare_input, weakly
 
 #: Colours of grasps that the controller is given, and of those that were dropped before.
 REACHABLE, DROPPED = Rgba(0.10, 0.80, 0.25), Rgba(0.35, 0.35, 0.40, 0.4)
@@ -115,9 +115,9 @@ class GraspVisualizer(LeafSystem):
         self._reachable = declare_input(self, "reachable", GraspSet.empty())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         self._pose = declare_input(self, "object_pose", RigidTransform())
-        self.DeclareInitializationPublishEvent(self._clear)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
-        self.DeclarePeriodicPublishEvent(MOVED_EVERY, 0.0, self._move)
+        self.DeclareInitializationPublishEvent(weakly(self._clear))
+        self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._draw))
+        self.DeclarePeriodicPublishEvent(MOVED_EVERY, 0.0, weakly(self._move))
 
     def _forget(self) -> None:
         self._drawn_gpdf: Gpdf | None = None

@@ -14,7 +14,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.dynamic_grasp import Subsystems
-from feasigrasp.systems.ports import declare_input, optional
+from feasigrasp.systems.ports import declare_input, optional, weakly
 from feasigrasp.systems.station.station import Station
 
 #: The arrays of a log beside ``time``, and the shape of a sample; docs/results_schema.md defines
@@ -81,7 +81,7 @@ class RunLog(LeafSystem):
         self._grasps = declare_input(self, "grasps", GraspSet.empty())
         self._chosen = self.DeclareVectorInputPort("chosen_grasp", _NO_POSE.size)
         size = sum(map(prod, FIELDS.values()))
-        self.DeclareVectorOutputPort("sample", size, self._calc)
+        self.DeclareVectorOutputPort("sample", size, weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
         *arm, gripper, opening_sent = (port.Eval(context) for port in self._arm)

@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.geometry.se3_kernels import inverse_kernel
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 
 class TrueFrame(LeafSystem):
@@ -41,7 +41,7 @@ class TrueFrame(LeafSystem):
         self._tracked_pose = declare_input(self, "tracked_pose", RigidTransform())
         # Discrete: an abstract state would invalidate the caches of the whole diagram.
         self._gauge = self.DeclareDiscreteState(np.full(12, np.nan))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._align)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._align))
         declare_output(self, "frame_pose", self._calc, model=RigidTransform())
 
     def _align(self, context: Context, state) -> EventStatus:

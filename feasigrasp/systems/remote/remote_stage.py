@@ -12,7 +12,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, Diagram, EventStatus, LeafSystem, State, System
 
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.ports import declare_output, weakly
 from feasigrasp.systems.remote.served import Served, inputs_of, is_vector, outputs_of
 from feasigrasp.systems.remote.worker import Worker
 
@@ -82,10 +82,10 @@ class RemoteStage(LeafSystem):
         self._index, tickets = int(index), {self.abstract_state_ticket(index)}
         for port in outputs_of(stage):
             self._declare(port, tickets)
-        self.DeclareVectorOutputPort("lapsed", 1, self._calc_lapsed, tickets)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._post)
+        self.DeclareVectorOutputPort("lapsed", 1, weakly(self._calc_lapsed), tickets)
+        self.DeclarePeriodicPublishEvent(period, 0.0, weakly(self._post))
         if latency is not None:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, self._await)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, latency, weakly(self._await))
 
     def take(self, context: Context, time: float) -> list[float]:
         """Takes over what has arrived by now; waits for nothing.

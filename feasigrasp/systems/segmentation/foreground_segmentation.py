@@ -18,7 +18,7 @@ from feasigrasp.models.segmentation.foreground import Known, segment
 from feasigrasp.models.segmentation.hue import of_hue
 from feasigrasp.models.segmentation.known_bodies import CARRIER, FREE, KnownBodies
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import declare_input, declare_output, evaluate, to_value
+from feasigrasp.systems.ports import declare_input, declare_output, evaluate, to_value, weakly
 
 
 class ForegroundSegmentation(LeafSystem):
@@ -73,7 +73,7 @@ class ForegroundSegmentation(LeafSystem):
         self._color = declare_input(self, "color_image", ImageRgba8U(1, 1))
         # Time and view at the start, which tells what has moved since; None before.
         self._first = self.DeclareAbstractState(to_value((None, None)))
-        self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
+        self.DeclareInitializationUnrestrictedUpdateEvent(weakly(self._remember))
         declare_output(self, "label_image", self._calc, model=ImageLabel16I(1, 1))
         _compile(camera, bodies)
 

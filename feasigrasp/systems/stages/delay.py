@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from feasigrasp.models.arrays import Frozen
-from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output
+from feasigrasp.systems.ports import PeriodicState, declare_input, declare_output, weakly
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Delay(LeafSystem):
         depends = {self._post.ticket()}
         if isinstance(initial, np.ndarray):
             self._input = self.DeclareVectorInputPort("u", len(initial))
-            self.DeclareVectorOutputPort("y", len(initial), self._calc_vector, depends)
+            self.DeclareVectorOutputPort("y", len(initial), weakly(self._calc_vector), depends)
         else:
             self._input = declare_input(self, "u")
             declare_output(self, "y", lambda context: self._post.Eval(context).arrived, depends)

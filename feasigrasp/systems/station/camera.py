@@ -21,7 +21,7 @@ from pydrake.systems.sensors import (
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 
 class NoisyDepth(LeafSystem):
@@ -64,7 +64,7 @@ class NoisyDepth(LeafSystem):
         self._intrinsics = (info.focal_x(), info.focal_y(), info.center_x(), info.center_y())
         image = AbstractValue.Make(ImageDepth32F(info.width(), info.height()))
         self._input = self.DeclareAbstractInputPort("depth_image", image)
-        self.DeclareAbstractOutputPort("depth_image", image.Clone, self._calc)
+        self.DeclareAbstractOutputPort("depth_image", image.Clone, weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
         depth = self._input.Eval(context).data[:, :, 0]

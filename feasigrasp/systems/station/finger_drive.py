@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
+from feasigrasp.systems.ports import weakly
+
 
 class FingerDrive(LeafSystem):
     """The opening that a gripper is told, as the state that its left finger is driven to.
@@ -33,8 +35,8 @@ class FingerDrive(LeafSystem):
         self._way = self.SPEED * period
         self._opening = self.DeclareVectorInputPort("opening", 1)
         self.DeclareDiscreteState([np.nan])  # where it was a period ago; at first where it is told
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
-        self.DeclareVectorOutputPort("desired_state", 2, self._calc)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._update))
+        self.DeclareVectorOutputPort("desired_state", 2, weakly(self._calc))
 
     def _next(self, context: Context) -> float:
         told = float(self._opening.Eval(context)[0])

@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from pydrake.geometry import GeometryId, QueryObject
+from pydrake.geometry import QueryObject, Role
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.sequence import Phase
-from feasigrasp.systems.ports import declare_input
+from feasigrasp.systems.ports import declare_input, weakly
+
+
+def _geometries(plant: MultibodyPlant, index: BodyIndex) -> list[int]:
+    """The collision geometries of a body, as numbers: Drake's ids would keep the plant alive."""
+    return [i.get_value() for i in plant.GetCollisionGeometriesForBody(plant.get_body(index))]
 
 
 class ObstacleDistance(LeafSystem):
@@ -42,23 +47,26 @@ class ObstacleDistance(LeafSystem):
         super().__init__()
         robot = list(robot)
         fixed = {int(body.index()) for body in plant.GetBodiesWeldedTo(plant.world_body())}
-        self._moving: list[GeometryId] = []
-        self._surroundings: list[GeometryId] = []
+        self._moving: list[int] = []
+        self._surroundings: list[int] = []
         for instance in map(ModelInstanceIndex, range(plant.num_model_instances())):
             for index in plant.GetBodyIndices(instance):
-                geometries = plant.GetCollisionGeometriesForBody(plant.get_body(index))
+                geometries = _geometries(plant, index)
                 if int(index) not in fixed:
                     self._moving += geometries if instance in robot else []
                 elif instance not in robot:
                     self._surroundings += geometries
         self._query = declare_input(self, "query_object", QueryObject())
-        self.DeclareVectorOutputPort("distance", 1, self._calc)
+        self.DeclareVectorOutputPort("distance", 1, weakly(self._calc))
 
     def _calc(self, context: Context, output) -> None:
         query = self._query.Eval(context)
+        ids = query.inspector().GetAllGeometryIds(Role.kProximity)
+        moving = [i for i in ids if i.get_value() in self._moving]
+        surroundings = [i for i in ids if i.get_value() in self._surroundings]
         nearest = np.inf
-        for a in self._moving:
-            for b in self._surroundings:
+        for a in moving:
+            for b in surroundings:
                 pair = query.ComputeSignedDistancePairClosestPoints(a, b)
                 nearest = min(nearest, pair.distance)
         output.SetAtIndex(0, nearest)
@@ -101,14 +109,14 @@ class ObjectContact(LeafSystem):
         self._body_of = {
             geometry: index
             for index in (body_index, *self._robot)
-            for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
+            for geometry in _geometries(plant, index)
         }
         self._step = plant.time_step()
         self._results = declare_input(self, "contact_results", ContactResults())
         self._phase = self.DeclareVectorInputPort("phase", 1)
         state = self.DeclareDiscreteState(3)
         # With the plant's own steps: the solver's result is computed once for both of them.
-        self.DeclarePeriodicDiscreteUpdateEvent(self._step, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._step, 0.0, weakly(self._update))
         self.DeclareStateOutputPort("approach", state)
 
     def touches(self, results: ContactResults) -> bool:
@@ -121,7 +129,8 @@ class ObjectContact(LeafSystem):
         for i in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(i)
             surface = info.contact_surface()
-            bodies = self._body_of.get(surface.id_M()), self._body_of.get(surface.id_N())
+            ids = surface.id_M().get_value(), surface.id_N().get_value()
+            bodies = self._body_of.get(ids[0]), self._body_of.get(ids[1])
             force -= self._sign(*bodies) * info.F_Ac_W().translational()  # on the first
         for i in range(results.num_point_pair_contacts()):
             pair = results.point_pair_contact_info(i)

@@ -34,7 +34,7 @@ from feasigrasp.models.objects.company import Companion
 from feasigrasp.models.objects.mesh import write_obj
 from feasigrasp.models.objects.rigid_object import RigidObject, write_mesh
 from feasigrasp.scenario.schema import ObjectConfig
-from feasigrasp.systems.ports import declare_output
+from feasigrasp.systems.ports import declare_output, weakly
 
 #: How exactly the time is known at which the object is let go [s].
 _PERIOD = 0.01
@@ -62,7 +62,7 @@ class Company(LeafSystem):
         self._hold = self.DeclareVectorInputPort("hold", 1)
         # When the object was let go; infinite before.
         self._let_go = self.DeclareDiscreteState([np.inf])
-        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, weakly(self._remember))
         declare_output(self, "poses", self._calc, model=FramePoseVector())
 
     def _remember(self, context: Context, state) -> EventStatus:

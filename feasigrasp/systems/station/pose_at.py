@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
-from feasigrasp.systems.ports import declare_input, declare_output
+from feasigrasp.systems.ports import declare_input, declare_output, weakly
 
 #: How far back a pose is remembered [s].
 REMEMBERED = 0.5
@@ -39,7 +39,7 @@ class PoseAt(LeafSystem):
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         rows = np.full((round(REMEMBERED / period), _ROW), np.nan)
         state = self.DeclareDiscreteState(rows.ravel())
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
         sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._pose.ticket()}
         declare_output(self, "pose", self._calc, sources, model=RigidTransform())
 
@@ -85,9 +85,9 @@ class PositionAt(LeafSystem):
         self._stamp = self.DeclareVectorInputPort("stamp", 1)
         rows = np.full((round(REMEMBERED / period), self._size), np.nan)
         state = self.DeclareDiscreteState(rows.ravel())
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weakly(self._remember))
         sources = {self.discrete_state_ticket(state), self._stamp.ticket(), self._position.ticket()}
-        self.DeclareVectorOutputPort("position", n, self._calc, sources)
+        self.DeclareVectorOutputPort("position", n, weakly(self._calc), sources)
 
     def _remember(self, context: Context, state) -> EventStatus:
         rows = context.get_discrete_state_vector().value()

@@ -11,7 +11,7 @@ from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, MatrixGain
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
@@ -100,7 +100,6 @@ class Station(Diagram):
         self.object_instance = self._add_models(plant, config, obj)
         self._gripper = plant.GetModelInstanceByName("gripper")
         set_friction(plant, self.scene_graph, self._gripper, config.friction)
-        self.object_body = plant.GetBodyByName("object", self.object_instance)
         plant.SetDefaultFloatingBaseBodyPose(self.object_body, RigidTransform(motion.pose(0.0)))
         plant.Finalize()
         self._let_robot_pass(config)
@@ -114,6 +113,12 @@ class Station(Diagram):
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)
+
+    @property
+    def object_body(self) -> RigidBody:
+        """The object; not kept, since Python never frees a plant that holds a body of its own."""
+        body: RigidBody = self.plant.GetBodyByName("object", self.object_instance)
+        return body
 
     @property
     def object_label(self) -> int:
