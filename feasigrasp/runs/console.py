@@ -11,50 +11,12 @@ from typing import Any, TextIO
 
 from feasigrasp.models.control.status import Status
 from feasigrasp.runs.metrics.cause import Cause
-from feasigrasp.runs.metrics.run_metrics import METRICS
+from feasigrasp.runs.metrics.table import METRICS, UNITLESS, Subject
 
 #: Least wall time between two changes of the line [s].
 _PERIOD = 0.1
-#: The figures of a run by what they are about; every one of `METRICS` and of the timings is here.
-FIGURES: Mapping[str, tuple[str, ...]] = {
-    "the grasp": (
-        *(
-            "grasp_held",
-            "held_after_s",
-            "closing_speed_m_s",
-            "cause",
-            "slip_mm",
-            "turn_deg",
-            "lift_cm",
-        ),
-        *("object_end_x_m", "object_end_y_m", "object_end_z_m"),
-    ),
-    "the way to it": (
-        *("gripper_object_distance_cm_mean", "gripper_object_distance_cm_median"),
-        *("grasp_position_error_mm_median", "grasp_angle_error_deg_median"),
-        *("tracked_percent", "settling_time_s", "grasp_switches", "no_grasp_percent"),
-        *("grasp_age_s_mean", "grasp_age_s_max", "view_faults"),
-    ),
-    "the object, before the fingers closed": (
-        *("pushed_mm", "pushed_deg", "contact_force_peak_n", "contact_time_percent", "friction"),
-    ),
-    "the arm": (
-        *("self_collision_percent", "joint_limit_violation_percent"),
-        *("velocity_limit_violation_percent", "acceleration_limit_violation_percent"),
-        *("torque_limit_violation_percent", "manipulability_mean", "self_distance_min_mm"),
-        *("limit_margin_min_deg", "obstacle_distance_min_mm", "velocity_peak_percent"),
-        *("acceleration_peak_percent", "true_acceleration_peak_percent", "torque_peak_percent"),
-    ),
-    "time": (
-        *("simulated_s", "build_s", "wall_s", "real_time_factor"),
-        *("control_ms_p99", "control_ms_worst", "control_cpu_ms_worst"),
-        *("planning_ms_median", "planning_ms_p99", "planning_ms_worst", "planning_cpu_ms_worst"),
-    ),
-}
-_UNITS = {name: metric.unit for name, metric in METRICS.items()}
-_UNITS |= {"simulated_s": "s", "build_s": "s", "wall_s": "s"}
-#: Units that go without saying.
-_PLAIN = ("1", "bool", "text")
+#: Timings of a record, with their units; they stand before the computing times.
+TIMINGS = {"simulated_s": "s", "build_s": "s", "wall_s": "s", "real_time_factor": "1"}
 #: What tells more of a cause.
 _DETAILS = {
     Cause.SLIPPED: "slip {slip_mm:.0f} mm, turned {turn_deg:.0f} deg",
@@ -179,10 +141,12 @@ def summary(record: Mapping[str, Any]) -> Iterator[str]:
     for since, code, detail in record["status"]:
         yield f"  {since:7.2f} s  {_status(code, detail)}"
     values = record["metrics"] | record["timings"]
-    for about, figures in FIGURES.items():
-        yield about
-        for name in figures:
-            yield f"  {name:38s} {_figure(values[name], _UNITS.get(name, '1'))}"
+    for subject in Subject:
+        yield subject
+        units = TIMINGS if subject is Subject.TIME else {}
+        units = units | {name: m.unit for name, m in METRICS.items() if m.subject is subject}
+        for name, unit in units.items():
+            yield f"  {name:38s} {_figure(values[name], unit)}"
 
 
 def _figure(value: Any, unit: str) -> str:
@@ -193,7 +157,7 @@ def _figure(value: Any, unit: str) -> str:
         return f"{'yes' if value else 'no':>9s}"
     if isinstance(value, str):
         return f"{_words(value):>9s}"
-    return f"{value:9.4g} {'' if unit in _PLAIN else unit}".rstrip()
+    return f"{value:9.4g} {'' if unit in UNITLESS else unit}".rstrip()
 
 
 def _status(code: str, detail: str) -> str:

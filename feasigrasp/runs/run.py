@@ -36,7 +36,8 @@ from feasigrasp.runs.metrics.handling import ObjectTruth
 from feasigrasp.runs.metrics.motion_limits import JointTicks
 from feasigrasp.runs.metrics.robot_limits import self_collision_metrics, torque_metrics
 from feasigrasp.runs.metrics.robot_twin import robot_twin
-from feasigrasp.runs.metrics.run_metrics import METRICS, not_held, summarize
+from feasigrasp.runs.metrics.run_metrics import not_held, summarize
+from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.metrics.tick_times import TickTimes
 from feasigrasp.runs.replay import (
     FRAMES_PER_SECOND,

@@ -9,6 +9,7 @@ on: contact, the arm's own dynamics, and what the camera happens to see. Three l
 from __future__ import annotations
 
 import dataclasses as dc
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -38,13 +39,8 @@ from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.metrics.motion_limits import JointTicks
 from feasigrasp.runs.metrics.robot_limits import self_collision_metrics
 from feasigrasp.runs.metrics.robot_twin import robot_twin
-from feasigrasp.runs.metrics.run_metrics import (
-    METRICS,
-    TRACKED_ANGLE,
-    TRACKED_POSITION,
-    Metric,
-    summarize,
-)
+from feasigrasp.runs.metrics.run_metrics import TRACKED_ANGLE, TRACKED_POSITION, summarize
+from feasigrasp.runs.metrics.table import METRICS, Metric, Subject
 from feasigrasp.scenario.sampling import lap, make_motion
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD, Metrics
@@ -64,7 +60,15 @@ ControllerFactory = Callable[[Scenario, Reachability], LeafSystem]
 _SURFACE_POINTS = 512
 
 #: Every metric of a rollout.
-ROLLOUT_METRICS: dict[str, Metric] = METRICS | {"regrip_cost_cm": Metric("cm")}
+ROLLOUT_METRICS: dict[str, Metric] = METRICS | {
+    "regrip_cost_cm": Metric(
+        Subject.APPROACH,
+        "cm",
+        "distance added between grasps",
+        "mean gripper-object distance less its mean at a grasp",
+        lower=-math.inf,
+    )
+}
 
 
 @dc.dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from feasigrasp.models.control.mode import ControlMode
-from feasigrasp.runs.metrics.run_metrics import METRICS, Metric
+from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import grouped, mean_of_objects, share_of_objects
 from feasigrasp_lab.protocols.ablations import ablation_rows
@@ -18,9 +19,7 @@ from feasigrasp_lab.runs.studies import suffix_of
 
 Record = dict[str, Any]
 
-#: An object that is this far off its path before the fingers close was pushed [mm].
-PUSHED_MM = 5.0
-#: Figures of the printed table: column head, row name.
+#: Columns of the printed table: head, row name.
 _COLUMNS = (
     ("held %", "held_percent"),
     ("pushed %", "pushed_percent"),
@@ -35,8 +34,8 @@ _COLUMNS = (
     ("planning ms", "planning_ms.worst"),
     ("x real time", "real_time_factor"),
 )
-#: Figures that are told for every object as well: those of the paper's table, the errors to the
-#: nearest grasp, and what happened to the object.
+#: Means that every object has a row of as well: those of the paper's table and the errors to the
+#: nearest grasp.
 _PER_OBJECT = (
     "self_collision_percent",
     "joint_limit_violation_percent",
@@ -46,33 +45,12 @@ _PER_OBJECT = (
     "grasp_angle_error_deg_median",
     "tracked_percent",
 )
-#: Shares of runs: row name, and whether it is so in a run; None where it does not apply.
-_SHARES: dict[str, Callable[[Record], bool | None]] = {
-    "held_percent": lambda run: run["metrics"]["grasp_held"],
-    "failed_percent": lambda run: run["error"] is not None,
-    "pushed_percent": lambda run: _exceeds(run, "pushed_mm", PUSHED_MM),
-    "contact_before_closing_percent": lambda run: _exceeds(run, "contact_force_peak_n", 0.0),
+#: What is taken of the runs, without an interval.
+_PLAIN: dict[Over, Callable[[Sequence[float]], Any]] = {
+    Over.MAX: max,
+    Over.MIN: min,
+    Over.MEDIAN: np.median,
 }
-#: Figures that a mean would hide: row name, metric, and what is taken of the runs.
-_OVER_RUNS: tuple[tuple[str, str, Callable[[Sequence[float]], Any]], ...] = (
-    ("pushed_mm_max", "pushed_mm", max),
-    ("obstacle_distance_min_mm.least", "obstacle_distance_min_mm", min),
-    ("self_distance_min_mm.least", "self_distance_min_mm", min),
-    ("torque_peak_percent.worst", "torque_peak_percent", max),
-    ("control_ms.p99", "control_ms_p99", np.median),
-    ("control_ms.worst", "control_ms_worst", max),
-    ("control_cpu_ms.worst", "control_cpu_ms_worst", max),
-    ("planning_ms.median", "planning_ms_median", np.median),
-    ("planning_ms.p99", "planning_ms_p99", np.median),
-    ("planning_ms.worst", "planning_ms_worst", max),
-    ("planning_cpu_ms.worst", "planning_cpu_ms_worst", max),
-)
-#: Metrics that have no row of their mean.
-_NOT_AVERAGED = (
-    *("grasp_held", "cause", "object_end_x_m", "object_end_y_m", "object_end_z_m"),
-    *("control_ms_p99", "control_ms_worst", "control_cpu_ms_worst"),
-    *("planning_ms_median", "planning_ms_p99", "planning_ms_worst", "planning_cpu_ms_worst"),
-)
 
 
 def summary_rows(records: Sequence[Record]) -> list[Row]:
@@ -125,24 +103,29 @@ def _curves(records: Sequence[Record]) -> dict[str, list[Record]]:
 
 def _group_rows(preset: str, records: Sequence[Record], causes: Sequence[str]) -> list[Row]:
     rows = _share_rows(preset, records) + _cause_rows(preset, records, causes)
-    for name in (*METRICS, "real_time_factor"):
-        if name not in _NOT_AVERAGED:
+    for name, metric in METRICS.items():
+        if metric.averaged:
             rows += _mean_row(name, preset, records)
-    for row_name, metric, reduce in _OVER_RUNS:
-        values = [value for value, _ in _present(metric, records)]
-        if values:
-            name, unit = f"dynamic.{row_name}", METRICS.get(metric, Metric("1")).unit
-            rows.append(Row.plain(name, preset, reduce(values), unit, len(values)))
-    return rows
+        for figure in metric.rows:
+            values = [value for value, _ in _present(name, records)]
+            if values and figure.over in _PLAIN:
+                value = _PLAIN[figure.over](values)
+                row = Row.plain(f"dynamic.{figure.name}", preset, value, figure.unit, len(values))
+                rows.append(row)
+    return rows + _mean_row("real_time_factor", preset, records)
 
 
 def _share_rows(preset: str, records: Sequence[Record]) -> list[Row]:
-    """How many percent of the runs held, failed, pushed or touched their object."""
-    rows = []
-    for name, is_so in _SHARES.items():
-        found = [(so, run["object"]) for run in records if (so := is_so(run)) is not None]
-        if found:
-            rows.append(_percent(name, preset, *zip(*found, strict=True)))
+    """Shares of runs: those of the metrics, and of runs with an error."""
+    broken = [run["error"] is not None for run in records]
+    rows = [_percent("failed_percent", preset, broken, [run["object"] for run in records])]
+    for name, metric in METRICS.items():
+        for figure in metric.rows:
+            present = _present(name, records)
+            if present and figure.over is Over.SHARE:
+                values, objects = zip(*present, strict=True)
+                true = [value > figure.above for value in values]
+                rows.append(_percent(figure.name, preset, true, objects))
     return rows
 
 
@@ -168,9 +151,10 @@ def _mean_row(name: str, preset: str, records: Sequence[Record]) -> list[Row]:
     if not present:
         return []
     values, objects = zip(*present, strict=True)
-    metric = METRICS.get(name, Metric("1", 0.0))
-    estimate = mean_of_objects(values, objects, metric.lower, metric.upper)
-    return [Row.of(f"dynamic.{name}", preset, estimate, metric.unit)]
+    metric = METRICS.get(name)
+    bounds = (metric.lower, metric.upper) if metric else (0.0, math.inf)
+    estimate = mean_of_objects(values, objects, *bounds)
+    return [Row.of(f"dynamic.{name}", preset, estimate, FIGURES[name].unit)]
 
 
 def _present(name: str, records: Sequence[Record]) -> list[tuple[float, str]]:
@@ -181,11 +165,6 @@ def _present(name: str, records: Sequence[Record]) -> list[tuple[float, str]]:
 
 def _percent(name: str, preset: str, outcomes: Sequence[bool], objects: Sequence[str]) -> Row:
     return Row.of(f"dynamic.{name}", preset, share_of_objects(outcomes, objects), "%", 100.0)
-
-
-def _exceeds(run: Record, name: str, limit: float) -> bool | None:
-    value = run["metrics"].get(name)
-    return None if value is None else value > limit
 
 
 def format_table(rows: Sequence[Row]) -> str:

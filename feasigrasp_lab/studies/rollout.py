@@ -95,7 +95,7 @@ def summary_rows(records: dict[str, list[Record]]) -> list[Row]:
         for name in runs[0]:
             values = [run[name] for run in runs if isinstance(run[name], float)]
             metric = ROLLOUT_METRICS.get(name)
-            if values and name != "grasp_held" and not name.startswith("object_end"):
+            if values and (metric is None or metric.averaged):
                 bounds = (metric.lower, metric.upper) if metric else (0.0, float("inf"))
                 unit = metric.unit if metric else "s"
                 rows.append(Row.of(f"rollout.{name}", preset, mean(values, *bounds), unit))

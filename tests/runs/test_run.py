@@ -18,7 +18,8 @@ from feasigrasp.models.control.status import StatusCode
 from feasigrasp.models.faults.object import ObjectMoved
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.metrics.cause import Cause
-from feasigrasp.runs.metrics.run_metrics import METRICS, summarize
+from feasigrasp.runs.metrics.run_metrics import summarize
+from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.results.rows import write_json
 from feasigrasp.runs.run import crash_record, run
 from feasigrasp.scenario.files import load_scenario, parse_scenario, scenario_names

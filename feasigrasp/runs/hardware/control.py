@@ -17,7 +17,7 @@ from feasigrasp.errors import HardwareError
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.one_thread import one_thread
 from feasigrasp.runs.console import StatusLine, progress
-from feasigrasp.runs.metrics.run_metrics import METRICS
+from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.runs.results.interrupts import postponed_interrupt
 from feasigrasp.runs.run import INTERRUPTED, Result, crash_record, status_history
 from feasigrasp.scenario.schema import Scenario

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from feasigrasp.runs.metrics.handling import (
     pushed_metrics,
 )
 from feasigrasp.runs.metrics.motion_limits import JointTicks, limit_metrics
+from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.systems.metrics import SAMPLE_NAMES, SAMPLE_PERIOD
 
 #: A grasp is tracked while the hand is closer to it than this [m], [rad].
@@ -87,72 +87,6 @@ def _same(X_OA: Array, X_OB: Array) -> bool:
     return moved < SAME_POSITION and float(se3.rotation_angle(X_AB[:3, :3])) < SAME_ANGLE
 
 
-@dataclass(frozen=True)
-class Metric:
-    """What is known of a metric beforehand.
-
-    Attributes:
-        unit: Its unit; ``bool`` for what is true or false, ``text`` for what is a word.
-        lower: Its smallest possible value.
-        upper: Its largest possible value.
-    """
-
-    unit: str
-    lower: float = -math.inf
-    upper: float = math.inf
-
-
-#: Every metric of a run, in the order of the record.
-METRICS: dict[str, Metric] = {
-    "self_collision_percent": Metric("%", 0.0, 100.0),
-    "joint_limit_violation_percent": Metric("%", 0.0, 100.0),
-    "velocity_limit_violation_percent": Metric("%", 0.0, 100.0),
-    "acceleration_limit_violation_percent": Metric("%", 0.0, 100.0),
-    "manipulability_mean": Metric("m^3", 0.0),
-    "gripper_object_distance_cm_mean": Metric("cm", 0.0),
-    "gripper_object_distance_cm_median": Metric("cm", 0.0),
-    "grasp_position_error_mm_median": Metric("mm", 0.0),
-    "grasp_angle_error_deg_median": Metric("deg", 0.0, 180.0),
-    "tracked_percent": Metric("%", 0.0, 100.0),
-    "settling_time_s": Metric("s", 0.0),
-    "grasp_switches": Metric("1", 0.0),
-    "no_grasp_percent": Metric("%", 0.0, 100.0),
-    "self_distance_min_mm": Metric("mm"),
-    "limit_margin_min_deg": Metric("deg"),
-    "velocity_peak_percent": Metric("%", 0.0),
-    "acceleration_peak_percent": Metric("%", 0.0),
-    "obstacle_distance_min_mm": Metric("mm"),
-    "friction": Metric("1", 0.0),
-    "view_faults": Metric("1", 0.0),
-    "grasp_age_s_mean": Metric("s", 0.0),
-    "grasp_age_s_max": Metric("s", 0.0),
-    "pushed_mm": Metric("mm", 0.0),
-    "pushed_deg": Metric("deg", 0.0, 180.0),
-    "contact_force_peak_n": Metric("N", 0.0),
-    "contact_time_percent": Metric("%", 0.0, 100.0),
-    "closing_speed_m_s": Metric("m/s", 0.0),
-    "grasp_held": Metric("bool"),
-    "held_after_s": Metric("s", 0.0),
-    "cause": Metric("text"),
-    "slip_mm": Metric("mm", 0.0),
-    "turn_deg": Metric("deg", 0.0, 180.0),
-    "lift_cm": Metric("cm"),
-    "object_end_x_m": Metric("m"),
-    "object_end_y_m": Metric("m"),
-    "object_end_z_m": Metric("m"),
-    "true_acceleration_peak_percent": Metric("%", 0.0),
-    "torque_limit_violation_percent": Metric("%", 0.0, 100.0),
-    "torque_peak_percent": Metric("%", 0.0),
-    "control_ms_p99": Metric("ms", 0.0),
-    "control_ms_worst": Metric("ms", 0.0),
-    "control_cpu_ms_worst": Metric("ms", 0.0),
-    "planning_ms_median": Metric("ms", 0.0),
-    "planning_ms_p99": Metric("ms", 0.0),
-    "planning_ms_worst": Metric("ms", 0.0),
-    "planning_cpu_ms_worst": Metric("ms", 0.0),
-}
-
-
 #: A metric of one run; None where it does not apply.
 Value = float | bool | str | None
 
@@ -165,7 +99,7 @@ def summarize(
     obstacle_distance: Array | None = None,
     truth: ObjectTruth | None = None,
 ) -> dict[str, Value]:
-    """The metrics of one run; ``docs/results_schema.md`` defines every one.
+    """The metrics of one run; `METRICS` defines every one.
 
     Args:
         samples: One row per entry of `SAMPLE_NAMES`, one column per sample, shape (s, n).

@@ -10,7 +10,8 @@ from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.runs.metrics.handling import ObjectTruth
 from feasigrasp.runs.metrics.motion_limits import JointTicks
-from feasigrasp.runs.metrics.run_metrics import METRICS, summarize
+from feasigrasp.runs.metrics.run_metrics import summarize
+from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.systems.metrics import SAMPLE_NAMES, Metrics
 
 A, C, L, S, H, D = (int(phase) for phase in Phase)
