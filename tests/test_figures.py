@@ -1,170 +1,174 @@
-"""Figures in README and docs are those of stored summaries, and every figure has a source."""
+"""Measured figures of README and docs are those of the stored rows."""
 
 import json
 import re
+from pathlib import Path
 
 import pytest
+import yaml
 
-from tools import figures
-from tools.figures import SUMMARIES, FigureError, pages, read_rows, store, unmarked, updated
+from tools.figures import PAGES, TABLES, counted_to, filled, made
+from tools.stored import ROOT, STORE, FigureError, commit_of, names, read, store
 
-STORED = sorted(SUMMARIES.glob("*.json"))
+SPEC = yaml.safe_load(TABLES.read_text())
 
 
-@pytest.mark.parametrize("page", pages(), ids=lambda p: p.name)
-def test_figures_are_those_of_the_stored_summaries(page):
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_tables_of_a_page_are_those_of_the_stored_rows(page):
     text = page.read_text()
-    assert text == updated(text), "run python tools/figures.py, and read what changed"
+    assert filled(text, *counted_to(text)) == text, "run python tools/figures.py"
 
 
-@pytest.mark.parametrize("page", pages(), ids=lambda p: p.name)
-def test_every_figure_says_where_it_comes_from(page):
-    found = [f"line {line}, {heading}: {n}" for heading, line, n in unmarked(page.read_text())]
-    assert not found, (
-        f"{page.name}: figures without a source; docs/developing.md says how to mark one\n"
-        + "\n".join(found)
+def test_a_changed_figure_and_a_changed_age_are_found():
+    text = PAGES[0].read_text()
+    commit, date = counted_to(text)
+    assert (
+        filled(text.replace("93.1 (", "94.1 ("), commit, date) == text != filled(text, 9999, date)
     )
 
 
-@pytest.mark.parametrize("file", STORED, ids=lambda p: p.stem)
-def test_stored_summaries_are_whole(file):
-    summary = json.loads(file.read_text())
-    assert not summary.get("quick")
-    assert re.fullmatch(r"[0-9a-f]{7,40}", summary["git"])
-    assert "/" not in re.sub(r"\.\./shared/data/\w+", "", summary["command"]), "a private path"
-    keys = [(row["name"], row["preset"]) for row in summary["rows"]]
-    assert len(set(keys)) == len(keys)
+def test_every_table_is_on_a_page():
+    text = "".join(page.read_text() for page in PAGES)
+    assert set(re.findall(r"<!-- table: (\w+) -->", text)) == set(SPEC)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_measured_figures_stand_in_tables_only(page):
+    """Shares, computing times and frequencies in prose are those of a definition."""
+    text = re.sub(r"<!-- table.*?<!-- end -->|```.*?```", "", page.read_text(), flags=re.DOTALL)
+    text = text.replace("95 % interval", "")
+    assert not re.findall(r"\d\s?(?:%|ms\b|[uµ]s\b|k?Hz\b)|\d of \d|\d runs", text)
+
+
+def test_readme_is_right_that_no_limit_was_violated():
+    """Where the rows have limits; those of processes have the count of runs that broke one."""
+    limits = ("joint", "velocity", "acceleration", "torque")
+    for line in SPEC["summary"]["lines"]:
+        (source,) = line.values()
+        stored = read(source.split()[0])
+        rows = stored.rows.values()
+        violated = {
+            row.name: row.value
+            for row in rows
+            if row.name in [f"dynamic.{limit}_limit_violation_percent" for limit in limits]
+            or (row.name, row.preset) == ("hardware.limits_broken", "processes")
+        }
+        assert violated and not any(violated.values()), (source, violated)
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_stored_file_says_where_it_comes_from(name):
+    stored = read(name)
+    assert re.fullmatch(r"[0-9a-f]{7,40}", stored.git) and stored.commit > 0
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", stored.date)
+    assert {"cpus", "system", "potrf_1024_ms"} <= set(stored.more["machine"])
+    assert "conditions" in stored.more or not name.startswith(("dynamic_", "static_"))
+    assert "/" not in re.sub(r"\.\./shared/data/\w+", "", stored.command), "a private path"
+    assert "quick" not in stored.more
+
+
+def row(name, preset, value, low=None, high=None, unit="%", n=54):
+    return dict(name=name, preset=preset, value=value, low=low, high=high, unit=unit, n=n)
 
 
 ROWS = [
-    {"name": "held", "preset": "A/task", "value": 98.149, "low": 93.5, "high": 99.5, "n": 108},
-    {"name": "held", "preset": "A/joint", "value": 97.0, "low": None, "high": None, "n": 54},
-    {"name": "rate", "preset": "new ones", "value": 85321.0, "low": None, "high": None, "n": 9},
-    {"name": "rest", "preset": "A/task", "value": -1e-12, "low": None, "high": None, "n": 9},
-    {"name": "small", "preset": "A/task", "value": 1.234e-10, "low": None, "high": None, "n": 9},
+    row("dynamic.held_percent", "all/task/safe", 98.149, 93.5, 99.5),
+    row("dynamic.held_percent", "all/joint/safe", 100.0),
+    row("dynamic.cause.slipped_percent", "all/task/safe", 100.0 / 54),
+    row("dynamic.cause.slipped_percent", "all/joint/safe", 0.0),
+    row("dynamic.held_percent", "ReachLinear/task/safe", 98.149),
+    row("dynamic.held_percent", "ReachLinear/task/safe/soup_can", 50.0, n=2),
+    row("dynamic.held_percent", "all/task/safe/soup_can", 50.0, n=2),
+    row("dynamic.manipulability_mean", "ReachLinear/task/safe/soup_can", 0.1),
+    row("dynamic.lift_cm", "all/task/safe", 9.0, unit="cm"),
+    row("dynamic.slip_mm", "all/task/safe", -1e-12, unit="mm"),
+    row("dynamic.held_percent", "ReachLinear-ideal/task/safe", 90.0),
+    row("dynamic.held_percent", "all-ideal/task/safe", 90.0),
+    row("dynamic.held_percent", "circle/0.3", 90.0),
+    row("dynamic.held_percent", "all-at-0.3/task/safe", 90.0),
+    row("bench.task_hz.1", "default", 58029.4, unit="Hz", n=7),
+    row("bench.task_hz.1", "peer:numpy", 6187.6, unit="Hz", n=7),
 ]
+SUMMARY = {"command": "feasigrasp x --out out/x --jobs 2 --seed 3", "seed": 3}
 
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "made_up.json").write_text(json.dumps({"rows": ROWS}))
+    head = commit_of("HEAD")[0]
+    (tmp_path / "s.json").write_text(json.dumps(SUMMARY | {"git": "HEAD", "rows": ROWS}))
+    store("made_up", tmp_path / "s.json", tmp_path)
+    assert read("made_up", tmp_path).commit == head
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        ("97 %<!-- made_up: held A/task -->", "98 %<!-- made_up: held A/task -->"),
-        ("**97.0** %<!-- made_up: held A/task -->", "**98.1** %<!-- made_up: held A/task -->"),
-        ("1 (2<!-- made_up: held[low] A/task -->)", "1 (94<!-- made_up: held[low] A/task -->)"),
-        (
-            "of 7<!-- made_up: held[n] A/task --> runs",
-            "of 108<!-- made_up: held[n] A/task --> runs",
-        ),
-        ("1.0 kHz<!-- made_up: rate new ones * 1e-3 -->",) * 2,
-        ("1,000<!-- made_up: rate new ones -->", "85,321<!-- made_up: rate new ones -->"),
-        ("10 000<!-- made_up: rate new ones -->", "85 321<!-- made_up: rate new ones -->"),
-        ("0.1 s<!-- made_up: rest A/task -->", "0.0 s<!-- made_up: rest A/task -->"),
-        ("1.0e-9<!-- made_up: small A/task -->", "1.2e-10<!-- made_up: small A/task -->"),
-    ],
-)
-def test_a_marked_number_becomes_that_of_its_row(before, after, folder):
-    if before == after:
-        after = before.replace("1.0", "85.3")
-    assert updated(before, folder) == after
-    assert updated(after, folder) == after
+def lines(table, folder, commit=0):
+    text = made(table, commit, folder)
+    return [line.strip("| ").split(" | ") for line in text.splitlines() if "|" in line][2:]
 
 
-@pytest.mark.parametrize(
-    ("mark", "message"),
-    [
-        ("nowhere: held A/task", "store it"),
-        ("made_up: lost A/task", "no row lost .*none"),
-        ("made_up: held B/task", "no row held .*A/task, A/joint"),
-        ("made_up: held[low] A/joint", "has no low"),
-    ],
-)
-def test_a_mark_without_a_row_is_an_error(mark, message, folder):
-    with pytest.raises(FigureError, match=message):
-        updated(f"98 %<!-- {mark} -->", folder)
-
-
-def test_a_table_is_made_of_its_template(folder):
-    template = """<!-- table: made_up
-| which | held | runs |
-| {0}, `{1}` | {held:.1f} % | {held[n]:.0f} |
-A/task
-A/joint
-| rate | {rate new ones * 1e-3:.1f} kHz | {rate[n] new ones:.0f} |
--->
-{body}<!-- table: end -->"""
-    made = updated(template.replace("{body}", "stale\n"), folder)
-    assert made.split("-->\n")[1].split("<!--")[0].strip().splitlines() == [
-        "| which | held | runs |",
-        "|---|---|---|",
-        "| A, `task` | 98.1 % | 108 |",
-        "| A, `joint` | 97.0 % | 54 |",
-        "| rate | 85.3 kHz | 9 |",
+def test_a_table_by_preset(folder):
+    table = {
+        "columns": "held_percent, slip = slip_mm, failures, failed objects, runs",
+        "lines": [{"{1} of {0:a}": "made_up all/*/safe"}],
+    }
+    assert lines(table, folder) == [
+        ["task of ll", "98.1 (94 - 100)", "0.0", "slipped 1", "soup can 1", "54"],
+        ["joint of ll", "100.0", "-", "none", "none", "54"],
     ]
-    assert updated(made, folder) == made
-    assert not unmarked(made)
+    heads = made(table, 0, folder).splitlines()[0]
+    assert "grasp success [%] `held_percent` | slip `slip_mm`" in heads
 
 
-def test_the_report_of_stored_summaries_is_made(folder):
-    rows = [{**row, "unit": "%"} for row in ROWS]
-    summary = {"command": "feasigrasp x", "git": "abc", "seed": 0, "versions": {}, "rows": rows}
-    (folder / "made_up.json").write_text(json.dumps(summary))
-    page = "<!-- report of: made_up -->\n<!-- report: begin --><!-- report: end -->\nafter\n"
-    made = updated(page, folder)
-    assert "| `held` | A/task | 98.15 | [93.5, 99.5] | % | 108 |" in made
-    assert made.endswith("<!-- report: end -->\nafter\n")
-    assert updated(made, folder) == made
-    assert not unmarked(made)
+def test_a_table_by_row_and_figures_side_by_side(folder):
+    table = {
+        "presets": "paper, ours = default, peers = peer:*",
+        "lines": [{"one": "paper bench.task_hz.1 + made_up bench.task_hz.1"}],
+    }
+    assert lines(table, folder) == [
+        ["one `bench.task_hz.1`", "107 Hz", "58,029 Hz", "numpy 6,188 Hz"]
+    ]
+    both = {"columns": "held_percent", "lines": ["made_up circle/0.3 + made_up all/joint/safe"]}
+    assert lines(both, folder) == [["circle/0.3", "90.0 / 100.0"]]
 
 
-def test_what_is_no_figure_is_not_found():
-    text = """# Page
-
-It takes 3 ms, in 98.1 % of 5 runs, once in 3 of 18, and 2 s<!-- set --> are set.
-`l = 0.3 m`, [a link](https://arxiv.org/abs/2311.02576), 2024, section 5, joint 7,
-12 mm<!-- made_up: held A/task -->
-
-```
-runs for 5 s
-```
-
-| a | b |
-|---|---|
-| x | 1.5 |
-
-## Protocol
-
-<!-- settings -->
-
-Lifts for 2 s.
-
-## Results
-
-Held 90 %.
-"""
-    assert [figure for *_, figure in unmarked(text)] == ["3 ms", "98.1 %", "3 of 18", "1.5", "90 %"]
-    assert not unmarked("# Page\n\n<!-- settings -->\n\n5 s\n\n## More\n\n6 s\n")
+def test_revision_and_age_stand_below_or_in_a_column(folder):
+    stored = read("made_up", folder)
+    table = {"columns": "held_percent", "lines": ["made_up circle/0.3"]}
+    text = made(table, stored.commit + 12, folder)
+    assert text.endswith(f"\n\n`made_up`: {stored.git[:7]}, age 12.")
+    column = made(table | {"columns": "runs, revision and age"}, stored.commit + 12, folder)
+    assert column.endswith(f"| {stored.git[:7]}, age 12 |")
 
 
-def test_only_what_can_be_relied_on_is_stored(tmp_path):
-    file = tmp_path / "summary.json"
-    summary = {"command": "feasigrasp x --out out/x --jobs 2 --seed 0", "git": "abc1234"}
+@pytest.mark.parametrize("source", ["nowhere all/*/safe", "made_up all/lost/safe"])
+def test_what_is_not_stored_is_an_error(folder, source):
+    with pytest.raises(FigureError, match=r"not stored|neither row nor preset"):
+        made({"columns": "held_percent", "lines": [source]}, 0, folder)
 
-    def written(**changes):
-        file.write_text(json.dumps({**summary, "rows": ROWS, **changes}))
-        return file
 
-    for changes in ({"quick": True}, {"git": "abc1234-dirty"}, {"git": None}):
-        with pytest.raises(FigureError):
-            store("x", written(**changes), tmp_path)
-    stored = store("x", written(), tmp_path / "summaries")
-    content = json.loads(stored.read_text())
-    assert content == {**summary, "command": "feasigrasp x --seed 0", "rows": ROWS}
-    assert len(stored.read_text().splitlines()) < len(ROWS) + 8
-    assert read_rows("x", stored.parent)["held", "A/joint"]["n"] == 54
-    assert figures.SUMMARIES.name == "summaries"
+def test_rows_of_groups_are_stored_and_of_objects_only_success(folder):
+    stored = read("made_up", folder)
+    left_out = {
+        ("dynamic.held_percent", "all/task/safe/soup_can"),
+        ("dynamic.manipulability_mean", "ReachLinear/task/safe/soup_can"),
+        ("dynamic.lift_cm", "all/task/safe"),
+        ("dynamic.held_percent", "ReachLinear-ideal/task/safe"),
+        ("dynamic.held_percent", "all-at-0.3/task/safe"),
+    }
+    assert set(stored.rows) == {(r["name"], r["preset"]) for r in ROWS} - left_out
+    assert stored.rows["bench.task_hz.1", "default"].value == 58029.0  # five digits
+    assert stored.command == "feasigrasp x --seed 3"
+
+
+@pytest.mark.parametrize(
+    "change", [{"quick": True}, {"partial": True}, {"git": "abc1234-dirty"}, {"git": None}]
+)
+def test_samples_and_changed_checkouts_are_not_stored(tmp_path, change):
+    file = Path(tmp_path / "s.json")
+    file.write_text(json.dumps(SUMMARY | {"git": "HEAD", "rows": ROWS} | change))
+    with pytest.raises(FigureError):
+        store("x", file, tmp_path)
+
+
+def test_the_store_is_package_data():
+    assert STORE.is_relative_to(ROOT / "feasigrasp_lab") and len(names()) > 30

@@ -1,7 +1,6 @@
 """The documentation site is built without a warning, and its notebook runs."""
 
 import html
-import json
 import os
 import re
 import subprocess
@@ -12,6 +11,7 @@ import pytest
 from nbclient import NotebookClient
 
 from tools.constants import constants
+from tools.stored import names, read
 
 
 def test_site_is_built_without_warnings(repository, tmp_path):
@@ -34,9 +34,9 @@ def test_site_is_built_without_warnings(repository, tmp_path):
         assert f'href="{page}/"' in start
     results = (site / "all_results.html").read_text()
     assert 'href="../all_results.html"' in (site / "report" / "index.html").read_text()
-    for summary in repository.glob("docs/summaries/*.json"):
-        if summary.name.startswith(("static_", "dynamic_")):
-            assert html.escape(json.loads(summary.read_text())["command"]) in results, summary
+    for name in names():
+        if name.startswith(("static_", "dynamic_")):
+            assert html.escape(read(name).command) in results, name
     docstrings = (site / "docstrings" / "index.html").read_text()
     assert "complete_shape" in docstrings and "Fits" in re.sub("<[^>]+>", "", docstrings)
 

@@ -1,249 +1,232 @@
-"""Figures in README and docs that come from stored summaries; ``docs/developing.md`` says how.
+"""Measured figures of README and docs, from the rows in ``feasigrasp_lab/results``.
 
-``python tools/figures.py`` writes the figures and tables of all pages anew from the summaries in
-``docs/summaries``; ``python tools/figures.py store NAME FILE`` stores the ``summary.json`` of a
-command there. A test compares the pages with the summaries, and looks for figures without a mark.
+``python tools/figures.py`` fills the tables of the pages; ``python tools/figures.py store NAME
+FILE`` stores the ``summary.json`` of a command first. A page has a table between the comments
+``<!-- table: NAME -->`` and ``<!-- end -->``; ``tools/tables.yaml`` says what is in it:
+
+- ``columns``: rows of summaries, with ``HEADING =`` before where it is not their standard term, or
+  one of `VIRTUAL`. Each of the ``lines`` is a stored file and a preset, which may have wildcards.
+- or ``presets``: columns are presets, and each of the ``lines`` is a stored file and a row.
+
+A line has a label if it is not the preset. ``{1}`` in it is the second part of the preset, and
+``{0:all-}`` the first one without this beginning. ``+`` puts several figures into one cell. Below a
+table stand revision and age, unless there is a column for those.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
-import tempfile
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-from feasigrasp_lab.report import markdown_report
+import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
-SUMMARIES = ROOT / "docs" / "summaries"
+from feasigrasp.runs.metrics.table import FIGURES, UNITLESS
+from tools.stored import ROOT, STORE, FigureError, Stored, commit_of, read, store
 
-NUMBER = r"(?<![\w.,-])-?(?:\d{1,3}(?:[ ,]\d{3})+(?:\.\d+)?|\d+(?:\.\d+)?(?:e-?\d+)?)"
-#: A figure of a summary: row, which entry of it, preset, factor to the unit of the text.
-CELL = r"([\w.]+)(?:\[(low|high|n)\])?(?: ([^*{}<>]+?))?(?: \* ([\d.e-]+))?"
-#: A number, its unit, and the comment that says where it comes from.
-MARK = re.compile(rf"({NUMBER})([^\d\n|<]{{0,14}})<!-- (\w+): {CELL} -->")
-#: A table that is made: names of summaries, and the lines that it is made by.
-TABLE = re.compile(r"(<!-- table: ([\w, ]+)\n(.*?)\n-->\n).*?(<!-- table: end -->)", re.DOTALL)
-#: The section that `feasigrasp report` writes, below the names of the summaries that it reads.
-REPORT = re.compile(
-    r"<!-- report of: ([\w, ]+) -->\n<!-- report: begin -->.*?<!-- report: end -->", re.DOTALL
-)
-CODE = re.compile(r"(^```.*?^```)", re.DOTALL | re.MULTILINE)
-
-Rows = Mapping[tuple[str, str], Mapping[str, Any]]
+PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md")
+TABLES = Path(__file__).with_name("tables.yaml")
+_TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_AGES = re.compile(r"Ages are in commits before number (\d+), of ([\d-]+)\.")
 
 
-class FigureError(ValueError):
-    """A mark or a table that names what no stored summary has."""
-
-
-def pages() -> list[Path]:
-    """Those that have measured figures."""
-    return [ROOT / "README.md", ROOT / "docs" / "results.md", ROOT / "docs" / "results_schema.md"]
-
-
-def read_rows(names: str, folder: Path = SUMMARIES) -> dict[tuple[str, str], dict[str, Any]]:
-    """Rows of stored summaries, by name and preset.
+def filled(text: str, commit: int, date: str) -> str:
+    """A page with its tables from the stored rows.
 
     Args:
-        names: Names of the summaries, separated by commas.
-        folder: Where they are stored.
+        text: The page.
+        commit: The commit that ages are counted to.
+        date: Its date.
+    """
+    tables = yaml.safe_load(TABLES.read_text())
+
+    def table(match: re.Match[str]) -> str:
+        if match[2] not in tables:
+            raise FigureError(f"{TABLES} has no table {match[2]}")
+        return f"{match[1]}\n{made(tables[match[2]], commit)}\n\n{match[3]}"
+
+    text = _AGES.sub(f"Ages are in commits before number {commit}, of {date}.", text)
+    return _TABLE.sub(table, text)
+
+
+def made(table: Mapping[str, Any], commit: int, folder: Path = STORE) -> str:
+    """A table by its entry in `TABLES`.
 
     Raises:
-        FigureError: One of them is not there.
+        FigureError: It names what is not stored.
     """
-    rows = {}
-    for name in (part.strip() for part in names.split(",")):
-        file = folder / f"{name}.json"
-        if not file.exists():
-            raise FigureError(f"there is no {file}: store it by tools/figures.py store {name} FILE")
-        for row in json.loads(file.read_text())["rows"]:
-            rows[row["name"], row["preset"]] = row
-    return rows
+    sources: dict[str, Stored] = {}
+    lines = list(_lines(table["lines"], sources, folder))
+    make = _by_preset if "columns" in table else _by_row
+    rows = make((table.get("columns") or table["presets"]).split(", "), lines, commit)
+    text = _markdown(rows)
+    if "revision and age" not in rows[0]:
+        ages: dict[str, list[str]] = {}
+        for name, source in sources.items():
+            ages.setdefault(source.age(commit), []).append(f"`{name}`")
+        text += "\n\n" + "; ".join(f"{', '.join(of)}: {age}" for age, of in ages.items()) + "."
+    return text
 
 
-def look_up(rows: Rows, row: str, field: str | None, preset: str, factor: str | None) -> float:
-    """One figure, in the unit of the text.
-
-    Raises:
-        FigureError: There is none of that name, or it has no such entry.
-    """
-    found = rows.get((row, preset))
-    if found is None:
-        presets = ", ".join(p for name, p in rows if name == row) or "none"
-        raise FigureError(f"no row {row} with preset '{preset}' is stored (presets: {presets})")
-    value = found[field or "value"]
-    if value is None:
-        raise FigureError(f"row {row} with preset '{preset}' has no {field}")
-    return float(value) * float(factor or 1.0)
-
-
-def printed_like(text: str, value: float) -> str:
-    """A value with as many digits as a number in a text, and its separator of thousands."""
-    mantissa, _, exponent = text.partition("e")
-    digits = len(mantissa.partition(".")[2])
-    if exponent:
-        head, _, tail = f"{value:.{digits}e}".partition("e")
-        return f"{head}e{int(tail)}"
-    separator = next((s for s in (",", " ") if s in text), "")
-    # Adding zero makes -0.0 zero.
-    return f"{round(value, digits) + 0.0:,.{digits}f}".replace(",", separator)
-
-
-def update_marks(text: str, folder: Path = SUMMARIES) -> str:
-    """A page with every marked number as its summary has it."""
-
-    def renewed(match: re.Match[str]) -> str:
-        number, unit, summary, row, field, preset, factor = match.groups()
-        value = look_up(read_rows(summary, folder), row, field, preset or "", factor)
-        return match[0].replace(number, printed_like(number, value), 1)
-
-    return MARK.sub(renewed, text)
-
-
-def update_tables(text: str, folder: Path = SUMMARIES) -> str:
-    """A page with every table between its comments made anew."""
-
-    def renewed(match: re.Match[str]) -> str:
-        rows = read_rows(match[2], folder)
-        return f"{match[1]}\n{made_table(match[3], rows)}\n\n{match[4]}"
-
-    return TABLE.sub(renewed, text)
-
-
-def made_table(template: str, rows: Rows) -> str:
-    """A table by its template.
-
-    The first line is the head. Every other line that begins with ``|`` is a template for the
-    presets that are named below it, one a line; without any it stands for itself. ``{preset}`` is
-    replaced by the preset, ``{0}``, ``{1}`` by its parts between slashes, and ``{row:format}`` or
-    ``{row[low] another preset * factor:format}`` by a figure.
-    """
-    head, *rest = template.splitlines()
-    lines = [head, "|" + "---|" * (head.count("|") - 1)]
-    for number, line in enumerate(rest):
-        if line.startswith("|"):
-            below = rest[number + 1 :]
-            count = next((k for k, other in enumerate(below) if other.startswith("|")), len(below))
-            lines += [_filled(line, preset, rows) for preset in below[:count] or [""]]
-    return "\n".join(lines)
-
-
-def _filled(line: str, preset: str, rows: Rows) -> str:
-    line = line.replace("{preset}", preset)
-    line = re.sub(r"\{(\d)\}", lambda m: preset.split("/")[int(m[1])], line)
-
-    def cell(match: re.Match[str]) -> str:
-        row, field, other, factor, form = match.groups()
-        return format(look_up(rows, row, field, other or preset, factor), form)
-
-    return re.sub(rf"\{{{CELL}:([^{{}}:]+)\}}", cell, line)
-
-
-def update_report(text: str, folder: Path = SUMMARIES) -> str:
-    """A page with the section that ``feasigrasp report`` writes made anew."""
-    match = REPORT.search(text)
+def counted_to(text: str) -> tuple[int, str]:
+    """The commit that the ages of a page are counted to, and its date."""
+    match = _AGES.search(text)
     if match is None:
-        return text
-    with tempfile.TemporaryDirectory() as place:
-        page, results = Path(place) / "page.md", Path(place) / "results"
-        page.write_text(text)
-        for name in match[1].split(", "):
-            read_rows(name, folder)  # says what is missing
-            (results / name).mkdir(parents=True)
-            content = (folder / f"{name}.json").read_text()
-            (results / name / "summary.json").write_text(content)
-        markdown_report.main(argparse.Namespace(folder=results, into=page, html=False))
-        return page.read_text()
+        raise FigureError("the page does not say 'Ages are in commits before number N, of DATE.'")
+    return int(match[1]), match[2]
 
 
-def updated(text: str, folder: Path = SUMMARIES) -> str:
-    """A page as the summaries have it; code in it stays as it is."""
-    parts = CODE.split(update_report(text, folder))
-    for k in range(0, len(parts), 2):  # code stands between
-        parts[k] = update_tables(update_marks(parts[k], folder), folder)
-    return "".join(parts)
+#: A line of a table: label, and the files and presets, or rows, whose figures share its cells.
+_Line = tuple[str, list[tuple[Stored, str]]]
 
 
-def store(name: str, file: Path, folder: Path = SUMMARIES) -> Path:
-    """Stores a summary, one row a line, without what is no condition of the result.
+class _Part(str):
+    """A part of a preset, in a label: its format is a beginning that is left out."""
 
-    Raises:
-        FigureError: It is a quick sample, or of a checkout with changes: nothing to rely on.
-    """
-    summary = json.loads(file.read_text())
-    if summary.get("quick"):
-        raise FigureError(f"{file} is a quick sample; run the command without --quick")
-    if not summary["git"] or summary["git"].endswith("-dirty"):
-        raise FigureError(f"{file} is of revision {summary['git']}; commit, then measure")
-    summary["command"] = re.sub(r" --(out|jobs) \S+", "", summary["command"])
-    rows = ",\n  ".join(json.dumps(row) for row in summary.pop("rows"))
-    head = json.dumps(summary, indent=1).removesuffix("\n}")
-    folder.mkdir(exist_ok=True)
-    stored = folder / f"{name}.json"
-    stored.write_text(f'{head},\n "rows": [\n  {rows}\n ]\n}}\n')
-    return stored
+    def __format__(self, beginning: str) -> str:
+        return self.removeprefix(beginning)
 
 
-#: What makes a number a figure: its unit, or that it counts so many of so many.
-UNITS = (
-    r"%|[kM]?Hz|[mµu]?s|ms|minutes|hours|[kMG]i?B|mm|cm|m|mm/s|m/s|m²|m³|rad|rad/s|deg|degrees|°"
-    r"|N|Nm|kg|g|times|of \d+"
-)
-FIGURE = re.compile(rf"{NUMBER}\s?(?:{UNITS})(?![\w/])")
-#: What is no figure of ours: code, links, what is made or marked, and numbers said to be settings.
-NO_FIGURE = (
-    CODE,
-    REPORT,
-    TABLE,
-    MARK,
-    re.compile(rf"{NUMBER}[^\d\n|<]{{0,14}}<!-- set -->"),
-    re.compile(r"`[^`]*`"),
-    re.compile(r"\[[^\]\n]*\]\([^)]*\)"),
-    re.compile(r"<!--.*?-->", re.DOTALL),
-    re.compile(r"\b(?:19|20)\d\d\b"),
-)
-SETTINGS = "<!-- settings -->"
+def _lines(
+    lines: Iterable[str | Mapping[str, str]], sources: dict[str, Stored], folder: Path
+) -> Iterator[_Line]:
+    """The lines of a table; files that they are from are added to ``sources``."""
+    for line in lines:
+        ((label, what),) = line.items() if isinstance(line, Mapping) else [("", line)]
+        matches = []
+        for part in what.split(" + "):
+            name, _, pattern = part.partition(" ")
+            stored = sources.setdefault(name, read(name, folder))
+            there = dict.fromkeys(word for key in stored.rows for word in key)
+            found = [w for w in there if fnmatch(w, pattern) and w.count("/") == pattern.count("/")]
+            if not found:
+                raise FigureError(f"{name} has neither row nor preset {pattern}")
+            matches.append([(stored, word) for word in found])
+        for cells in zip(*matches, strict=True):
+            word = cells[0][1]
+            parts = map(_Part, word.split("/"))
+            yield label.format(*parts) or word.removesuffix("/safe"), list(cells)
 
 
-def unmarked(text: str) -> list[tuple[str, int, str]]:
-    """Measured figures of a page that neither have a mark nor are in a table that is made.
-
-    Numbers with a unit, and all numbers in tables, count. Not looked at are code, whatever stands
-    between the line ``<!-- settings -->`` and the next heading (below the page's title: the whole
-    page), and a number behind which a comment ``set`` stands.
-
-    Returns:
-        The heading that each stands below, its line, and what stands there.
-    """
-    text = _without_settings(text)
-    for pattern in NO_FIGURE:
-        text = pattern.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
-    found, heading = [], ""
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.startswith("#"):
-            heading = line.lstrip("# ")
-        pattern = re.compile(NUMBER) if line.startswith("|") else FIGURE
-        found += [(heading, number, match[0]) for match in pattern.finditer(line)]
-    return found
+def _by_preset(columns: list[str], lines: list[_Line], commit: int) -> list[list[str]]:
+    """Columns are rows of summaries."""
+    heads, names = zip(*map(_column, columns), strict=True)
+    table = [["", *heads]]
+    for label, sources in lines:
+        cells = []
+        for name in names:
+            make = VIRTUAL.get(
+                name, lambda stored, preset, _, name=name: _cell(stored, name, preset)
+            )
+            cells.append(" / ".join(make(stored, preset, commit) for stored, preset in sources))
+        table.append([label, *cells])
+    return table
 
 
-def _without_settings(text: str) -> str:
-    """A page with empty lines where its numbers are said to be settings."""
-    kept: list[str] = []
-    whole_page, section, headings, code = False, False, 0, False
-    for line in text.splitlines():
-        code ^= line.startswith("```")
-        if line.startswith("#") and not code:
-            headings, section = headings + 1, False
-        if line.strip() == SETTINGS:
-            whole_page, section = whole_page or headings <= 1, True
-        kept.append("" if whole_page or section else line)
-    return "\n".join(kept)
+def _by_row(columns: list[str], lines: list[_Line], _: int) -> list[list[str]]:
+    """Columns are presets; all that match are in one cell, named if the column has a wildcard."""
+    heads, patterns = zip(*map(_column, columns), strict=True)
+    table = [["", *heads]]
+    for label, sources in lines:
+        cells = []
+        for pattern in patterns:
+            texts = []
+            for stored, name in sources:
+                found = [p for n, p in stored.rows if n == name and fnmatch(p, pattern)]
+                for preset in found:
+                    unit = stored.rows[name, preset].unit
+                    text = f"{_cell(stored, name, preset)} {'' if unit in UNITLESS else unit}"
+                    whose = f"{preset.rpartition(':')[2]} " if "*" in pattern else ""
+                    texts.append(f"{whose}{text}".rstrip())
+            cells.append(", ".join(texts) or "-")
+        table.append([f"{label} `{sources[0][1]}`", *cells])
+    return table
+
+
+def _column(text: str) -> tuple[str, str]:
+    """Heading and name of a column."""
+    head, _, name = text.rpartition(" = ")
+    figure = FIGURES.get(name)
+    if figure is not None or name.startswith("cause."):
+        term = figure.head if figure is not None else name
+        return f"{head or term} `{name}`", f"dynamic.{name}"
+    return (f"{head} `{name}`" if head and "." in name else head or name), name
+
+
+def _cell(stored: Stored, name: str, preset: str) -> str:
+    """A value, for grasp success with its interval."""
+    row = stored.rows.get((name, preset))
+    if row is None:
+        return "-"
+    figure = FIGURES.get(name.removeprefix("dynamic."))
+    if figure is not None:
+        text = figure.text(row.value + 0.0)
+    else:
+        text = f"{row.value:.3g}" if abs(row.value) < 1e3 else f"{row.value:,.0f}"
+    success = name.endswith(".held_percent")
+    return f"{text} ({row.low:.0f} - {row.high:.0f})" if success and row.low is not None else text
+
+
+def _runs(stored: Stored, preset: str, _: int) -> str:
+    """The number of runs."""
+    return str(max(row.n for (_, other), row in stored.rows.items() if other == preset) or "-")
+
+
+def _failures(stored: Stored, preset: str, _: int) -> str:
+    """How many runs failed for each cause."""
+    counts = {
+        name.split(".")[2].removesuffix("_percent").replace("_", " "): row.value * row.n / 100.0
+        for (name, other), row in stored.rows.items()
+        if other == preset and name.split(".")[1] == "cause"
+    }
+    found = sorted(((round(n), cause) for cause, n in counts.items() if n > 0.5), reverse=True)
+    return ", ".join(f"{cause} {n}" for n, cause in found) or ("none" if counts else "-")
+
+
+def _lost(stored: Stored, preset: str, _: int) -> str:
+    """How many grasps of each object failed."""
+    scenario, controller, mode = preset.split("/")
+    pattern = f"{scenario.replace('all', '*')}/{controller.replace('all', '*')}/{mode}/*"
+    counts: Counter[str] = Counter()
+    for (name, other), row in stored.rows.items():
+        if name == "dynamic.held_percent" and fnmatch(other, pattern):
+            counts[other.rpartition("/")[2].replace("_", " ")] += round(
+                row.n * (1 - row.value / 100)
+            )
+    return ", ".join(f"{what} {n}" for what, n in counts.most_common() if n) or "none"
+
+
+def _age(stored: Stored, _: str, commit: int) -> str:
+    return stored.age(commit)
+
+
+def _success(stored: Stored, preset: str, _: int) -> str:
+    """Grasp success of any command."""
+    return next(_cell(stored, *key) for key in stored.rows if _is_success(*key, preset))
+
+
+def _is_success(name: str, other: str, preset: str) -> bool:
+    return name.endswith(".held_percent") and other == preset
+
+
+#: Columns that are no rows of summaries.
+VIRTUAL: dict[str, Callable[[Stored, str, int], str]] = {
+    "grasp success": _success,
+    "runs": _runs,
+    "failures": _failures,
+    "failed objects": _lost,
+    "revision and age": _age,
+}
+
+
+def _markdown(rows: list[list[str]]) -> str:
+    lines = [f"| {' | '.join(cells)} |" for cells in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])
 
 
 def main() -> int:
@@ -256,8 +239,8 @@ def main() -> int:
             if len(words) != 3 or words[0] != "store":
                 parser.error("expected: store NAME FILE")
             print(store(words[1], Path(words[2])))
-        for page in pages():
-            page.write_text(updated(page.read_text()))
+        for page in PAGES:
+            page.write_text(filled(page.read_text(), *commit_of("HEAD")))
     except FigureError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -1,4 +1,4 @@
-"""Writes ``docs/api.md``, the reference: public names, scenario keys and command options.
+"""Writes ``docs/api.md``: public names, scenario keys, command options, metrics; and a schema.
 
 Run ``python tools/make_docs.py`` after a change of any of them; a test compares page and code.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses as dc
+import json
 import re
 import sys
 from collections.abc import Iterator
@@ -17,16 +18,21 @@ from types import ModuleType
 from feasigrasp import cli
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
+from feasigrasp.runs.metrics.table import METRICS
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.parts import PartConfig
 from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import BezierPath, Scenario
+from tools.run_schema import run_schema
 
 ROOT = Path(__file__).resolve().parents[1]
+#: Of one run's result file.
+SCHEMA = ROOT / "feasigrasp" / "runs" / "run.schema.json"
 HEAD = """# Reference
 
-Public names, [scenario keys](#scenario-keys) and [command options](#command-options).
+Public names, [scenario keys](#scenario-keys), [command options](#command-options) and
+[metrics](#metrics).
 `python tools/make_docs.py` writes this page from the code.
 """
 NAMES = """## Public names
@@ -41,6 +47,16 @@ Defaults are those of mode `safe`. Keys of Drake's own schemas (`simulator_confi
 OPTIONS = """## Command options
 
 `feasigrasp COMMAND --help` has those of all other commands; `sim` takes most options of `run`.
+"""
+RUNS = """## Metrics
+
+Of one run, from true positions. Samples are 20 ms apart over the whole run, ticks 5 ms. Approach is
+the phase before the fingers close. [Result files](results_schema.md#limits) say how limits are
+judged. Rows of many runs are `dynamic.<metric>` for the mean, and `dynamic.<row>`; means and shares
+count every object once.
+
+| metric | unit | standard term and definition | many runs |
+|---|---|---|---|
 """
 #: Structures that stand below a name of the user's own, or that are chosen by a tag.
 NESTED = {
@@ -169,14 +185,34 @@ def explained(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
     return formatter._expand_help(action).replace("|", "\\|")
 
 
+def metrics() -> Iterator[str]:
+    """A line for each metric of a run."""
+    for name, metric in METRICS.items():
+        meaning = f"{metric.term}: {metric.meaning}"
+        rows = ["mean"] if metric.averaged else []
+        rows += [f"`{row.name}` ({row.over.name.lower()})" for row in metric.rows]
+        yield f"| `{name}` | {metric.unit} | {meaning} | {', '.join(rows)} |\n"
+
+
 def page() -> str:
     """The whole page."""
-    return "\n".join([HEAD, NAMES, *public_names(), KEYS, *keys(), OPTIONS, *options()])
+    parts = [
+        HEAD,
+        NAMES,
+        *public_names(),
+        KEYS,
+        *keys(),
+        OPTIONS,
+        *options(),
+        RUNS + "".join(metrics()),
+    ]
+    return "\n".join(parts)
 
 
 def main() -> int:
-    """Writes the page."""
+    """Writes page and schema."""
     (ROOT / "docs" / "api.md").write_text(page())
+    SCHEMA.write_text(json.dumps(run_schema(), indent=1) + "\n")
     return 0
 
 

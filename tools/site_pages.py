@@ -17,11 +17,12 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 
+from feasigrasp.runs.results.rows import write_json
 from feasigrasp_lab.report.html_report import write_page
 from feasigrasp_lab.report.markdown_report import sections
 from tools.constants import Constant, constants
-from tools.figures import SUMMARIES
 from tools.make_docs import ROOT, faces
+from tools.stored import names, read
 
 GALLERY = ROOT / "out" / "gallery"
 _PICTURES = """# Gallery
@@ -84,9 +85,9 @@ def on_page_markdown(markdown: str, **_: object) -> str:
 def _report() -> str:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        for file in sorted([*SUMMARIES.glob("static_*.json"), *SUMMARIES.glob("dynamic_*.json")]):
-            (folder / file.stem).mkdir()
-            shutil.copyfile(file, folder / file.stem / "summary.json")
+        for name in names():
+            if name.startswith(("static_", "dynamic_")):
+                write_json(read(name).summary(), folder / name / "summary.json")
         return write_page(folder, sections(folder)).read_text()
 
 

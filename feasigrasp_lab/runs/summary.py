@@ -117,8 +117,7 @@ def _group_rows(preset: str, records: Sequence[Record], causes: Sequence[str]) -
 
 def _share_rows(preset: str, records: Sequence[Record]) -> list[Row]:
     """Shares of runs: those of the metrics, and of runs with an error."""
-    broken = [run["error"] is not None for run in records]
-    rows = [_percent("failed_percent", preset, broken, [run["object"] for run in records])]
+    rows = []
     for name, metric in METRICS.items():
         for figure in metric.rows:
             present = _present(name, records)
@@ -126,7 +125,8 @@ def _share_rows(preset: str, records: Sequence[Record]) -> list[Row]:
                 values, objects = zip(*present, strict=True)
                 true = [value > figure.above for value in values]
                 rows.append(_percent(figure.name, preset, true, objects))
-    return rows
+    broken = [run["error"] is not None for run in records]
+    return [*rows, _percent("failed_percent", preset, broken, [run["object"] for run in records])]
 
 
 def _cause_rows(preset: str, records: Sequence[Record], causes: Sequence[str]) -> list[Row]:

@@ -58,7 +58,7 @@ class Figure:
     def text(self, value: float) -> str:
         """A value with the digits of the row."""
         digits = _DIGITS.get(self.unit, 1) if self.digits is None else self.digits
-        return f"{value:.{digits}f}"
+        return f"{round(value, digits) + 0.0:.{digits}f}"  # no -0
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _time(row: str, over: Over, term: str, meaning: str) -> Metric:
 
 def _end(axis: str) -> Metric:
     """A coordinate of the object at the end."""
-    meaning = f"{axis} of the object's origin at the end, in W"
+    meaning = "of the object's origin, in W"
     term = f"final object position, {axis}"
     return Metric(_GRASP, "m", term, meaning, -math.inf, averaged=False)
 
@@ -124,61 +124,54 @@ def _end(axis: str) -> Metric:
 # fmt: off
 METRICS: dict[str, Metric] = {
     "grasp_held": Metric(_GRASP, "bool", "grasp success",
-        "the run completes lift, shake and hold, and over its last 2 s the object is within 1 "
-        "cm and 15° of its pose in the hand at release; null where the scenario does not close "
-        "the gripper", averaged=False,
+        "lift, shake and hold are complete, and over the last 2 s the object is within 1 cm and "
+        "15° of its pose in the hand at release; null if the gripper stays open", averaged=False,
         rows=(Figure("held_percent", Over.SHARE, "grasp success"),)),
     "held_after_s": Metric(_GRASP, "s", "time to release",
         "time of release of runs with grasp success"),
     "closing_speed_m_s": Metric(_GRASP, "m/s", "object speed at closing",
         "speed of the object's motion when the fingers last begin to close"),
     "cause": Metric(_GRASP, "text", "cause of failure",
-        "see [below](#cause); null with success", averaged=False),
+        "first [cause](results_schema.md#cause) that applies; null with success", averaged=False),
     "slip_mm": Metric(_GRASP, "mm", "in-hand displacement",
         "largest displacement of the object's origin in the hand since release", digits=1),
     "turn_deg": Metric(_GRASP, "deg", "in-hand rotation",
-        "largest rotation of the object, likewise", upper=180.0),
+        "largest, likewise", upper=180.0),
     "lift_cm": Metric(_GRASP, "cm", "lift height",
         "height of the object's origin at the end above that at release",
         lower=-math.inf, main=False),
     **{f"object_end_{axis}_m": _end(axis) for axis in "xyz"},
     "gripper_object_distance_cm_mean": Metric(_APPROACH, "cm", "gripper-object distance",
-        "mean of `\\|p_HO\\|`; not zero for an object that is grasped off its center of mass"),
-    "gripper_object_distance_cm_median": Metric(_APPROACH, "cm", "gripper-object distance, median",
-        "median of the same", main=False),
+        "mean of `\\|p_HO\\|`; not zero for a grasp off the center of mass"),
+    "gripper_object_distance_cm_median": Metric(_APPROACH, "cm", "median of that distance",
+        "likewise", main=False),
     "grasp_position_error_mm_median": Metric(_APPROACH, "mm", "position error to the nearest grasp",
-        "median, over approach samples with grasps, of the distance of the hand to the nearest "
-        "grasp of the controller; nearest by position [m] + 0.1 angle [rad]", digits=1),
+        "median over the approach; nearest by position [m] + 0.1 angle [rad]", digits=1),
     "grasp_angle_error_deg_median": Metric(_APPROACH, "deg", "angle error to that grasp",
-        "the angle, likewise", upper=180.0),
+        "likewise", upper=180.0),
     "tracked_percent": Metric(_APPROACH, "%", "time at a grasp",
-        "share, among approach samples later than 2 s, with the hand within 15 mm and 8° of the "
-        "nearest grasp", upper=100.0),
+        "share of approach samples after 2 s, within 15 mm and 8° of the nearest grasp",
+        upper=100.0),
     "settling_time_s": Metric(_APPROACH, "s", "settling time",
-        "first time from which the hand stays within these bounds for 0.5 s, or until the "
-        "fingers close"),
+        "first time from which that holds for 0.5 s, or until the fingers close"),
     "grasp_switches": Metric(_APPROACH, "1", "grasp switches",
-        "number of times the hand settles at another grasp, more than 3 cm or 30° away on the "
-        "object"),
+        "times the hand settles at a grasp more than 3 cm or 30° from the last"),
     "no_grasp_percent": _percent(_APPROACH, "time without a grasp",
         "share of samples without a grasp at the controller", main=False),
     "grasp_age_s_mean": Metric(_APPROACH, "s", "grasp age",
-        "mean time since the newest view in the field behind the controller's grasps, over "
-        "approach samples"),
-    "grasp_age_s_max": Metric(_APPROACH, "s", "largest grasp age", "largest, likewise", main=False),
+        "mean time since the newest view behind the controller's grasps, in the approach"),
+    "grasp_age_s_max": Metric(_APPROACH, "s", "largest grasp age", "likewise", main=False),
     "view_faults": Metric(_APPROACH, "1", "dropped views",
-        "number of views that could not be used; a view that is due without an object pose "
-        "counts", main=False),
+        "unusable views; a view without an object pose counts", main=False),
     "pushed_mm": Metric(_OBJECT, "mm", "object displacement before closing",
-        "largest distance of the object's origin from its undisturbed motion, over approach "
-        "samples; the first 0.3 s do not count, because the object starts at rest", digits=1,
+        "largest distance from the undisturbed motion in the approach, after 0.3 s, since the "
+        "object starts at rest", digits=1,
         rows=(Figure("pushed_percent", Over.SHARE, "displaced > 5 mm before closing", above=5.0),
               Figure("pushed_mm_max", Over.MAX, "largest displacement before closing", "mm"))),
     "pushed_deg": Metric(_OBJECT, "deg", "object rotation before closing",
         "largest angle, likewise", upper=180.0, main=False),
     "contact_force_peak_n": Metric(_OBJECT, "N", "peak contact force before closing",
-        "largest norm of the summed contact force of arm, hand and camera on the object, over "
-        "all plant steps of the approach",
+        "largest summed contact force of the robot on the object, over all plant steps",
         rows=(Figure("contact_before_closing_percent", Over.SHARE, "premature contact",
                      above=0.0),)),
     "contact_time_percent": _percent(_OBJECT, "time in contact before closing",
@@ -186,50 +179,44 @@ METRICS: dict[str, Metric] = {
     "friction": Metric(_OBJECT, "1", "friction",
         "Coulomb friction of pad and object, as the plant combines it", digits=2),
     "self_collision_percent": _percent(_ARM, "self-collision",
-        "share of samples with two visible bodies of arm and hand in penetration that are no "
-        "neighbors ([judgement](#limits))"),
+        "share of samples with penetrating bodies that are no neighbors"),
     "joint_limit_violation_percent": _percent(_ARM, "joint limit violation",
         "share of samples with a joint beyond its position limit"),
     "velocity_limit_violation_percent": _percent(_ARM, "velocity limit violation",
-        "share of ticks with a joint velocity, sent or true, beyond its limit"),
+        "share of ticks with a velocity, sent or true, beyond its limit"),
     "acceleration_limit_violation_percent": _percent(_ARM, "acceleration limit violation",
         "share of ticks with a sent joint acceleration beyond its limit"),
     "torque_limit_violation_percent": _percent(_ARM, "torque limit violation",
         "share of plant steps with a joint torque at or beyond its limit"),
     "manipulability_mean": Metric(_ARM, "m^3", "manipulability",
-        "mean of `sqrt(det(J Jᵀ))` (Yoshikawa), J maps joint speeds to the twist of the flange "
-        "[rad/s; m/s]"),
-    "self_distance_min_mm": Metric(_ARM, "mm", "smallest distance to itself",
-        "smallest distance of these bodies, negative in penetration; null above 50 mm; forearm "
-        "and flange, which turns in its fork, do not count", lower=-math.inf,
+        "mean of `sqrt(det(J Jᵀ))` of the flange Jacobian [rad; m] (Yoshikawa)"),
+    "self_distance_min_mm": Metric(_ARM, "mm", "self-distance",
+        "smallest distance of these bodies, but of forearm and flange; null above 50 mm",
+        lower=-math.inf,
         rows=(Figure("self_distance_min_mm.least", Over.MIN, "smallest of all runs", "mm"),)),
     "limit_margin_min_deg": Metric(_ARM, "deg", "joint limit margin",
         "smallest distance of a joint to its limit", lower=-math.inf, main=False),
     "obstacle_distance_min_mm": Metric(_ARM, "mm", "obstacle distance",
-        "smallest distance of arm, hand and camera to everything fixed to the world, by Drake's "
-        "geometry engine; negative in penetration; the base does not count", lower=-math.inf,
+        "smallest distance of the robot, without base, to everything fixed; negative in "
+        "penetration", lower=-math.inf,
         rows=(Figure("obstacle_distance_min_mm.least", Over.MIN, "smallest of all runs", "mm"),)),
     "velocity_peak_percent": _peak("peak velocity", "largest true joint velocity"),
     "acceleration_peak_percent": _peak("peak acceleration sent", "largest joint acceleration sent"),
     "true_acceleration_peak_percent": _peak("peak true acceleration",
-        "second difference of the true positions over 20 ms to either side; null for a shorter "
-        "run", main=True),
+        "second difference of true positions over 20 ms to either side", main=True),
     "torque_peak_percent": _peak("peak torque",
         "largest joint torque, over all plant steps",
         Figure("torque_peak_percent.worst", Over.MAX, "largest torque", digits=0)),
     "control_ms_p99": _time("control_ms.p99", Over.MEDIAN, "control time, p99",
-        "99th percentile of the wall times of every evaluation of the command"),
-    "control_ms_worst": _time("control_ms.worst", Over.MAX, "control time, largest", "the largest"),
-    "control_cpu_ms_worst": _time("control_cpu_ms.worst", Over.MAX, "control CPU time, largest",
-        "the largest in processor time of the thread, compilation and garbage collection "
-        "included"),
+        "99th percentile of the wall time of the command"),
+    "control_ms_worst": _time("control_ms.worst", Over.MAX, "largest control time", "likewise"),
+    "control_cpu_ms_worst": _time("control_cpu_ms.worst", Over.MAX, "largest control CPU time",
+        "in processor time of the thread, compilation included"),
     "planning_ms_median": _time("planning_ms.median", Over.MEDIAN, "planning time, median",
         "median wall time of the 10 Hz updates"),
-    "planning_ms_p99": _time("planning_ms.p99", Over.MEDIAN, "planning time, p99",
-        "99th percentile of the same"),
-    "planning_ms_worst": _time("planning_ms.worst", Over.MAX, "planning time, largest",
-        "the largest"),
-    "planning_cpu_ms_worst": _time("planning_cpu_ms.worst", Over.MAX, "planning CPU time, largest",
+    "planning_ms_p99": _time("planning_ms.p99", Over.MEDIAN, "planning time, p99", "likewise"),
+    "planning_ms_worst": _time("planning_ms.worst", Over.MAX, "largest planning time", "likewise"),
+    "planning_cpu_ms_worst": _time("planning_cpu_ms.worst", Over.MAX, "largest planning CPU time",
         "in processor time"),
 }
 # fmt: on
@@ -238,8 +225,8 @@ METRICS: dict[str, Metric] = {
 _OTHERS = (
     Figure("failed_percent", Over.SHARE, "runs with an error"),
     Figure("real_time_factor", Over.MEAN, "simulated by wall time", "1", digits=2),
-    Figure("held_change_percent", Over.MEAN, "change of grasp success, paired"),
-    Figure("held_after_change_s", Over.MEAN, "change of the time to release, paired", "s"),
+    Figure("held_change_percent", Over.MEAN, "change of grasp success"),
+    Figure("held_after_change_s", Over.MEAN, "change of time to release", "s"),
 )
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.outputs import write_text
 from feasigrasp.runs.results.arguments import command_line
-from feasigrasp.runs.results.provenance import git_revision, machine, versions
+from feasigrasp.runs.results.provenance import cholesky_ms, git_revision, machine, versions
 from feasigrasp.runs.results.statistics import Estimate, proportion
 
 
@@ -117,7 +117,7 @@ def write_summary(
         "git": git,
         "seed": seed,
         "versions": versions(),
-        "machine": machine(),
+        "machine": machine() | {"potrf_1024_ms": cholesky_ms()},
         **more,
         "rows": [asdict(row) for row in rows],
     }
