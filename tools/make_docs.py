@@ -18,7 +18,7 @@ from types import ModuleType
 from feasigrasp import cli
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
-from feasigrasp.runs.metrics.table import METRICS
+from feasigrasp.runs.metrics.table import METRICS, UNITLESS
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.parts import PartConfig
@@ -55,8 +55,8 @@ the phase before the fingers close. [Result files](results_schema.md#limits) say
 judged. Rows of many runs are `dynamic.<metric>` for the mean, and `dynamic.<row>`; means and shares
 count every object once.
 
-| metric | unit | standard term and definition | many runs |
-|---|---|---|---|
+| metric | standard term and definition | many runs |
+|---|---|---|
 """
 #: Structures that stand below a name of the user's own, or that are chosen by a tag.
 NESTED = {
@@ -188,10 +188,11 @@ def explained(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
 def metrics() -> Iterator[str]:
     """A line for each metric of a run."""
     for name, metric in METRICS.items():
-        meaning = f"{metric.term}: {metric.meaning}"
+        unit = "" if metric.unit in UNITLESS else f" [{metric.unit}]"
+        meaning = f"{metric.term}{unit}: {metric.meaning}"
         rows = ["mean"] if metric.averaged else []
         rows += [f"`{row.name}` ({row.over.name.lower()})" for row in metric.rows]
-        yield f"| `{name}` | {metric.unit} | {meaning} | {', '.join(rows)} |\n"
+        yield f"| `{name}` | {meaning} | {', '.join(rows)}\n"
 
 
 def page() -> str:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from feasigrasp.outputs import save_figure
+from feasigrasp.runs.metrics.table import FIGURES
 from feasigrasp_lab.protocols.speed import CAMERA_MOTIONS, MOTIONS
 from feasigrasp_lab.report.table_2 import Rows, figure_text
 from feasigrasp_lab.results.markdown import markdown_table
@@ -22,11 +23,7 @@ _AXES = {
 _COLORS = {"circle": "#238b45", "line": "#2171b5", "bezier": "#d94801", "spin": "#6a51a3"}
 #: Those with the camera alone are dashed, in the colours of the others.
 _COLORS |= {camera: _COLORS[given] for camera, given in zip(CAMERA_MOTIONS, MOTIONS, strict=True)}
-_COLUMNS = (
-    ("held_percent", "held [%]", 1),
-    ("closing_speed_m_s", "speed at closing [m/s]", 3),
-    ("held_after_s", "let go after [s]", 1),
-)
+_COLUMNS = ("held_percent", "closing_speed_m_s", "held_after_s")
 
 
 def curve_points(found: Rows, curve: str) -> list[tuple[float, str]]:
@@ -43,13 +40,15 @@ def curve_report(found: Rows, folder: Path, conditions: str) -> list[str]:
         return []
     draw_curves(found, curves, folder / FIGURE)
     causes = sorted({n for p, n in found if n.startswith("cause.") and p.split("/")[0] in curves})
-    heads = ["", *(head for _, head, _ in _COLUMNS), "why not [%]", "runs"]
+    heads = ["", *(FIGURES[name].head for name in _COLUMNS), "failures [%]", "runs"]
     lines = []
     for curve in curves:
         for _, preset in curve_points(found, curve):
             cells = [
-                figure_text(found[preset, name], digits) if (preset, name) in found else "-"
-                for name, _, digits in _COLUMNS
+                figure_text(found[preset, name], FIGURES[name].decimals)
+                if (preset, name) in found
+                else "-"
+                for name in _COLUMNS
             ]
             lost = [(found[preset, n].value, n) for n in causes if (preset, n) in found]
             words = [

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from feasigrasp.runs.metrics.table import FIGURES
 from feasigrasp.runs.results.rows import Row
-from feasigrasp_lab.report.ablation import ablation_report, is_ablation
+from feasigrasp_lab.protocols.ablations import ABLATIONS, FULL, ablation_of
 from feasigrasp_lab.report.curves import curve_report
 from feasigrasp_lab.report.table_2 import (
     SPEEDS,
@@ -19,41 +20,42 @@ from feasigrasp_lab.report.table_2 import (
 from feasigrasp_lab.results.markdown import markdown_table
 
 FIGURE = "dynamic_table.png"
-#: Columns of tables: row name, heading, digits.
-Columns = Sequence[tuple[str, str, int]]
-
-_LIMITS: Columns = (
-    ("joint_limit_violation_percent", "joint limits violated [%]", 2),
-    ("velocity_limit_violation_percent", "velocity limits violated [%]", 2),
-    ("acceleration_limit_violation_percent", "acceleration limits violated [%]", 2),
-    ("torque_limit_violation_percent", "torque limits violated [%]", 2),
+_LIMITS = (
+    "joint_limit_violation_percent",
+    "velocity_limit_violation_percent",
+    "acceleration_limit_violation_percent",
+    "torque_limit_violation_percent",
 )
-_NEAREST: Columns = (
-    ("obstacle_distance_min_mm", "to table and obstacles, mean of runs [mm]", 0),
-    ("obstacle_distance_min_mm.least", "least [mm]", 0),
-)
-#: What the simulation tells beside the paper's columns.
-_MORE: Columns = (
+_NEAREST = ("obstacle_distance_min_mm", "obstacle_distance_min_mm.least")
+#: Rows beside the paper's columns.
+_MORE = (
     *_LIMITS[1:],
-    ("grasp_position_error_mm_median", "to the nearest grasp [mm]", 1),
-    ("grasp_angle_error_deg_median", "[deg]", 1),
-    ("settling_time_s", "settled after [s]", 2),
-    ("grasp_switches", "switches of grasp", 1),
-    ("self_distance_min_mm", "least distance to itself [mm]", 0),
+    "grasp_position_error_mm_median",
+    "grasp_angle_error_deg_median",
+    "settling_time_s",
+    "grasp_switches",
+    "self_distance_min_mm",
     *_NEAREST,
-    ("planning_ms.worst", "slowest planning [ms]", 0),
+    "planning_ms.worst",
 )
-_HELD: Columns = (
-    ("held_percent", "held [%]", 1),
-    ("pushed_percent", "pushed [%]", 1),
-    ("pushed_mm_max", "pushed at most [mm]", 0),
-    ("contact_before_closing_percent", "touched before closing [%]", 1),
-    ("self_collision_percent", "self-collision [%]", 2),
+_HELD = (
+    "held_percent",
+    "pushed_percent",
+    "pushed_mm_max",
+    "contact_before_closing_percent",
+    "self_collision_percent",
     *_LIMITS,
     *_NEAREST,
-    ("settling_time_s", "settled after [s]", 2),
-    ("planning_ms.worst", "slowest planning [ms]", 0),
-    ("real_time_factor", "x real time", 2),
+    "settling_time_s",
+    "planning_ms.worst",
+    "real_time_factor",
+)
+_ABLATED = (
+    "held_percent",
+    "held_change_percent",
+    "held_after_s",
+    "held_after_change_s",
+    "pushed_percent",
 )
 _CAUSE = "cause."
 
@@ -76,9 +78,7 @@ def dynamic_report(rows: Sequence[Row], folder: Path, conditions: str = "") -> s
         parts += ["### Grasping moving objects", _metric_table(found, presets, _HELD), conditions]
         causes = sorted({n for _, n in found if n.startswith(_CAUSE)})
         if causes:
-            heads = [n.removeprefix(_CAUSE).replace("_percent", " [%]") for n in causes]
-            columns = [(n, head, 1) for n, head in zip(causes, heads, strict=True)]
-            table = _metric_table(found, presets, columns)
+            table = _metric_table(found, presets, causes)
             parts += ["### Why runs did not hold", table, conditions]
         parts += _object_parts(found, conditions)
     return "\n\n".join(filter(None, parts))
@@ -121,15 +121,54 @@ def _presets(found: Rows) -> list[str]:
     return [p for p in dict.fromkeys(preset for preset, _ in found) if p.count("/") == 2]
 
 
-def _metric_table(found: Rows, presets: Iterable[str], columns: Columns) -> str:
+def _metric_table(found: Rows, presets: Iterable[str], names: Iterable[str]) -> str:
     presets = list(presets)
-    columns = [c for c in columns if any((preset, c[0]) in found for preset in presets)]
+    names = [n for n in names if any((preset, n) in found for preset in presets)]
     lines = []
     for preset in presets:
-        cells = [
-            figure_text(found[preset, name], digits) if (preset, name) in found else "-"
-            for name, _, digits in columns
-        ]
         runs = max(row.n for (other, _), row in found.items() if other == preset)
+        cells = [_cell(found, preset, name) for name in names]
         lines.append([preset, *cells, str(runs)])
-    return markdown_table(["", *(head for _, head, _ in columns), "runs"], lines)
+    return markdown_table(["", *map(_head, names), "runs"], lines)
+
+
+def _head(name: str) -> str:
+    figure = FIGURES.get(name)
+    return (
+        f"{name.removeprefix(_CAUSE).removesuffix('_percent')} [%]"
+        if figure is None
+        else figure.head
+    )
+
+
+def _cell(found: Rows, preset: str, name: str) -> str:
+    """A value with its interval; a dash without one."""
+    row, figure = found.get((preset, name)), FIGURES.get(name)
+    return "-" if row is None else figure_text(row, 1 if figure is None else figure.decimals)
+
+
+def is_ablation(preset: str) -> bool:
+    """Whether a preset is of runs of the study of ablations."""
+    return bool(ablation_of(preset.split("/")[0]))
+
+
+def ablation_report(found: Rows, conditions: str) -> str:
+    """One line for the full system and for every ablation, by controller; nothing without any."""
+    lines = []
+    for suffix in ABLATIONS:
+        name = "everything" if suffix == FULL else suffix.removeprefix("-").replace("-", " ")
+        for controller in ("task", "joint"):
+            preset = f"all{suffix}/{controller}/safe"
+            if (preset, "held_percent") not in found:
+                continue
+            cells = [_cell(found, preset, column) for column in _ABLATED]
+            runs = found[preset, "held_percent"].n
+            lines.append([name, controller, *cells, str(runs)])
+    if not lines:
+        return ""
+    heads = ["", "controller", *map(_head, _ABLATED), "runs"]
+    text = (
+        "Changes are those of the same object, scenario and seed against everything; of times, "
+        "where both held. Intervals are of objects drawn anew."
+    )
+    return "\n\n".join(["### Ablations", markdown_table(heads, lines), text, conditions])

@@ -20,9 +20,8 @@ from feasigrasp.outputs import write_text
 from feasigrasp.runs.results.rows import Row
 from feasigrasp_lab.report import curves, dynamic
 from feasigrasp_lab.report.dynamic import dynamic_report
-from feasigrasp_lab.report.faults import faults_report
 from feasigrasp_lab.report.html_report import write_page
-from feasigrasp_lab.report.static import static_report
+from feasigrasp_lab.report.static import faults_report, static_report
 from feasigrasp_lab.results.conditions import conditions_text
 from feasigrasp_lab.results.markdown import markdown_table, replace_section
 

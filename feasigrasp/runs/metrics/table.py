@@ -55,9 +55,14 @@ class Figure:
         """Standard term with unit."""
         return self.term if self.unit in UNITLESS else f"{self.term} [{self.unit}]"
 
+    @property
+    def decimals(self) -> int:
+        """Digits behind the point."""
+        return _DIGITS.get(self.unit, 1) if self.digits is None else self.digits
+
     def text(self, value: float) -> str:
-        """A value with the digits of the row."""
-        digits = _DIGITS.get(self.unit, 1) if self.digits is None else self.digits
+        """A value with these digits."""
+        digits = self.decimals
         return f"{round(value, digits) + 0.0:.{digits}f}"  # no -0
 
 
@@ -115,7 +120,7 @@ def _time(row: str, over: Over, term: str, meaning: str) -> Metric:
 
 def _end(axis: str) -> Metric:
     """A coordinate of the object at the end."""
-    meaning = "of the object's origin, in W"
+    meaning = "in W"
     term = f"final object position, {axis}"
     return Metric(_GRASP, "m", term, meaning, -math.inf, averaged=False)
 
@@ -128,17 +133,17 @@ METRICS: dict[str, Metric] = {
         "15° of its pose in the hand at release; null if the gripper stays open", averaged=False,
         rows=(Figure("held_percent", Over.SHARE, "grasp success"),)),
     "held_after_s": Metric(_GRASP, "s", "time to release",
-        "time of release of runs with grasp success"),
+        "of runs with grasp success"),
     "closing_speed_m_s": Metric(_GRASP, "m/s", "object speed at closing",
-        "speed of the object's motion when the fingers last begin to close"),
+        "when the fingers last begin to close"),
     "cause": Metric(_GRASP, "text", "cause of failure",
         "first [cause](results_schema.md#cause) that applies; null with success", averaged=False),
     "slip_mm": Metric(_GRASP, "mm", "in-hand displacement",
-        "largest displacement of the object's origin in the hand since release", digits=1),
+        "largest since release", digits=1),
     "turn_deg": Metric(_GRASP, "deg", "in-hand rotation",
         "largest, likewise", upper=180.0),
     "lift_cm": Metric(_GRASP, "cm", "lift height",
-        "height of the object's origin at the end above that at release",
+        "height at the end above that at release",
         lower=-math.inf, main=False),
     **{f"object_end_{axis}_m": _end(axis) for axis in "xyz"},
     "gripper_object_distance_cm_mean": Metric(_APPROACH, "cm", "gripper-object distance",
@@ -157,7 +162,7 @@ METRICS: dict[str, Metric] = {
     "grasp_switches": Metric(_APPROACH, "1", "grasp switches",
         "times the hand settles at a grasp more than 3 cm or 30° from the last"),
     "no_grasp_percent": _percent(_APPROACH, "time without a grasp",
-        "share of samples without a grasp at the controller", main=False),
+        "share of samples", main=False),
     "grasp_age_s_mean": Metric(_APPROACH, "s", "grasp age",
         "mean time since the newest view behind the controller's grasps, in the approach"),
     "grasp_age_s_max": Metric(_APPROACH, "s", "largest grasp age", "likewise", main=False),
@@ -177,7 +182,7 @@ METRICS: dict[str, Metric] = {
     "contact_time_percent": _percent(_OBJECT, "time in contact before closing",
         "share of these steps with contact", main=False),
     "friction": Metric(_OBJECT, "1", "friction",
-        "Coulomb friction of pad and object, as the plant combines it", digits=2),
+        "Coulomb friction of pad and object in the plant", digits=2),
     "self_collision_percent": _percent(_ARM, "self-collision",
         "share of samples with penetrating bodies that are no neighbors"),
     "joint_limit_violation_percent": _percent(_ARM, "joint limit violation",

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import norm, rankdata, t
+from scipy.stats import binomtest, norm, rankdata, t
 
 from feasigrasp.models.arrays import Array, Mask
 
@@ -60,12 +60,10 @@ def proportion(successes: int, n: int) -> Estimate:
     """
     if n == 0:
         return Estimate(0.0, None, None, 0)
-    z = float(norm.ppf(0.5 + 0.5 * CONFIDENCE))
     share = successes / n
-    center = (share + z**2 / (2 * n)) / (1 + z**2 / n)
-    half = z / (1 + z**2 / n) * math.sqrt(share * (1 - share) / n + z**2 / (4 * n**2))
+    interval = binomtest(successes, n).proportion_ci(CONFIDENCE, method="wilson")
     # Rounding must not leave the estimate outside its own interval at 0 and 1.
-    return Estimate(share, min(share, max(0.0, center - half)), max(share, center + half), n)
+    return Estimate(share, min(share, float(interval.low)), max(share, float(interval.high)), n)
 
 
 def mean(values: ArrayLike, lower: float = -math.inf, upper: float = math.inf) -> Estimate:

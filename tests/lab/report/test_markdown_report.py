@@ -118,9 +118,9 @@ def test_what_happened_to_the_objects_is_told(dynamic):
     text = (dynamic / "report.md").read_text()
     heads, _, line = lines_of(section(text, "Grasping moving objects"))
     assert dict(zip(heads, line, strict=True)) == {
-        "": "ReachLinearMocap/joint/safe", "held [%]": "95.0 [80.0, 99.0]",
-        "pushed at most [mm]": "890", "touched before closing [%]": "3.0 [0.0, 8.0]",
-        "slowest planning [ms]": "31", "runs": "30",
+        "": "ReachLinearMocap/joint/safe", "grasp success [%]": "95.0 [80.0, 99.0]",
+        "largest displacement before closing [mm]": "890",
+        "premature contact [%]": "3.0 [0.0, 8.0]", "largest planning time [ms]": "31", "runs": "30",
     }  # fmt: skip
     heads, _, line = lines_of(section(text, "Why runs did not hold"))
     assert (heads[1], line[1]) == ("pushed away [%]", "5.0 [0.0, 9.0]")

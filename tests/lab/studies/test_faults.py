@@ -18,7 +18,7 @@ from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenar
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp_lab.bench import soak
 from feasigrasp_lab.protocols.fault_table import FAULTS
-from feasigrasp_lab.report.faults import faults_report
+from feasigrasp_lab.report.static import faults_report
 from feasigrasp_lab.runs import isolated
 from feasigrasp_lab.runs.fault_plan import (
     MOTIONS,
