@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from feasigrasp.models.reach import VERDICTS, Reachability, ReachableSpace
+from feasigrasp.models.reach import VERDICTS, Reachability
 
 picture = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples/03_what_the_arm_can_reach.png")
 
@@ -18,13 +18,9 @@ X_WG[:, 0, 3], X_WG[:, 2, 3] = x.ravel(), z.ravel()
 # Exact: closed-form inverse kinematics, joint limits, self-collision, table.
 reachability = Reachability()
 verdicts = reachability.verdicts(X_WG)
-REASONS = VERDICTS[:5]  # the others are those of grasps and of the mixture
+REASONS = VERDICTS[:5]  # the others are those of grasps
 for code, reason in enumerate(REASONS):
     print(f"{np.mean(verdicts == code):6.1%} {reason}")
-
-# Soft, as in the paper: the density of a Riemannian mixture of poses that the arm reaches.
-X_WF = X_WG @ np.linalg.inv(reachability.gripper.X_FG)
-density = ReachableSpace.load_default().log_density(X_WF)
 
 # Where there is one, the configuration that is soonest reached from q.
 q = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
@@ -38,9 +34,9 @@ shown = axes[0].imshow(verdicts.reshape(x.shape), cmap=colors, vmin=-0.5, vmax=4
 bar = figure.colorbar(shown, ax=axes[0], ticks=range(len(REASONS)))
 bar.ax.set_yticklabels(REASONS)
 axes[0].set_title("exact verdict")
-shown = axes[1].imshow(np.maximum(density, -20).reshape(x.shape), **image)
-figure.colorbar(shown, ax=axes[1], label="log density")
-axes[1].set_title("reachable-space mixture")
+shown = axes[1].imshow(np.where(np.isfinite(seconds), seconds, np.nan).reshape(x.shape), **image)
+figure.colorbar(shown, ax=axes[1], label="seconds at full speed")
+axes[1].set_title("time from q")
 for ax in axes:
     ax.set_xlabel("x [m]")
 axes[0].set_ylabel("z [m]")

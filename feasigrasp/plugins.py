@@ -5,9 +5,17 @@ A package adds a controller by two lines of its ``pyproject.toml``::
     [project.entry-points."feasigrasp.controllers"]
     mine = "my_package.controller:make_controller"
 
-Kinds: ``controllers``, functions ``(scenario, reachability, safety) -> GraspController``;
-``samplers``, classes ``(gripper, n_grasps=, least_score=, seed=)``; ``commands``, functions that
-return `feasigrasp.cli.Commands`.
+Kinds, each with what an entry point of it is:
+
+- ``commands``: a function that returns `feasigrasp.cli.Commands`.
+- ``controllers``: a function ``(scenario, reachability, safety) -> GraspController``.
+- ``ik_sources``: a function as `closed_form_configurations` of
+  `feasigrasp.models.control.joint.sources`.
+- ``judges``: a function ``(scenario, reachability) -> feasigrasp.models.reach.lookahead.Judge``.
+- ``modes``: an object as `feasigrasp.scenario.modes.Mode`.
+- ``samplers``: a function ``(gripper, n_candidates=, n_grasps=, least_score=, seed=)``.
+
+Their settings are ``control.options`` and ``reachability.options`` of the scenario.
 """
 
 from __future__ import annotations

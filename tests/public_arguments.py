@@ -20,19 +20,17 @@ from feasigrasp.models.control import (
     TaskControlOptions,
 )
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.task.memory import TaskMemory
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.obstacle_grid import MovingObject, ObstacleGrid
 from feasigrasp.models.grasps import AntipodalSampler, GraspSet, NetworkSampler, Perception
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
-from feasigrasp.models.ik import IkFlow
 from feasigrasp.models.mixtures import RiemannianMixture
 from feasigrasp.models.objects import HarmonicMotion, load_object
 from feasigrasp.models.objects.pose_filter import empty_state
 from feasigrasp.models.objects.prediction import MotionEstimate
 from feasigrasp.models.objects.tracker_config import TrackerConfig
-from feasigrasp.models.reach import PoseJudge, Reachability, ReachableSpace
+from feasigrasp.models.reach import Reachability
 from feasigrasp.models.robot import IIWA_7, ParallelGripper
 from feasigrasp.models.shape import complete_shape, fit_gpdf, fit_scene
 from feasigrasp.models.tracking import Camera, FieldTrack, ObjectView, SequenceTracker
@@ -138,11 +136,8 @@ class Examples:
         recording = folder / "recording"
         list(recorded(recording, info, [frame]))
         image, sequence = recording / "depth" / "000000.png", read_depth_folder(recording)
-        files = {"cloud": folder / "cloud.npy", "space": folder / "space.npz"}
+        files = {"cloud": folder / "cloud.npy"}
         np.save(files["cloud"], cloud)
-        ReachableSpace(mixture, 0.0).save(files["space"])
-        flow = IkFlow.load_default()
-        flow.save(folder / "flow.npz")
         mesh = load_object("ball")
         self.instances = {
             "DepthNoise": DepthNoise(),
@@ -155,14 +150,11 @@ class Examples:
             "GraspSet": grasps,
             "NetworkSampler": NetworkSampler(),
             "Perception": Perception(seen, self.gpdf, grasps, gripper, np.ones(3), 0, np.ones(3)),
-            "IkFlow": flow,
             "RiemannianMixture": mixture,
             "HarmonicMotion": motion,
             "ObjectMotion": motion,
             "RigidObject": mesh,
-            "PoseJudge": PoseJudge(reach),
             "Reachability": reach,
-            "ReachableSpace": ReachableSpace(mixture, 0.0),
             "Arm": IIWA_7,
             "ParallelGripper": gripper,
             "Gpdf": self.gpdf,
@@ -211,19 +203,16 @@ class Examples:
             "least_score": 0.5, "mass": 0.3, "down": np.array([0.0, 0.0, -1.0]),
             # ik
             "X_WF": poses, "psi": np.zeros(5), "u": np.full((5, 7), 0.5),
-            "IkFlow.forward.q": np.full((5, 7), 0.1), "path": folder / "saved.npz",
-            "IkFlow.load.path": folder / "flow.npz", "ReachableSpace.load.path": files["space"],
+            "path": folder / "saved.npz",
             # mixtures
             "X_samples": poses, "n_components": 1, "sample_weights": np.ones(5), "start": mixture,
             # objects
             "t": 0.5, "name": "network", "mesh": mesh.mesh, "density": 300.0,
             "name_or_path": "ball", "load_object.mass": None,
-            "ReachableSpace.load_named.name": "paper",
             # reach
             "X_WG": poses, "X_WO": np.eye(4), "V_WO": twist, "judge": reach,
             "motion": MotionEstimate(empty_state(), 0.0), "kept_before": np.array([1]),
-            "space": ReachableSpace(mixture, 0.0), "reachability": reach,
-            "reachable_space": ReachableSpace(mixture, 0.0),
+            "reachability": reach,
             # robot
             "X_FT": np.eye(4), "ndim": 1, "opening": 0.05,
             # shape
@@ -243,7 +232,7 @@ class Examples:
             "folder": recording, "recorded.folder": folder / "other", "recorded.camera": info,
             "frames": [frame], "k": 0, "grid": grid, "replay": folder / "replay.html",
             "width": 320, "height": 240, "GraspSet.width": grasps.width,
-            "filter_grasps.width": grasps.width, "ghost": ControlMode.PAPER,
+            "filter_grasps.width": grasps.width, "ghost": "paper",
             "run.keep": lambda record: None, "line": None, "live": None, "size": (320, 240),
             "StationConfig.q_start": q, "GPJointController.update.memory": Solutions.empty(),
             "GPJointController.velocity.memory": Solutions.empty(), "GraspController.memory": None,

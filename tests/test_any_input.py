@@ -21,12 +21,12 @@ from feasigrasp.errors import (
 from feasigrasp.inputs import read_arrays, read_json
 from feasigrasp.models.clouds.files import read_cloud
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.weights_file import WEIGHTS, WeightsError, WeightsFormat
-from feasigrasp.resources import model_path
 from feasigrasp.runs.results.arguments import names, select_objects
 from feasigrasp.runs.run import crash_record
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab import WEIGHTS as LAB_WEIGHTS
+from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.report.markdown_report import ReportError, sections
 from feasigrasp_lab.results.finished import read_finished
 from feasigrasp_lab.runs import isolated
@@ -132,9 +132,7 @@ def test_any_damage_of_an_npz_file_is_refused(tmp_path, data):
             assert "a.npz" in str(refused)
 
 
-@pytest.mark.parametrize(
-    "path", [*WEIGHTS.glob("*.npz"), model_path("iiwa", "reachable_space.npz")]
-)
+@pytest.mark.parametrize("path", [*WEIGHTS.glob("*.npz"), *LAB_WEIGHTS.glob("*.npz")])
 def test_shipped_files_that_are_cut_off_are_refused(path, tmp_path):
     content = path.read_bytes()
     for size in (0, 10, len(content) // 2, len(content) - 1):

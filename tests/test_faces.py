@@ -19,8 +19,8 @@ PROMISED = {
     "feasigrasp.models.mixtures": "RiemannianMixture fit_riemannian_mixture fit_best_mixture",
     "feasigrasp.models.robot": "ParallelGripper WSG_50 forward_kinematics pose_and_jacobian "
     "manipulability",
-    "feasigrasp.models.ik": "closed_form IkFlow",
-    "feasigrasp.models.reach": "Reachability ReachableSpace judge_grasps",
+    "feasigrasp.models.ik": "closed_form",
+    "feasigrasp.models.reach": "Reachability judge_grasps",
     "feasigrasp.models.control": "Safety SafetyOptions TaskControlOptions JointControlOptions",
     "feasigrasp.models.objects": "RigidObject load_object HarmonicMotion",
     "feasigrasp.scenario": "Scenario load_scenario dump_scenario make_motion",

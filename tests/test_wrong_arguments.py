@@ -35,12 +35,9 @@ LEGAL = {
     "closed_form.*:infinite": "the same",
     "closed_form.psi:a number": "one angle for all poses",
     "Reachability.*:deeper": "any leading axes, in one row of verdicts",
-    "PoseJudge.*:deeper": "the same",
     "Reachability.*.q:NaN": "no admissible configuration, and none nearest",
     "Re*.*.X_W?:NaN": "an unknown pose is not reached",
-    "PoseJudge.verdicts.X_WG:NaN": "the same",
     "Re*.*.X_W?:infinite": "the same",
-    "PoseJudge.verdicts.X_WG:infinite": "the same",
     "judge_grasps.[XV]_WO:NaN": "the object is lost: nothing is in reach",
     "judge_grasps.[XV]_WO:infinite": "the same",
     "judge_grasps.kept_before:*": "any number of ids",
@@ -91,8 +88,7 @@ LEGAL = {
 #: Arguments that another one has as many rows as.
 MATCHED = {
     "FusedCloud.points", "FusedCloud.directions", "GraspSet.X_OG", "filter_grasps.X_OG",
-    "filter_grasps.prior", "IkFlow.inverse.X_WF", "IkFlow.inverse.u", "IkFlow.forward.X_WF",
-    "IkFlow.forward.q", "RiemannianMixture.means", "RiemannianMixture.covariances",
+    "filter_grasps.prior", "RiemannianMixture.means", "RiemannianMixture.covariances",
     "SceneField.points",
     "Gpdf.ray_exits.starts", "Gpdf.ray_exits.directions", "CompletedField.cloud", "Gpdf.nodes",
     "Gpdf.cholesky", "se3.make_pose.R", "se3.make_pose.p", "SafetyFilter.velocity.J", "Gpdf.bounds",

@@ -22,7 +22,6 @@ from feasigrasp.runs.metrics.table import METRICS, UNITLESS
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.limits import CHOICES, LIMITS
 from feasigrasp.scenario.parts import PartConfig
-from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import BezierPath, Scenario
 from tools.run_schema import run_schema
 
@@ -133,7 +132,7 @@ def shown(value: object) -> str:
 
 def keys() -> Iterator[str]:
     """A table for each section of a scenario."""
-    scenario = resolve(Scenario())
+    scenario = Scenario()
     head = "| key | default | values | meaning |\n|---|---|---|---|\n"
     meaning = described(Scenario)
     sections = {f.name: getattr(scenario, f.name) for f in dc.fields(Scenario)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from feasigrasp.models.control.mode import ControlMode, controller_names
+from feasigrasp.models.control.mode import controller_names, mode_names
 from feasigrasp.models.control.status import StatusCode
 from feasigrasp.runs.metrics.cause import Cause
 from feasigrasp.runs.metrics.table import METRICS, Metric
@@ -46,7 +46,7 @@ def run_schema() -> dict[str, Any]:
     properties = {
         "scenario": {"type": "string"},
         "controller": {"type": "string", "anyOf": [words, {"pattern": "^[^:]+:[^:]+$"}]},
-        "mode": {"enum": [*ControlMode]},
+        "mode": {"enum": mode_names()},
         "object": _TEXT,
         "seed": {"type": "integer"},
         "files": {"type": "object", "additionalProperties": {"type": "string"}},

@@ -24,7 +24,7 @@ from packaging.requirements import Requirement
 
 from feasigrasp import __version__
 from feasigrasp.errors import FeasigraspError
-from feasigrasp.resources import diagram_path, model_path
+from feasigrasp.resources import diagram_path
 
 #: Modules of packages that are called otherwise.
 _MODULES = {"drake": "pydrake", "pillow": "PIL", "pyyaml": "yaml"}
@@ -35,8 +35,7 @@ _PARTS = {
 }
 _REINSTALL = "pip install --force-reinstall --no-deps"
 #: Files that come with the package: of each network, and of the reachable space.
-_WEIGHTS = ("grasp_network", "grasp_network_paper", "hidden_side", "ik_flow", "grasp_diffusion")
-_SPACES = ("reachable_space", "reachable_space_paper")
+_WEIGHTS = ("grasp_network", "hidden_side")
 #: Prints the depth that a camera sees in the middle of a wall that is 0.9 m away.
 _RENDER = """
 from pydrake.geometry import *
@@ -211,14 +210,13 @@ def solids() -> Iterator[Finding]:
 
 
 def files() -> Iterator[Finding]:
-    """Whether weights, reachable spaces, models and scenarios are there and whole."""
+    """Whether weights, models and scenarios are there and whole."""
     from feasigrasp.inputs import read_arrays
     from feasigrasp.models.weights_file import WEIGHTS
 
     mend = "reinstall feasigrasp, or 'git checkout' the file"
     try:
         paths = [WEIGHTS / f"{name}.npz" for name in _WEIGHTS]
-        paths += [model_path("iiwa", f"{name}.npz") for name in _SPACES]
         for path in paths:
             arrays = read_arrays(path)
             yield Finding(Health.OK, f"{path.name}: {len(arrays)} arrays")

@@ -18,7 +18,7 @@ import yaml
 
 from feasigrasp.commands.warm_up import compile_ahead
 from feasigrasp.errors import FeasigraspError, OutputError
-from feasigrasp.models.control.mode import ControlMode, controller_names
+from feasigrasp.models.control.mode import controller_names, mode_names
 from feasigrasp.outputs import check_outputs, replacing, write_text
 from feasigrasp.resources import diagram_path
 from feasigrasp.runs.console import StatusLine, summary
@@ -74,7 +74,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--ghost",
-        choices=[*map(str, ControlMode)],
+        choices=mode_names(),
         help="Simulate the arm in this mode too, and show it translucent in the replay.",
     )
     parser.add_argument(
@@ -129,7 +129,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenario-text", metavar="YAML", help="YAML applied on top of the scenario."
     )
-    spaces, modes = [*map(str, controller_names())], [*map(str, ControlMode)]
+    spaces, modes = [*map(str, controller_names())], mode_names()
     parser.add_argument("--controller", choices=spaces, help=f"Controller. {_OF_SCENARIO}")
     parser.add_argument(
         "--mode",
@@ -185,7 +185,6 @@ def main(args: argparse.Namespace) -> int:
                 line=line,
             )
         else:
-            ghost = ControlMode(args.ghost) if args.ghost else None
             result = run(
                 scenario,
                 name,
@@ -194,7 +193,7 @@ def main(args: argparse.Namespace) -> int:
                 keep=kept,
                 line=line,
                 live=live,
-                ghost=ghost,
+                ghost=args.ghost,
             )
     finally:
         line.clear()

@@ -14,7 +14,6 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.checks import check_scenario
 from feasigrasp.scenario.schema import Scenario
@@ -39,7 +38,7 @@ class Ghost:
     q: Array
 
 
-def ghost_of(scenario: Scenario, mode: ControlMode, until: float) -> Ghost:
+def ghost_of(scenario: Scenario, mode: str, until: float) -> Ghost:
     """The true way of the arm in the same scenario under another mode.
 
     A simulation that breaks off leaves the way until then.
@@ -53,7 +52,7 @@ def ghost_of(scenario: Scenario, mode: ControlMode, until: float) -> Ghost:
         ScenarioError: The scenario has keys that this mode does not have.
     """
     scenario = deepcopy(scenario)
-    scenario.control.mode = mode.value
+    scenario.control.mode = mode
     check_scenario(scenario)
     diagram = make_dynamic_grasp(scenario)
     simulator = Simulator(diagram)

@@ -21,7 +21,6 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 from feasigrasp.errors import FeasigraspError, ScenarioError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.status import Status, StatusCode
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.quantities import ArrayOf
@@ -133,7 +132,7 @@ def run(
     keep: Callable[[dict[str, Any]], None] = lambda record: None,
     line: StatusLine | None = None,
     live: LiveView | None = None,
-    ghost: ControlMode | None = None,
+    ghost: str | None = None,
 ) -> Result:
     """Simulates a scenario until its grasp is over or its duration has passed.
 

@@ -14,19 +14,24 @@ from feasigrasp.errors import CameraError, GraspError, ScenarioError
 from feasigrasp.models.choices import nearest
 from feasigrasp.models.clouds.depth_noise import DepthNoise
 from feasigrasp.models.clouds.hand_eye import HandEyeError
-from feasigrasp.models.control.joint.sources import Source
 from feasigrasp.models.control.mode import ControlSpace
 from feasigrasp.models.objects.tracker_config import TrackerKind
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.plugins import plugins
 from feasigrasp.scenario.cell import BoxConfig, MeshConfig
 from feasigrasp.scenario.faults import check_faults
 from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.limits import CHOICES, LIMITS
+from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.parts import Part, check_parts
-from feasigrasp.scenario.presets import PRESETS
 from feasigrasp.scenario.sampling import camera_errors
-from feasigrasp.scenario.schema import ControlConfig, Scenario, Segmentation
+from feasigrasp.scenario.schema import (
+    EXACT,
+    ControlConfig,
+    Scenario,
+    Segmentation,
+)
 
 #: Models of the cell that no obstacle may be named like.
 RESERVED = ("iiwa", "gripper", "camera", "table", "object", "world")
@@ -251,37 +256,41 @@ def _check_focal(name: str, focal: Any) -> None:
 
 
 def _check_law(scenario: Scenario) -> None:
-    """What is drawn anew has a source; in task space the law of ``safe`` mode is what it is."""
+    """Only ``safe`` mode plans and is slowed down; settings are for parts that packages add."""
     config = scenario.control
-    if config.resample and config.source == Source.CLOSED_FORM:
-        raise ScenarioError(
-            "control.resample is true, but closed_form draws nothing; give control.source: flow or "
-            "dls"
-        )
     if not config.density and config.controller != ControlSpace.TASK:
         raise ScenarioError(
             f"control.density is False, but controller {config.controller} has no density of "
             "grasps; give control.controller: task"
         )
-    if not config.safe and config.speed != 1.0:
+    mode = added_mode(config.mode)
+    if mode is not None:
+        _check_unenforced(config)
+        mode.check(scenario)
+        return
+    if config.options and config.controller in [*ControlSpace]:
+        raise ScenarioError(
+            f"control.options has {', '.join(config.options)}, but controller {config.controller} "
+            f"takes none in safe mode; give control.mode: {' or '.join(plugins('modes'))}"
+        )
+    if scenario.reachability.options and scenario.reachability.method == EXACT:
+        raise ScenarioError(
+            f"reachability.options has {', '.join(scenario.reachability.options)}, but method "
+            f"{EXACT} takes none; give reachability.method: {' or '.join(plugins('judges'))}"
+        )
+
+
+def _check_unenforced(config: ControlConfig) -> None:
+    if config.speed != 1.0:
         raise ScenarioError(
             f"control.speed is {config.speed:g}, but mode {config.mode} enforces no limit; give "
             "control.mode: safe, or control.speed: 1"
         )
-    for name in () if config.safe else ("density", "score", "look_ahead"):
+    for name in ("density", "score", "look_ahead"):
         value, ours = getattr(config, name), getattr(ControlConfig(), name)
         if value != ours:
             raise ScenarioError(
                 f"control.{name} is {value}, but only safe mode plans; give control.mode: safe"
-            )
-    if not config.safe or config.controller != ControlSpace.TASK:
-        return
-    for name in ("law", "damping", "targets"):
-        value, ours = getattr(config, name), PRESETS[f"control.{name}"][0]
-        if value != ours:
-            raise ScenarioError(
-                f"control.{name} is {value} in task space, where safe mode has {ours}; give "
-                "control.mode: corrected or paper"
             )
 
 

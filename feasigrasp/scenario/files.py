@@ -14,12 +14,13 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from feasigrasp.errors import MeshError, ScenarioError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.choices import nearest
+from feasigrasp.models.control.mode import SAFE, mode_names
 from feasigrasp.models.objects.rigid_object import builtin_objects, object_file
 from feasigrasp.models.robot.grippers import GRIPPERS
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.checks import check_scenario
-from feasigrasp.scenario.keys import check_keys, compose, drop_former_keys
-from feasigrasp.scenario.presets import resolve
+from feasigrasp.scenario.keys import check_keys, compose, drop_former_keys, find, move_keys
+from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.schema import Scenario
 
 
@@ -111,7 +112,7 @@ def only_scenario(filename: str | Path) -> str:
 def load_scenario(
     scenario: str | Path, *texts: str | None, base: Scenario | None = None
 ) -> Scenario:
-    """Reads one scenario; what it leaves to the control mode is filled in.
+    """Reads one scenario; keys that it does not give have the defaults of its control mode.
 
     A packaged one by its name, or one of a file::
 
@@ -142,11 +143,12 @@ def load_scenario(
     what = f"scenario {name!r} in {filename}"
     stages: list[tuple[str, Scenario]] = []
     try:
-        first = _load(nodes[name], base or Scenario())
+        changes = [compose(text) for text in overrides]
+        first = _load(nodes[name], _defaults([nodes[name], *changes], base or Scenario()))
         stages.append((what, with_paths_from(Path(filename).parent, first)))
-        for text in overrides:
+        for text, change in zip(overrides, changes, strict=True):
             what = f"scenario {name!r} as changed by {_shortened(text)}"
-            changed = _load(compose(text), stages[-1][1])
+            changed = _load(change, stages[-1][1])
             stages.append((what, with_paths_from(Path(), changed)))
     except ScenarioError as error:
         raise ScenarioError(f"{what}: {error}") from error
@@ -155,17 +157,13 @@ def load_scenario(
         # The first to say so is named: what came after may have nothing to do with it.
         what = next(stage for stage, scenario in stages if _wrong_with(scenario) == wrong)
         raise ScenarioError(f"{what}: {wrong}")
-    return resolve(stages[-1][1])
+    return stages[-1][1]
 
 
 @checked(ScenarioError)
 def dump_scenario(scenario: Scenario) -> str:
-    """The scenario as YAML text, with every value in force; `parse_scenario` reads it.
-
-    Raises:
-        ScenarioError: There is no such control mode or controller.
-    """
-    return str(yaml_dump_typed(resolve(scenario), schema=Scenario))
+    """The scenario as YAML text, with every value in force; `parse_scenario` reads it."""
+    return str(yaml_dump_typed(scenario, schema=Scenario))
 
 
 def parse_scenario(text: str) -> Scenario:
@@ -175,7 +173,8 @@ def parse_scenario(text: str) -> Scenario:
         ScenarioError: Unknown key or value.
     """
     try:
-        scenario = resolve(_load(compose(text), Scenario()))
+        root = compose(text)
+        scenario = _load(root, _defaults([root], Scenario()))
         check_scenario(scenario)
     except ScenarioError as error:
         raise ScenarioError(f"not a scenario: {error}") from error
@@ -197,7 +196,7 @@ def _is_file(scenario: str | Path) -> bool:
 def _wrong_with(scenario: Scenario) -> str | None:
     """What is wrong with the values of a scenario."""
     try:
-        check_scenario(resolve(scenario))
+        check_scenario(scenario)
     except ScenarioError as error:
         return str(error)
     return None
@@ -221,9 +220,22 @@ def _nodes(filename: str | Path) -> dict[str, yaml.Node]:
         raise ScenarioError(f"{filename} is {error}") from error
 
 
+def _defaults(nodes: Iterable[yaml.Node], base: Scenario) -> Scenario:
+    """``base`` with the defaults of the control mode, that of the last tree that gives one."""
+    given = [found for node in nodes if (found := find(node, "control", "mode")) is not None]
+    mode = str(given[-1].value) if given else SAFE
+    added = added_mode(mode) if mode in mode_names() else None  # refused when all is read
+    if added is None:
+        return base
+    filled = copy.deepcopy(base)
+    added.fill(filled)
+    return filled
+
+
 def _load(node: yaml.Node, defaults: Scenario) -> Scenario:
     """Reads the tree of a scenario, or of changes of ``defaults``."""
     drop_former_keys(node)
+    move_keys(node, defaults)
     check_keys(node, Scenario)
     text = yaml.serialize(node, Dumper=yaml.SafeDumper)
     try:

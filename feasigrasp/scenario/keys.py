@@ -23,6 +23,17 @@ _NAMED = (("cameras",), ("camera_noise",), ("cell", "boxes"), ("cell", "meshes")
 #: Keys that older releases of Drake have, and their value there by default; recorded scenarios hold
 #: them.
 _FORMER = {("simulator_config", "publish_every_time_step"): "false"}
+#: Keys of older releases that are ``options`` of their section now, and what they are without.
+_MOVED: dict[str, dict[str, object]] = {
+    "control": {
+        "law": "preconditioned",
+        "damping": 0.02,
+        "targets": "medoids",
+        "length_scale": 0.0,
+        "resample": False,
+    },
+    "reachability": {"space": "default"},
+}
 #: What Drake's structs for things drawn from the seed call their numbers: those of one key.
 _DRAWN = ("min", "max", "mean", "stddev", "value", "values")
 _SCALARS = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
@@ -64,6 +75,19 @@ def compose(text: str) -> yaml.MappingNode:
     return root
 
 
+def find(root: yaml.Node, *path: str) -> yaml.Node | None:
+    """The node that keys of a tree lead to, merged ones as well; None if it gives none."""
+    if not path:
+        return root
+    found = None
+    for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
+        if key.value == path[0]:
+            return find(value, *path[1:])
+        if key.tag == f"{_TAG}merge":
+            found = find(value, *path)
+    return found
+
+
 def drop_former_keys(root: yaml.Node) -> None:
     """Takes keys out of the tree of a scenario that say what Drake does anyway, in any release."""
     for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
@@ -73,6 +97,48 @@ def drop_former_keys(root: yaml.Node) -> None:
             value.value = [
                 (k, v) for k, v in value.value if _FORMER.get((key.value, k.value), ...) != v.value
             ]
+
+
+def move_keys(root: yaml.Node, defaults: typing.Any) -> None:
+    """Puts keys of older releases in the tree of a scenario into ``options`` of their section.
+
+    Args:
+        root: The tree.
+        defaults: The scenario whose options the tree changes.
+    """
+    for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
+        if key.tag == f"{_TAG}merge":
+            move_keys(value, defaults)
+        elif key.value in _MOVED and isinstance(value, yaml.MappingNode):
+            _move(value, _MOVED[key.value], getattr(defaults, key.value).options)
+
+
+def _move(
+    section: yaml.MappingNode, former: dict[str, object], options: dict[str, typing.Any]
+) -> list[tuple[yaml.Node, yaml.Node]]:
+    """Moves the keys of a mapping, and of those that it merges; returns what its options are."""
+    merged: list[tuple[yaml.Node, yaml.Node]] = []
+    own: list[tuple[yaml.Node, yaml.Node]] = []
+    rest: list[tuple[yaml.Node, yaml.Node]] = []
+    found: list[tuple[yaml.Node, yaml.Node]] | None = None
+    for key, value in section.value:
+        if key.tag == f"{_TAG}merge" and isinstance(value, yaml.MappingNode):
+            merged = _move(value, former, options)
+        if key.value == "options" and isinstance(value, yaml.MappingNode):
+            found = value.value
+        elif key.value not in former:
+            rest.append((key, value))
+        elif key.value in options or yaml.safe_load(yaml.serialize(value)) != former[key.value]:
+            own.append((key, value))
+    if own:
+        given = {key.value for key, _ in (*own, *(found or ()))}
+        found = [entry for entry in merged if entry[0].value not in given] + own + (found or [])
+    if found is not None:
+        mark = section.start_mark, section.end_mark
+        word = yaml.ScalarNode(f"{_TAG}str", "options", *mark)
+        rest.append((word, yaml.MappingNode(f"{_TAG}map", found, *mark)))
+    section.value = rest
+    return merged if found is None else found
 
 
 def check_keys(node: yaml.Node, kind: typing.Any, path: tuple[str, ...] = ()) -> None:

@@ -10,17 +10,15 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.analysis import GetIntegrationSchemes
 
-from feasigrasp.models.control.joint.sources import Source
-from feasigrasp.models.control.mode import ControlMode, Law, Targets, controller_names
+from feasigrasp.models.control.mode import controller_names, mode_names
 from feasigrasp.models.control.planning.outlook import LookAhead
 from feasigrasp.models.grasps.samplers import sampler_names
 from feasigrasp.models.objects.carriers import CarrierKind
 from feasigrasp.models.objects.tracker_config import TrackerKind
-from feasigrasp.models.reach.judge import JudgeMethod
-from feasigrasp.models.reach.reachable_space import SpaceName
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.shape.completion import Preset
-from feasigrasp.scenario.schema import Execution, Segmentation
+from feasigrasp.plugins import plugins
+from feasigrasp.scenario.schema import CLOSED_FORM, EXACT, Execution, Segmentation
 
 _SEED = (0, 2**32 - 1, "")
 _TURN = (-3600.0, 3600.0, "deg")
@@ -89,8 +87,6 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "control.period": (5e-4, 0.05, "s"),
     "control.speed": (0.01, 1.0, "of the velocity limits"),
     "control.gain": (1e-9, 1000.0, "1/s"),
-    "control.damping": (0.0, 1.0, ""),
-    "control.length_scale": (0.0, 10.0, "rad"),
     "control.n_solutions": (1, 10_000, ""),
     "execution.position_error": (0.0, 0.1, "m"),
     "execution.angle_error": (0.0, 1.0, "rad"),
@@ -162,17 +158,14 @@ CHOICES: dict[str, Sequence[str]] = {
     "carrier.kind": tuple(CarrierKind),
     "tracker.kind": tuple(TrackerKind),
     "control.controller": tuple(controller_names()),
-    "control.mode": tuple(ControlMode),
-    "control.law": tuple(Law),
-    "control.targets": tuple(Targets),
-    "control.source": tuple(Source),
+    "control.mode": tuple(mode_names()),
+    "control.source": (CLOSED_FORM, *plugins("ik_sources")),
     "control.look_ahead": tuple(LookAhead),
     "perception.segmentation": tuple(Segmentation),
     "perception.execution": tuple(Execution),
     "perception.preset": tuple(Preset),
     "perception.sampler": tuple(sampler_names()),
-    "reachability.method": tuple(JudgeMethod),
-    "reachability.space": tuple(SpaceName),
+    "reachability.method": (EXACT, *plugins("judges")),
     "simulator_config.integration_scheme": GetIntegrationSchemes(),
     "plant_config.contact_model": ("point", "hydroelastic", "hydroelastic_with_fallback"),
     "plant_config.discrete_contact_approximation": ("tamsi", "sap", "similar", "lagged"),

@@ -24,6 +24,10 @@ class Part(StrEnum):
     MOTION = "motion"  # the motion that the scenario describes
 
 
+#: Settings by name.
+Options = dict[str, typing.Union[bool, int, float, str]]  # noqa: UP007 - Drake's YAML
+
+
 @dc.dataclass
 class PartConfig:
     """A part of one's own.
@@ -35,9 +39,7 @@ class PartConfig:
     """
 
     name: str = ""
-    options: dict[str, typing.Union[bool, int, float, str]] = dc.field(  # noqa: UP007 - Drake's YAML
-        default_factory=dict
-    )
+    options: Options = dc.field(default_factory=dict)
 
 
 def check_parts(parts: Mapping[str, PartConfig]) -> None:

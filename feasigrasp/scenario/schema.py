@@ -1,8 +1,8 @@
 """The scenario: one dataclass that *is* the YAML format of ``diagrams/*.scenarios.yaml``.
 
 A scenario file maps names to scenarios; a file is read with `load_scenario`, which refuses unknown
-keys by name, and what ran is written back with `dump_scenario`. Keys that are None by default take
-the value that `feasigrasp.scenario.presets` has for the control mode.
+keys by name, and what ran is written back with `dump_scenario`. Other control modes than ``safe``
+may have other defaults (`feasigrasp.scenario.modes`).
 """
 
 import dataclasses as dc
@@ -18,22 +18,23 @@ from pydrake.systems.sensors import CameraConfig
 
 from feasigrasp.errors import ScenarioError
 from feasigrasp.models.arguments import check_fields
-from feasigrasp.models.choices import parse_choice
-from feasigrasp.models.control.mode import ControlMode, ControlSpace
+from feasigrasp.models.control.mode import SAFE, ControlSpace
 from feasigrasp.models.control.planning.outlook import LookAhead
+from feasigrasp.models.grasps.samplers import SamplerName
 from feasigrasp.models.grasps.sequence import GraspSequenceConfig
 from feasigrasp.models.objects.tracker_config import TrackerConfig
 from feasigrasp.models.robot.grippers import PACKAGED
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.shape.completion import Preset
 from feasigrasp.scenario.cell import CellConfig
 from feasigrasp.scenario.company import CarrierConfig, DistractorConfig
 from feasigrasp.scenario.faults import AnyFault
-from feasigrasp.scenario.parts import Part, PartConfig
+from feasigrasp.scenario.parts import Options, Part, PartConfig
 
-
-def _of_the_mode() -> typing.Any:
-    """A key that is None until `feasigrasp.scenario.presets.resolve` takes it from the mode."""
-    return dc.field(default=None)
+#: ``reachability.method``: exact inverse kinematics.
+EXACT = "ik"
+#: ``control.source``: closed-form inverse kinematics.
+CLOSED_FORM = "closed_form"
 
 
 @dc.dataclass
@@ -138,19 +139,17 @@ class PerceptionConfig:
             the surroundings; ``auto``, the latter where an arm is commanded by its driver's
             messages, else the former.
         period: Time between views [s].
-        latency: Time from a view to its grasps [s], where the cell is simulated; by default that of
-            the mode.
-        preset: ``default``, or ``paper`` for the paper's field, see `complete_shape`; by default
-            that of the mode.
+        latency: Time from a view to its grasps [s], where the cell is simulated.
+        preset: ``default``, or ``paper`` for the paper's field, see `complete_shape`.
         max_points: Points that the field is fitted to.
         length_scale: Length scale of the field's kernel [m].
         voxel_size: Resolution at which views are merged in the object frame [m].
         hidden_side: Whether what lies behind the seen surface is guessed; not by the paper's field.
-        views: How many views are merged at most, 0 for all; by default that of the mode.
+        views: How many views are merged at most, 0 for all.
         filter: Whether what the sampler proposes is judged on the field; if not, it is taken as it
             comes.
-        sampler: ``network`` (learned), ``paper``, ``antipodal`` (model-free) or ``diffusion`` (a
-            baseline), see `SamplerName`; by default that of the mode.
+        sampler: ``network`` (learned) or ``antipodal`` (model-free), see `SamplerName`; to compare
+            with, ``paper`` and ``diffusion``.
         n_candidates: Grasp candidates drawn per update.
         n_grasps: Grasps kept per update.
     """
@@ -160,15 +159,15 @@ class PerceptionConfig:
     segmentation: str = Segmentation.LABELS.value
     execution: str = Execution.AUTO.value
     period: float = 0.5
-    latency: float = _of_the_mode()
-    preset: str = _of_the_mode()
+    latency: float = 0.1
+    preset: str = Preset.DEFAULT.value
     max_points: int = 320
     length_scale: float = 0.3
     voxel_size: float = 0.003
     hidden_side: bool = True
-    views: int = _of_the_mode()
+    views: int = 0
     filter: bool = True
-    sampler: str = _of_the_mode()
+    sampler: str = SamplerName.NETWORK.value
     n_candidates: int = 800
     n_grasps: int = 192
 
@@ -196,85 +195,67 @@ class ReachabilityConfig:
 
     Attributes:
         period: Time between updates [s].
-        method: ``ik`` (exact inverse kinematics), ``rmm`` (the paper's density of reachable poses),
-            ``both`` (exact on what the density lets through), or ``none`` (nothing is judged); by
-            default that of the mode.
-        space: Which density: ``default``, or ``paper`` (64 components, as many as the paper's,
-            fitted to uniform joint samples); by default that of the mode.
-        horizon: A grasp must stay reachable this long, as the object moves now [s]; by default that
-            of the mode.
-        twins: Whether a grasp turned by 180 degrees counts as another; by default as in the mode.
+        method: ``ik``, exact inverse kinematics; to compare with, ``rmm`` (the paper's density of
+            reachable poses), ``both`` (exact on what the density lets through) and ``none``
+            (nothing is judged).
+        horizon: A grasp must stay reachable this long, as the object moves now [s].
+        twins: Whether a grasp turned by 180 degrees counts as another.
+        options: Settings of a method that a package adds (`feasigrasp.plugins`), such as ``space``
+            of ``rmm`` and ``both``.
     """
 
     period: float = 0.1
-    method: str = _of_the_mode()
-    space: str = _of_the_mode()
-    horizon: float = _of_the_mode()
-    twins: bool = _of_the_mode()
+    method: str = EXACT
+    horizon: float = 1.0
+    twins: bool = True
+    options: Options = dc.field(default_factory=dict)
 
 
 @dc.dataclass
 class ControlConfig:
-    """The arm's controller; keys that are None by default take the values of the mode.
+    """The arm's controller.
 
     Attributes:
         controller: ``task`` (Riemannian mixture) or ``joint`` (distance field over IK solutions);
             ``nearest`` and ``diffusion`` are baselines, damped tracking of the nearest reachable
             grasp, and the gradient of a learned energy.
-        mode: ``safe`` enforces limits and clearances; ``corrected`` (the paper's law with our
-            corrections) and ``paper`` (as printed) enforce nothing.
+        mode: ``safe`` enforces limits and clearances. To compare with, ``paper`` (the paper's law
+            as printed) and ``corrected`` (with our corrections) enforce nothing.
         period: Control period [s].
         speed: Share of the arm's velocity limits that may be used, in (0, 1]; nothing exceeds it,
             plans reckon with it, and lift and shaking take as much longer. Accelerations, and
             with them braking, keep their limits. For ``safe`` mode; on hardware 0.25 by default.
-        law: ``preconditioned``, a rate times the way that is left, or the ``gradient`` itself; for
-            the modes that enforce nothing, in ``safe`` mode it is preconditioned.
-        gain: Of the law; a rate [1/s], or a step for the task-space gradient, which is in 1/rad and
-            1/m.
-        damping: Of the task-space pseudo-inverse, 0 for none; not for ``safe`` mode, which solves a
-            QP.
+        gain: Rate at which the way that is left decreases [1/s]; by default that of the controller,
+            5 in task space and 8 in joint space.
         feed_forward: Whether the object's own motion is added to the law.
         density: Whether the density of grasps decides in ``safe`` mode, in task space.
         score: Whether the scores of grasps decide in ``safe`` mode.
         look_ahead: What plans of ``safe`` mode take the object to do: ``predicted``, to go on as
             the tracker predicts; ``twist``, to keep its twist; ``none``, to stay where it is.
-        targets: What the task-space law goes for, in the modes that enforce nothing: ``medoids`` of
-            the mixture's components, or their ``means``.
-        length_scale: Of the joint-space field [rad]; 0 follows the spacing of the solutions.
         n_solutions: How many configurations the joint-space field is fitted to, at most.
-        source: Where they come from: ``closed_form``, ``flow`` (the IK flow, refined by three steps
-            of the pseudo-inverse) or ``dls`` (damped least squares).
-        resample: Whether they are drawn anew at every update, from the same seed, as in the paper;
-            else they keep their identity.
+        source: Where they come from: ``closed_form``; to compare with, ``flow`` (the IK flow) and
+            ``dls`` (damped least squares).
+        options: Settings of a controller or mode that a package adds (`feasigrasp.plugins`), such
+            as ``law`` of the modes ``paper`` and ``corrected``.
     """
 
     controller: str = ControlSpace.TASK.value
-    mode: str = ControlMode.SAFE.value
+    mode: str = SAFE
     period: float = 0.005
     speed: float = 1.0
-    law: str = _of_the_mode()
-    gain: float = _of_the_mode()
-    damping: float = _of_the_mode()
-    feed_forward: bool = _of_the_mode()
+    gain: float | None = None
+    feed_forward: bool = True
     density: bool = True
     score: bool = True
     look_ahead: str = LookAhead.PREDICTED.value
-    targets: str = _of_the_mode()
-    length_scale: float = _of_the_mode()
-    n_solutions: int = _of_the_mode()
-    source: str = _of_the_mode()
-    resample: bool = _of_the_mode()
+    n_solutions: int = 64
+    source: str = CLOSED_FORM
+    options: Options = dc.field(default_factory=dict)
 
     @property
     def safe(self) -> bool:
-        """Whether limits and clearances are enforced.
-
-        Raises:
-            ScenarioError: There is no such mode.
-        """
-        return (
-            parse_choice(ControlMode, self.mode, "control.mode", ScenarioError) is ControlMode.SAFE
-        )
+        """Whether limits and clearances are enforced."""
+        return self.mode == SAFE
 
 
 @dc.dataclass

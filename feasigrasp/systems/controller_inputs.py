@@ -10,7 +10,6 @@ from pydrake.systems.framework import Context
 
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.lookout import Sought
 from feasigrasp.models.control.planning.reserve import kept_surface
 from feasigrasp.models.geometry import se3
@@ -22,7 +21,7 @@ from feasigrasp.models.objects.tracking import Tracking
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.shape.gpdf import Gpdf
-from feasigrasp.systems.ports import Cached, evaluate, optional
+from feasigrasp.systems.ports import evaluate, optional
 
 
 class ControllerInputs:
@@ -125,17 +124,19 @@ class ControllerInputs:
     def obstacles(self) -> ObstacleGrid | None:
         """Distances to scene and static obstacles, which the arm keeps clear of.
 
-        None where there are none, or no limits are enforced.
+        None where there are none.
         """
-        return self._grid(self._controller._obstacles)
+        obstacles: ObstacleGrid | None = evaluate(self._controller._obstacles, self._context)
+        return obstacles
 
     @property
     def surface(self) -> ObstacleGrid | None:
-        """Distances to the object's surface, in its frame; None unless limits are enforced.
+        """Distances to the object's surface, in its frame; None while there is no field.
 
         Without what nobody has seen, if the grasp that the hand is nearly at is in there.
         """
-        return self._grid(self._controller._surface)
+        surface: ObstacleGrid | None = evaluate(self._controller._surface, self._context)
+        return surface
 
     @checked()
     def kept_off(self, grid: ObstacleGrid | None) -> ObstacleGrid | None:
@@ -145,8 +146,3 @@ class ControllerInputs:
         X_FG, hand = self._controller.reachability.gripper.X_FG, self._controller._open_hand
         X_OH = se3.inverse(self.X_WO) @ forward_kinematics(self.q, X_FG)
         return kept_surface(grid, X_OH, self.grasps.X_OG, hand)
-
-    def _grid(self, entry: Cached) -> ObstacleGrid | None:
-        safe = self._controller.mode is ControlMode.SAFE
-        grid: ObstacleGrid | None = evaluate(entry, self._context) if safe else None
-        return grid

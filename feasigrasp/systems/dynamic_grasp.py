@@ -15,7 +15,6 @@ from feasigrasp.models.grasps.grasp_set import GraspSamplerFn
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.scenario.checks import check_segmentation
 from feasigrasp.scenario.parts import Part
-from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import make_hand_error
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import (
@@ -151,7 +150,6 @@ def make_dynamic_grasp(
         ScenarioError: A part that the scenario names cannot be made, or one that is given would
             have to go to another process.
     """
-    scenario = resolve(scenario)
     reachability = make_reachability(scenario)
     gripper = reachability.gripper
     hand_error = np.eye(4) if station else make_hand_error(scenario)

@@ -24,7 +24,6 @@ from feasigrasp.models.segmentation.foreground import Label
 from feasigrasp.models.segmentation.known_bodies import KnownBodies
 from feasigrasp.models.shape.gpdf_fit import fit_gpdf
 from feasigrasp.scenario.parts import Part, make_named
-from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.sampling import (
     load_scenario_object,
     make_camera_noise,
@@ -171,7 +170,7 @@ def make_camera(
 
 def make_scenario_sampler(scenario: Scenario, gripper: ParallelGripper) -> GraspSamplerFn:
     """The grasp sampler of a scenario, compiled."""
-    config = resolve(scenario).perception
+    config = scenario.perception
     sampler = make_sampler(
         config.sampler,
         gripper,

@@ -7,7 +7,6 @@ from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.joint.law import JointControlOptions, JointSpaceControl
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.quantities import Positive
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.scenario.schema import ReachabilityConfig
@@ -32,20 +31,17 @@ class GPJointController(GraspController):
         options: JointControlOptions | None = None,
         *,
         period: Positive = ReachabilityConfig.period,
-        mode: str = ControlMode.SAFE,
     ) -> None:
-        """A controller; ``mode`` is ``safe``, or one that enforces nothing.
+        """A controller that looks for solutions every ``period`` seconds.
 
-        The law of such a mode is what ``options`` say, whichever it is.
-
-        Raises:
-            ControlError: There is no such mode.
+        Args:
+            reachability: What the arm can reach, and its gripper.
+            options: Gains.
+            period: Time between updates [s].
         """
         options = options or JointControlOptions()
-        super().__init__(
-            reachability, Solutions.empty(), safety=options.safety, period=period, mode=mode
-        )
-        self._control = JointSpaceControl(reachability, options, period, self.mode)
+        super().__init__(reachability, Solutions.empty(), safety=options.safety, period=period)
+        self._control = JointSpaceControl(reachability, options, period)
         self.rehearse()
 
     @checked(ControlError)

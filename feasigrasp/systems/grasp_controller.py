@@ -20,8 +20,6 @@ from pydrake.systems.framework import (
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.choices import parse_choice
-from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.planning.in_view import velocity_in_view
 from feasigrasp.models.control.planning.lookout import Sought, lookout, lookout_velocity
 from feasigrasp.models.control.planning.reserve import is_close, retreat_velocity
@@ -94,9 +92,9 @@ class GraspController(LeafSystem):
     object's twist is taken for constant; ``phase``, a `Phase` of `GripperSequencer`, by which a
     hand that has committed to its grasp keeps to it; ``gpdf``, the object's `Gpdf` or None, whose
     surface the open hand keeps off; and ``touch``, V7 torques of a contact [Nm], zero without one,
-    to which the arm gives way in ``safe`` mode, whatever `velocity` says. With ``camera_pose``,
+    to which the arm gives way, whatever `velocity` says. With ``camera_pose``,
     X_WC of a camera on the hand, which the object is tracked with (``tracking``, a `Tracking`), the
-    arm keeps the object in its image in that mode, as long as there is a ``gpdf``; while there is a
+    arm keeps the object in its image, as long as there is a ``gpdf``; while there is a
     ``sought``, a `Sought` or None, it looks for that instead, and while there is a ``look_from``,
     a configuration (7,) or None, it goes there to see the object from another side.
 
@@ -131,7 +129,6 @@ class GraspController(LeafSystem):
 
     Attributes:
         reachability: What the arm can reach, and its gripper.
-        mode: ``safe``; ``corrected`` and ``paper`` enforce nothing.
         period: Time between updates [s].
     """
 
@@ -143,7 +140,6 @@ class GraspController(LeafSystem):
         *,
         safety: SafetyOptions | None = None,
         period: Positive = ReachabilityConfig.period,
-        mode: str = ControlMode.SAFE,
     ) -> None:
         """A controller that has not seen any grasps.
 
@@ -151,16 +147,14 @@ class GraspController(LeafSystem):
             reachability: What the arm can reach, and its gripper.
             memory: What is remembered before the first update; best a `Frozen` value, since others
                 are copied with every context.
-            safety: Margins of ``safe`` mode.
+            safety: Margins of the QP.
             period: Time between updates [s]; that of the grasps.
-            mode: One of `ControlMode`.
 
         Raises:
-            ControlError: There is no such mode.
+            ControlError: The period is not positive.
         """
         super().__init__()
         self.reachability = reachability
-        self.mode = parse_choice(ControlMode, mode, "mode", ControlError)
         self.period = period
         self._safety_options = safety or SafetyOptions()
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
@@ -204,10 +198,8 @@ class GraspController(LeafSystem):
         )
 
     @cached_property
-    def safety(self) -> SafetyFilter | None:
-        """The QP that keeps limits and clearances; None in modes that enforce nothing."""
-        if self.mode is not ControlMode.SAFE:
-            return None
+    def safety(self) -> SafetyFilter:
+        """The QP that keeps limits and clearances."""
         return SafetyFilter(self._safety_options, self.reachability.gripper)
 
     @checked(ControlError)
@@ -261,10 +253,8 @@ class GraspController(LeafSystem):
 
         With a Jacobian J (6, 7) and a twist V (6,) of the hand, that is the one nearest to V, and
         ``qd`` only fills the redundant directions. An object that is looked for is kept off where
-        it is expected. In a mode that enforces nothing it is ``qd`` itself.
+        it is expected.
         """
-        if self.safety is None:
-            return qd
         return self.safety.velocity(
             inputs.q,
             qd,
@@ -279,10 +269,10 @@ class GraspController(LeafSystem):
     def in_view(self, qd: Annotated[Array, JOINT_RATES], inputs: ControllerInputs) -> Array:
         """The velocity nearest to ``qd`` (7,) that also keeps the object in the camera's image.
 
-        It is ``qd`` itself in a mode that enforces nothing, unless the object is tracked with a
-        camera on the hand, or while it is not known where the object is.
+        It is ``qd`` itself unless the object is tracked with a camera on the hand, and while it is
+        not known where the object is.
         """
-        X_WC = inputs.X_WC if self.safety is not None and inputs.seen_by_arm else None
+        X_WC = inputs.X_WC if inputs.seen_by_arm else None
         gpdf = None if X_WC is None else inputs.gpdf
         if X_WC is None or gpdf is None:
             return qd
@@ -333,8 +323,7 @@ class GraspController(LeafSystem):
                 self._look_out(context)
             qd = self.velocity(memory, ControllerInputs(self, context))
             q = q + _REHEARSAL_STEP * self.in_view(qd, ControllerInputs(self, context))
-        if self.safety is not None:
-            self.safety.rehearse()
+        self.safety.rehearse()
 
     def _declare_grid(
         self, name: str, port: InputPort, make_grid: Callable[[Any], ObstacleGrid]
@@ -365,7 +354,7 @@ class GraspController(LeafSystem):
         """The configuration from which the arm looks for the object; None if it does not."""
         inputs = ControllerInputs(self, context)
         sought, X_WC = inputs.sought, inputs.X_WC
-        if self.safety is None or sought is None or X_WC is None:
+        if sought is None or X_WC is None:
             return None
         return lookout(sought, inputs.q, X_WC, self.reachability)
 
@@ -384,11 +373,11 @@ class GraspController(LeafSystem):
         if q_lookout is not None:
             speed = self._safety_options.speed
             qd = self.enforced(lookout_velocity(inputs.q, q_lookout, speed), inputs)
-        elif self.safety is not None and inputs.look_from is not None:
+        elif inputs.look_from is not None:
             qd = self.in_view(self._look_again(self.safety, inputs.look_from, inputs), inputs)
         else:
             qd = self.in_view(self.velocity(self.memory(context), inputs), inputs)
-        if self.safety is not None and inputs.touch.any():
+        if inputs.touch.any():
             J_WH = pose_and_jacobian(inputs.q, self.reachability.gripper.X_FG)[1]
             qd = self.enforced(yielding_velocity(qd, inputs.touch, J_WH), inputs)
         output.SetFromVector(qd)

@@ -17,10 +17,7 @@ from feasigrasp.models.grasps.grasp_set import FLIP, GraspSet, Rejection
 from feasigrasp.models.grasps.hand_clearance import scene_clear, unseen_clear
 from feasigrasp.models.objects.prediction import Motion
 from feasigrasp.models.quantities import NotNegative, Positive
-from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
-from feasigrasp.models.reach.lookahead import WAY_IN, JudgedGrasps, judge_grasps
-from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.models.reach.lookahead import WAY_IN, Judge, JudgedGrasps, judge_grasps
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
@@ -189,14 +186,8 @@ class ReachabilityFilter(LeafSystem):
 
     Grasps are in the object frame, before and after. A grasp and its flip about the approach
     direction are one grasp but two hand poses: both are tried, unless told otherwise, and both may
-    remain. A pose is judged by one of these methods:
-
-    - ``ik``: exact inverse kinematics finds a configuration inside the joint limits, free of
-      self-collision and clear of the table;
-    - ``rmm``: the paper's, the density of the flange pose under a mixture of reachable poses
-      exceeds the value that 99 % of reachable poses exceed;
-    - ``both``: exact inverse kinematics, of what the mixture lets through;
-    - ``none``: nothing is judged, only counted.
+    remain. A pose is in reach if exact inverse kinematics finds a configuration inside the joint
+    limits, free of self-collision and clear of the table, or whatever else the judge asks for.
 
     A grasp must be in reach at the object's pose now and, as its motion is predicted, all through
     the next ``horizon`` seconds; ``object_motion`` may be left unconnected, then it is extrapolated
@@ -211,25 +202,20 @@ class ReachabilityFilter(LeafSystem):
     @checked(ReachabilityError)
     def __init__(
         self,
-        reachability: Reachability,
+        judge: Judge,
         *,
-        method: str = JudgeMethod.IK,
-        reachable_space: ReachableSpace | None = None,
         horizon: NotNegative = 1.0,
         twins: bool = True,
         way_in: NotNegative = WAY_IN,
         period: Positive = ReachabilityConfig.period,
     ) -> None:
-        """A filter; ``reachable_space`` is the packaged one of the iiwa unless given.
+        """A filter by a judge, such as `Reachability`.
 
         Without ``twins`` grasps are judged as they are, not their flips. Which grasps were kept is
         remembered every ``period`` seconds.
-
-        Raises:
-            ReachabilityError: There is no such method.
         """
         super().__init__()
-        self._judge = PoseJudge(reachability, method, reachable_space)
+        self._judge = judge
         self._judge.verdicts(np.eye(4))  # compiles its kernels, before the first tick
         self._horizon, self._twins, self._way_in = horizon, twins, way_in
         self._grasps = declare_input(self, "grasps", GraspSet.empty())

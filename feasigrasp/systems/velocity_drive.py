@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import checked
-from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel, free_step_kernel
+from feasigrasp.models.control.safety.velocity_limits import drive_step_kernel
 from feasigrasp.models.quantities import Positive, PositiveShare
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.systems.ports import weakly
@@ -33,30 +33,26 @@ class VelocityDrive(LeafSystem):
     measured position is latched.
 
     What is sent keeps its limits, of the velocities the share ``speed``, whatever is commanded
-    (`drive_step_kernel`); a faulty command is
-    one to stop, as hard as the acceleration limits allow. Without ``enforce_limits`` commands are
-    integrated as they come; one that is not finite counts as zero.
+    (`drive_step_kernel`); a faulty command is one to stop, as hard as the acceleration limits
+    allow.
     """
 
     #: The desired position waits for the measured one when it is this far ahead of it [rad].
     MAX_LEAD = 0.10
 
     @checked(ControlError)
-    def __init__(
-        self, period: Positive, *, enforce_limits: bool = True, speed: PositiveShare = 1.0
-    ) -> None:
+    def __init__(self, period: Positive, *, speed: PositiveShare = 1.0) -> None:
         """A drive that updates every ``period`` seconds.
 
         Args:
             period: Control period [s].
-            enforce_limits: Whether the limits hold.
             speed: Share of the velocity limits that may be used, in (0, 1].
 
         Raises:
             ControlError: Another period or speed.
         """
         super().__init__()
-        self._period, self._enforce, self._speed = period, enforce_limits, speed
+        self._period, self._speed = period, speed
         self._velocity = self.DeclareVectorInputPort("velocity", IIWA_7.joints)
         self._position = self.DeclareVectorInputPort("position", IIWA_7.joints)
         state = self.DeclareDiscreteState(2 * IIWA_7.joints)
@@ -96,9 +92,6 @@ class VelocityDrive(LeafSystem):
         """The next desired state (14,), and whether the command is a fault."""
         desired = np.empty(2 * IIWA_7.joints)
         q_next, v_next = desired[: IIWA_7.joints], desired[IIWA_7.joints :]
-        if self._enforce:
-            bounds = self._period, self.MAX_LEAD, self._speed
-            fault = drive_step_kernel(q, v, command, measured, *bounds, q_next, v_next)
-        else:
-            fault = free_step_kernel(q, command, self._period, q_next, v_next)
+        bounds = self._period, self.MAX_LEAD, self._speed
+        fault = drive_step_kernel(q, v, command, measured, *bounds, q_next, v_next)
         return desired, fault

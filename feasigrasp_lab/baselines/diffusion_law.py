@@ -18,8 +18,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.control.mode import Law
-from feasigrasp.models.control.task.paper_law import least_norm_kernel
 from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import grasp_errors
@@ -38,6 +36,8 @@ from feasigrasp_lab.baselines.grasp_diffusion import (
     noise_variance,
 )
 from feasigrasp_lab.baselines.nearest_law import NearestGrasp, nearest_grasp
+from feasigrasp_lab.paper.options import Law
+from feasigrasp_lab.paper.task_law import least_norm_kernel
 
 #: The noise falls by this factor of its time from update to update, while the grasps are no farther
 #: than so many of its standard deviations: the length of noise in six directions, and half as much
@@ -51,6 +51,13 @@ _STEPS, _SHARE = 10, 0.3
 _ARRIVING = 0.05, 0.5
 #: From radians and units of the energy to radians and metres.
 _UNITS = np.repeat([1.0, LENGTH], 3)
+
+
+#: Rate of the law ``preconditioned`` [1/s].
+RATE = 5.0
+#: Gain of the ``gradient``: 5/s times the way that is left where the energy is that of noise of its
+#: least deviation, 0.03.
+GRADIENT_GAIN = 0.005
 
 
 @dataclass(frozen=True)
@@ -68,7 +75,7 @@ class DiffusionControlOptions:
     """
 
     law: str = Law.PRECONDITIONED
-    gain: float = 5.0
+    gain: float = RATE
     max_linear: float = 0.4
     max_angular: float = 1.5
     damping: float = 0.02

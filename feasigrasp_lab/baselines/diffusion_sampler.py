@@ -104,3 +104,10 @@ def closed_on(gpdf: Gpdf, X_OG: Array, opening: float) -> tuple[Array, Array, Ma
     centred = X_OG.copy()
     centred[:, :3, 3] += middle[:, None] * X_OG[:, :3, 0]
     return centred, width, held
+
+
+def make_sampler(
+    gripper: ParallelGripper, *, n_candidates: int, n_grasps: int, least_score: float, seed: int = 0
+) -> DiffusionSampler:
+    """The sampler ``diffusion``; whatever ``n_candidates``, it draws the paper's number."""
+    return DiffusionSampler(gripper, n_grasps=n_grasps, least_score=least_score, seed=seed)

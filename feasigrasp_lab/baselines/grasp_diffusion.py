@@ -15,12 +15,12 @@ from feasigrasp.models.arrays import Array, Frozen
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.weights_file import (
-    WEIGHTS,
     WeightArrays,
     WeightsFormat,
     fill_network,
     network_arrays,
 )
+from feasigrasp_lab import WEIGHTS
 from feasigrasp_lab.baselines.diffusion_energy import (
     LENGTH,
     Cloud,

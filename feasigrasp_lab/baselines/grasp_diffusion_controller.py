@@ -6,7 +6,6 @@ import numpy as np
 import torch
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.reach.reachability import Reachability
@@ -17,6 +16,8 @@ from feasigrasp.systems.controller_inputs import ControllerInputs
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.ports import declare_output
 from feasigrasp_lab.baselines.diffusion_law import (
+    GRADIENT_GAIN,
+    RATE,
     DiffusedField,
     DiffusionControlOptions,
     diffusion_velocity,
@@ -30,23 +31,23 @@ from feasigrasp_lab.baselines.nearest_law import (
     nearest_grasp,
     nearest_grasp_velocity,
 )
+from feasigrasp_lab.paper.controllers import Unenforced
+from feasigrasp_lab.paper.options import Law, PaperOptions
 
 
 def make_controller(
     scenario: Scenario, reachability: Reachability, safety: SafetyOptions
 ) -> GraspDiffusionController:
     """The controller ``diffusion`` of a scenario."""
-    config = scenario.control
+    config, given = scenario.control, PaperOptions.of(scenario)
     options = DiffusionControlOptions(
-        law=config.law,
-        gain=config.gain,
-        damping=config.damping,
+        law=given.law,
+        gain=config.gain or (GRADIENT_GAIN if given.law == Law.GRADIENT else RATE),
+        damping=given.damping,
         feed_forward=config.feed_forward,
     )
-    period = scenario.reachability.period
-    return GraspDiffusionController(
-        reachability, options, safety=safety, period=period, mode=config.mode
-    )
+    make = GraspDiffusionController if config.safe else _Unenforced
+    return make(reachability, options, safety=safety, period=scenario.reachability.period)
 
 
 class GraspDiffusionController(GraspController):
@@ -57,8 +58,8 @@ class GraspDiffusionController(GraspController):
     at no grasps, only whether there are any in reach: without one the command is to stop, as it is
     while the object's pose or twist is not finite. Where the energy ends, with something between
     the pads, is a grasp of its own: the output port ``arrival``, a `GraspSet` of one or none, tells
-    it. In ``paper`` mode there is none. Without a field, as when fingers close and lift, it follows
-    the grasp that it is given.
+    it. With the law ``gradient`` there is none. Without a field, as when fingers close and lift, it
+    follows the grasp that it is given.
 
     Torch is set to one thread, which is best at control rate.
     """
@@ -71,23 +72,20 @@ class GraspDiffusionController(GraspController):
         diffusion: GraspDiffusion | None = None,
         safety: SafetyOptions | None = None,
         period: float = ReachabilityConfig.period,
-        mode: str = ControlMode.SAFE,
     ) -> None:
-        """A controller; ``mode`` is ``safe``, or one that enforces nothing.
+        """A controller that descends an energy.
 
         Args:
             reachability: Tells the hand on the flange.
             options: Law and gains.
             diffusion: The energy; by default the one that comes with the package.
-            safety: Margins of ``safe`` mode.
+            safety: Margins of the QP.
             period: Time between updates [s].
-            mode: One of `ControlMode`.
 
         Raises:
-            ControlError: There is no such mode.
             WeightsError: The energy's weights are missing or broken.
         """
-        super().__init__(reachability, DiffusedField(), safety=safety, period=period, mode=mode)
+        super().__init__(reachability, DiffusedField(), safety=safety, period=period)
         self._options = options or DiffusionControlOptions()
         self._diffusion = diffusion or load_grasp_diffusion()
         torch.set_num_threads(1)
@@ -120,3 +118,7 @@ class GraspDiffusionController(GraspController):
         X_FG = self.reachability.gripper.X_FG
         qd, J, V = diffusion_velocity(q, memory, X_WO, V_WO, X_FG, options)
         return self.enforced(qd, inputs, J, V)
+
+
+class _Unenforced(Unenforced, GraspDiffusionController):
+    """The same with nothing enforced."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.scenario.schema import ReachabilityConfig, Scenario
@@ -15,6 +14,8 @@ from feasigrasp_lab.baselines.nearest_law import (
     nearest_grasp,
     nearest_grasp_velocity,
 )
+from feasigrasp_lab.paper.controllers import Unenforced
+from feasigrasp_lab.paper.options import PaperOptions
 
 
 def make_controller(
@@ -23,12 +24,12 @@ def make_controller(
     """The controller ``nearest`` of a scenario."""
     config = scenario.control
     options = NearestOptions(
-        gain=config.gain, damping=config.damping, feed_forward=config.feed_forward
+        gain=config.gain or NearestOptions.gain,
+        damping=PaperOptions.of(scenario).damping,
+        feed_forward=config.feed_forward,
     )
-    period = scenario.reachability.period
-    return NearestGraspController(
-        reachability, options, safety=safety, period=period, mode=config.mode
-    )
+    make = NearestGraspController if config.safe else _Unenforced
+    return make(reachability, options, safety=safety, period=scenario.reachability.period)
 
 
 class NearestGraspController(GraspController):
@@ -36,7 +37,7 @@ class NearestGraspController(GraspController):
 
     At every update the grasp with the least travel time is chosen; the memory is a `NearestGrasp`.
     In between a damped pseudo-inverse leads the hand there, with the object's twist fed forward,
-    and the QP of ``safe`` mode, where that is the mode, keeps limits and clearances.
+    and in ``safe`` mode the QP keeps limits and clearances.
     """
 
     def __init__(
@@ -46,14 +47,9 @@ class NearestGraspController(GraspController):
         *,
         safety: SafetyOptions | None = None,
         period: float = ReachabilityConfig.period,
-        mode: str = ControlMode.SAFE,
     ) -> None:
-        """A controller; ``mode`` is ``safe``, or one that enforces nothing.
-
-        Raises:
-            ControlError: There is no such mode.
-        """
-        super().__init__(reachability, NearestGrasp(), safety=safety, period=period, mode=mode)
+        """A controller; arguments as of `GraspController`, and the gains of the law."""
+        super().__init__(reachability, NearestGrasp(), safety=safety, period=period)
         self._options = options or NearestOptions()
         self.rehearse()
 
@@ -72,3 +68,7 @@ class NearestGraspController(GraspController):
             inputs.q, memory, inputs.X_WO, inputs.V_WO, self.reachability, self._options
         )
         return self.enforced(qd, inputs)
+
+
+class _Unenforced(Unenforced, NearestGraspController):
+    """The same with nothing enforced."""

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.control.task.paper_law import least_norm_kernel
 from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel, standoff_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
+from feasigrasp_lab.paper.task_law import least_norm_kernel
 
 #: Another grasp is followed if it is reached sooner by this [s].
 SAVED = 0.2

@@ -40,8 +40,11 @@ from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.runs.results.arguments import add_common_arguments
 from feasigrasp.runs.results.rows import Row, format_rows
 from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
+from feasigrasp_lab.paper.controllers import PaperJointController, PaperTaskController
+from feasigrasp_lab.paper.joint_law import PaperJointOptions
 from feasigrasp_lab.peers.control import ArrayJointStep, ArrayTaskStep
 from feasigrasp_lab.report.paper_tables import TABLE_3_JOINT, TABLE_3_TASK
 
@@ -245,7 +248,8 @@ def task_probe(reachability: Reachability, K: int, mode: str, seed: int) -> Cont
     for draw in range(_DRAWS):
         rng = np.random.default_rng([seed, draw])
         grasps = grasps_in_reach(reachability, K, _PER_GROUP, rng)
-        controller = RMMTaskController(reachability, max_components=K, mode=mode)
+        make = PaperTaskController if mode == "corrected" else RMMTaskController
+        controller = make(reachability, max_components=K)
         probe = ControllerProbe(controller, grasps, rng)
         mixture = controller.memory(probe.context).mixture
         if mixture is not None and len(mixture.mixture) == K:
@@ -264,12 +268,13 @@ def joint_probe(
     rng = np.random.default_rng(seed)
     grasps = grasps_in_reach(reachability, _GROUPS, -(-N // _GROUPS), rng)
     grasps = grasps.select(np.arange(N))
-    controller = GPJointController(
-        reachability,
-        JointControlOptions(solutions=SolutionOptions(n_solutions=N)),
-        period=period,
-        mode=mode,
-    )
+    controller: GraspController
+    if mode == "corrected":
+        free = PaperJointOptions(solutions=SolutionOptions(n_solutions=N, glide=0.0))
+        controller = PaperJointController(reachability, free, period=period)
+    else:
+        options = JointControlOptions(solutions=SolutionOptions(n_solutions=N))
+        controller = GPJointController(reachability, options, period=period)
     probe = ControllerProbe(controller, grasps, rng)
     found = len(controller.memory(probe.context))
     if found != N:

@@ -29,7 +29,6 @@ from tqdm import tqdm
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.reach.judge import JudgeMethod, PoseJudge
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import REACHABLE, Reachability
 from feasigrasp.runs.results.arguments import add_common_arguments
@@ -42,6 +41,7 @@ from feasigrasp_lab.measures.timing import (
     time_cases,
     timing_row,
 )
+from feasigrasp_lab.paper.judge import JudgeMethod, PoseJudge
 from feasigrasp_lab.training.reachability.fit_mixture import LargeFit, em_pass, fit_large_mixture
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks
 from feasigrasp_lab.training.reachability.reachable_poses import IiwaArm, sample_reachable_poses

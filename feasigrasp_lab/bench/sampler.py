@@ -32,6 +32,7 @@ from feasigrasp.runs.results.arguments import add_common_arguments, select_objec
 from feasigrasp_lab.baselines.diffusion_sampler import DiffusionSampler
 from feasigrasp_lab.baselines.grasp_diffusion import load_grasp_diffusion
 from feasigrasp_lab.measures.timing import Case, report_bench, time_cases
+from feasigrasp_lab.paper.grasp_network import torch_heads, trained_network
 from feasigrasp_lab.training.data.views import PartialView, ViewedObject, fused, turning_views
 
 #: Points of the field and of the network's input; points of the forward pass alone.
@@ -52,11 +53,11 @@ def cases(view: PartialView) -> Iterator[Case]:
     surface = grasp_input(field, POINTS)
     forward = f"bench.network_forward_ms.{NETWORK_POINTS}"
     for preset in ("default", "paper"):
-        other, large = load_grasp_network(preset), grasp_input(field, NETWORK_POINTS)
+        other, large = trained_network(preset), grasp_input(field, NETWORK_POINTS)
         yield Case(f"bench.network_ms.{NETWORK_POINTS}", preset, partial(other.propose, large))
         features = contact_features(large.points, large.normals, large.scalars)
         yield Case(forward, preset, partial(other.propose_at, features))
-    yield Case(forward, "peer:torch", partial(network.heads, features))
+    yield Case(forward, "peer:torch", partial(torch_heads, network.network, features))
     yield Case(forward, "peer:torch.jit", traced_heads(network.network, features))
     for preset, used in (("default", sampler), ("antipodal", AntipodalSampler())):
         yield Case("bench.perception_ms", preset, partial(cloud_to_grasps, view, used))

@@ -95,7 +95,7 @@ def equivariance_error(network: GraspNetwork, surface: GraspInput, seed: int) ->
     Over all probabilities, widths [m] and components of unit vectors; the object is turned, moved
     and its points are shuffled.
     """
-    double = GraspNetwork.untrained(network.preset)
+    double = type(network).untrained()
     double.network.load_state_dict(network.network.state_dict())
     double.network.double()
     rng = np.random.default_rng(seed)

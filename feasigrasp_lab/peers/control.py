@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.geometry.se3 import hat
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp_lab.paper.task_law import PaperTaskOptions
 
 Array = Any  # an array of NumPy or a tensor of torch
 
@@ -96,10 +96,10 @@ class ArrayTaskStep:
         xp: ModuleType,
         mixture: RiemannianMixture,
         X_FG: ArrayLike,
-        options: TaskControlOptions | None = None,
+        options: PaperTaskOptions | None = None,
     ) -> None:
         """A step over one mixture in the object frame."""
-        self.xp, self.options = xp, options or TaskControlOptions()
+        self.xp, self.options = xp, options or PaperTaskOptions()
         self._arm = ArrayArm(xp, X_FG)
         means = mixture.means
         self._R_GO = xp.asarray(np.swapaxes(means[:, :3, :3], 1, 2).copy())

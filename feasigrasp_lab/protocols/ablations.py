@@ -39,7 +39,7 @@ ABLATIONS = {
     "-no-feed-forward": _with({"control.feed_forward": False}),
     "-no-hidden-side": _with({"perception.hidden_side": False}),
     "-one-view": _with({"perception.views": 1}),
-    "-paper-network": _with({"perception.sampler": SamplerName.PAPER.value}),
+    "-paper-network": _with({"perception.sampler": "paper"}),
     "-antipodal": _with({"perception.sampler": SamplerName.ANTIPODAL.value}),
 }
 

@@ -7,8 +7,8 @@ import math
 from pydrake.common.schema import Rotation
 
 from feasigrasp.models.grasps.samplers import SamplerName, sampler_names
-from feasigrasp.models.reach.judge import JudgeMethod
 from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.paper.judge import JudgeMethod
 from feasigrasp_lab.protocols.changes import Change
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from feasigrasp.models.control.mode import ControlMode
+from feasigrasp.models.control.mode import SAFE
 from feasigrasp.runs.metrics.table import FIGURES, METRICS, Over
 from feasigrasp.runs.results.rows import Row
 from feasigrasp.runs.results.statistics import grouped, mean_of_objects, share_of_objects
@@ -93,10 +93,10 @@ def _groups(records: Sequence[Record], *presets: str) -> dict[str, list[Record]]
 def _curves(records: Sequence[Record]) -> dict[str, list[Record]]:
     """The records of the points of curves, ``<motion>/<m/s>``, whatever the controller.
 
-    Of several modes only `ControlMode.SAFE` is in them.
+    Of several modes only ``safe`` is in them.
     """
     modes = {record["mode"] for record in records}
-    of_one = [record for record in records if len(modes) == 1 or record["mode"] == ControlMode.SAFE]
+    of_one = [record for record in records if len(modes) == 1 or record["mode"] == SAFE]
     points = grouped(of_one, lambda record: curve_point(record["scenario"]))
     return {point: group for point, group in points.items() if point is not None}
 

@@ -20,7 +20,6 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.control.task.grasp_mixture import fit_grasp_mixture
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.filter import filter_grasps
-from feasigrasp.models.mixtures.ascent import ascent_direction
 from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
 from feasigrasp.models.objects.rigid_object import load_object
 from feasigrasp.models.robot.gripper import ParallelGripper
@@ -28,6 +27,7 @@ from feasigrasp.models.shape.gpdf_fit import Gpdf, fit_gpdf
 from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
 from feasigrasp.runs.results.rows import Row, report_rows, write_csv
 from feasigrasp.runs.results.statistics import grouped, mean
+from feasigrasp_lab.paper.ascent import ascent_direction
 from feasigrasp_lab.runs.rollout import object_grasps
 
 _STARTS = 32  # hand poses from which the ascent is followed

@@ -24,7 +24,6 @@ import torch
 
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network.surface_input import grasp_input
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.objects.rigid_object import RigidObject
@@ -42,6 +41,7 @@ from feasigrasp_lab.measures.grasps import (
     set_measures,
 )
 from feasigrasp_lab.measures.timing import cpu_ms
+from feasigrasp_lab.paper.grasp_network import NETWORKS, trained_network
 from feasigrasp_lab.results.finished import Record, finish_all
 from feasigrasp_lab.runs.floating_gripper import hold_trials
 from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete, true_input
@@ -52,7 +52,6 @@ from feasigrasp_lab.training.data.views import ViewedObject, turning_views
 #: Samplers whose grasps are simulated; networks among them; and how a network is called that gets
 #: no candidates of others.
 PRESETS = ("default", "paper", "antipodal", "diffusion")
-NETWORKS = ("default", "paper")
 ALONE = "{}.alone"
 #: How all samples of the baseline are called.
 UNFILTERED = "diffusion.unfiltered"
@@ -100,7 +99,7 @@ def make_samplers() -> dict[str, GraspSamplerFn]:
         "diffusion": DiffusionSampler(GRIPPER),
     }
     for preset in NETWORKS:
-        network = load_grasp_network(preset)
+        network = trained_network(preset)
         samplers[preset] = NetworkSampler(GRIPPER, network)
         samplers[ALONE.format(preset)] = NetworkSampler(GRIPPER, network, top_up=False)
     return samplers
@@ -128,7 +127,7 @@ def evaluate_object(name: str, what: str, views: int, held_views: int, seed: int
     base: Record = {"object": name, "graspable": int(is_graspable(truth, perfect, GRIPPER))}
     records = []
     for preset in NETWORKS:
-        network = load_grasp_network(preset)
+        network = trained_network(preset)
         about: Record = {"kind": "proposal", "preset": preset, "view": 0, "condition": "true"}
         record = proposal_measures(network, perfect, truth, GRIPPER, seed)
         record["equivariance_error"] = equivariance_error(network, perfect, code)
@@ -165,7 +164,7 @@ def _judge_field(field: Gpdf, truth: TrueGrasps, seed: int, proposals: bool) -> 
             continue
         judge(preset, *cpu_ms(partial(sampler, field)))
         if proposals and preset in NETWORKS:
-            network = load_grasp_network(preset)
+            network = trained_network(preset)
             measured = proposal_measures(network, grasp_input(field), truth, GRIPPER, seed)
             records.append({"kind": "proposal", "preset": preset} | measured)
     return records

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from feasigrasp.models.grasps.network.architectures import Heads
-from feasigrasp.models.grasps.network.network import Preset
+from feasigrasp_lab.paper.grasp_network import PaperGraspNetwork
 
 #: Closing directions off by less than this count by the square, beyond it linearly [rad].
 _SLIGHT = math.radians(3.0)
@@ -57,7 +57,7 @@ def loss(preset: str, heads: Heads, labels: Labels) -> tuple[Tensor, dict[str, T
     """The training loss of a preset, and its parts."""
     mask = labels.contact
     off = torch.linalg.vector_norm(heads.closing[mask] - labels.closing[mask], dim=-1)
-    if preset == Preset.PAPER:
+    if preset == PaperGraspNetwork.preset:
         width = (heads.width[mask, 0].log() - labels.width[mask].log()).abs()
         approach = _nearest_approach(heads, labels)
     else:

@@ -15,8 +15,13 @@ import torch
 from torch import Tensor, nn
 
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.ik.flow import DAMPING, IkFlow
-from feasigrasp.models.ik.flow_layers import (
+from feasigrasp.models.ik.least_squares import refine
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.runs.results.arguments import add_run_arguments
+from feasigrasp_lab.paper.ik_flow import DAMPING, IkFlow
+from feasigrasp_lab.paper.ik_flow_layers import (
     BACKGROUND,
     FEATURES,
     LENGTH_SCALE,
@@ -27,11 +32,6 @@ from feasigrasp.models.ik.flow_layers import (
     WIDEST,
     FlowShape,
 )
-from feasigrasp.models.ik.least_squares import refine
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.robot.self_collision import in_collision
-from feasigrasp.runs.results.arguments import add_run_arguments
 from feasigrasp_lab.training.loop import TrainingRun, add_evaluation_arguments, add_loop_arguments
 
 # Keeps the gradient of atan2 finite where both arguments vanish.
@@ -113,7 +113,7 @@ class IkFlowNetwork(nn.Module):
 
 
 def _features(rows: list[Tensor], joint: int) -> tuple[Tensor, Tensor]:
-    """As `feasigrasp.models.ik.flow_layers.features_kernel`; ``rows`` are those of the targets."""
+    """As `ik_flow_layers.features_kernel`; ``rows`` are those of the targets."""
     a, b, c = (int(row) for row in PLANES[joint])
     step = rows[2].new_tensor([0.0, 0.0, 0.0, float(STEPS[joint])])
     rows[2] = rows[2] - step
@@ -127,7 +127,7 @@ def _features(rows: list[Tensor], joint: int) -> tuple[Tensor, Tensor]:
 
 
 def _turn(rows: list[Tensor], joint: int, q: Tensor) -> None:
-    """As `feasigrasp.models.ik.flow_layers.turn_kernel`; replaces entries of ``rows``."""
+    """As `feasigrasp_lab.paper.ik_flow_layers.turn_kernel`; replaces entries of ``rows``."""
     a, b, _ = (int(row) for row in PLANES[joint])
     cos, sin = torch.cos(q)[:, None], torch.sin(q)[:, None]
     rows[a], rows[b] = cos * rows[a] + sin * rows[b], cos * rows[b] - sin * rows[a]

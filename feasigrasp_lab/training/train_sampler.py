@@ -18,13 +18,12 @@ from torch import Tensor, nn
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.grasps.network.architectures import Heads
-from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
 from feasigrasp.runs.results.arguments import add_run_arguments, positive
+from feasigrasp_lab.paper.grasp_network import NETWORKS
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.grasp_batches import Examples, load_examples
 from feasigrasp_lab.training.grasp_losses import FREE, Labels, free_share, loss
 from feasigrasp_lab.training.loop import (
-    TrainingError,
     TrainingRun,
     add_evaluation_arguments,
     add_loop_arguments,
@@ -121,7 +120,7 @@ _POINTS = 1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the command."""
     parser.add_argument(
-        "--preset", choices=list(Preset), default="default", help="Network to train."
+        "--preset", choices=list(NETWORKS), default="default", help="Network to train."
     )
     parser.add_argument(
         "--data", type=Path, default=Path("out/sampler_data"), help="Folder of the training data."
@@ -192,16 +191,13 @@ class Training(TrainingRun[nn.Module]):
     def export(self) -> None:
         """Writes the running means."""
         network = copy.deepcopy(self.averaged)
-        GraspNetwork.of(self.preset, network).save(self.folder / self.weights)
+        NETWORKS[self.preset].of(network).save(self.folder / self.weights)
 
 
 def _untrained(args: argparse.Namespace) -> nn.Module:
     if args.start is None:
-        return GraspNetwork.untrained(args.preset, args.seed).network
-    start = GraspNetwork.load(args.start)
-    if start.preset != args.preset:
-        raise TrainingError(f"--start {args.start} holds preset {start.preset}, not {args.preset}")
-    return start.network
+        return NETWORKS[args.preset].untrained(args.seed).network
+    return NETWORKS[args.preset].load(args.start).network
 
 
 @without_denormals()

@@ -29,7 +29,7 @@ def test_this_installation_is_well(capsys):
         "rendering",
         "threads",
         "compiled code",
-        "ik_flow.npz",
+        "hidden_side.npz",
         "manifold3d",
         "scenario: ",
     ):

@@ -9,7 +9,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
 from feasigrasp import cli
-from feasigrasp.models.control.mode import ControlMode
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
@@ -87,7 +86,7 @@ def test_a_pause_ends_with_an_interrupt(live, simulator):
 def test_the_ghost_goes_the_way_of_its_mode():
     """From the start of the scenario, on a way that is not that of safe mode."""
     scenario = load_scenario(FILE, "ReachLinearMocap", "{perception: {period: 0.25, latency: 0.0}}")
-    ways = [ghost_of(scenario, mode, 1.0) for mode in (ControlMode.SAFE, ControlMode.CORRECTED)]
+    ways = [ghost_of(scenario, mode, 1.0) for mode in ("safe", "corrected")]
     for way in ways:
         np.testing.assert_allclose(way.q[0], np.deg2rad(scenario.q_start), atol=1e-9)
         assert way.times[0] == 0.0 and way.times[-1] == pytest.approx(1.0)

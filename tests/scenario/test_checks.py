@@ -19,7 +19,6 @@ from feasigrasp.scenario.checks import check_scenario, numbers
 from feasigrasp.scenario.files import dump_scenario, load_scenario, parse_scenario, scenario_names
 from feasigrasp.scenario.keys import general, members
 from feasigrasp.scenario.limits import CHOICES, LIMITS
-from feasigrasp.scenario.presets import resolve
 from feasigrasp.scenario.schema import Scenario
 from feasigrasp.systems.from_scenario import make_station
 
@@ -171,6 +170,12 @@ def test_bad_values_are_refused_by_name_when_they_are_read(small_file, key, valu
             "control.speed is 0.5, but mode paper enforces no",
         ),
         ("{control: {mode: corrected, speed: 0.5}}", "control.speed is 0.5, but mode corrected"),
+        ("{control: {gain: 0.0}}", "control.gain is 0;"),
+        ("{control: {n_solutions: 0}}", "control.n_solutions is 0"),
+        ("{perception: {views: -1}}", "perception.views is -1"),
+        ("{control: {look_ahead: far}}", "control.look_ahead is 'far'; .* predicted, twist, none"),
+        ("{control: {controller: joint, density: false}}", "control.density .*controller: task"),
+        ("{grasp: {standoff: 0.1}}", "grasp.standoff is 0.1 m, but grasp.close .*close: false"),
         ("{tracker: {period: -1}}", "tracker.period is -1; it must be from 0.0001 to 1 s"),
     ],
 )
@@ -230,6 +235,7 @@ def numeric_keys(kind, path=()):
 def test_every_number_of_the_schema_has_its_limits():
     # Faults have tables of their own, and parts of one's own know what they take.
     keys = {k for k in numeric_keys(Scenario) if not k.startswith(("faults.", "parts."))}
+    keys = {k for k in keys if ".options." not in k}
     assert len(keys) > 80
     assert sorted(keys - set(LIMITS)) == []
     assert sorted(set(LIMITS) - keys) == []  # no line is about a key that there is not
@@ -322,7 +328,7 @@ def test_any_camera_noise_is_read_or_refused(small_file, changes):
 
 
 def test_every_choice_is_one_of_the_schema():
-    scenario = resolve(Scenario())
+    scenario = Scenario()
     for key, allowed in CHOICES.items():
         section, name = key.split(".")
         assert getattr(getattr(scenario, section), name) in allowed

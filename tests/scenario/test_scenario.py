@@ -306,7 +306,10 @@ def test_unknown_keys_are_refused_by_name(text, named, tmp_path):
         ("{perception: {period: -0.5}}", "perception.period is -0.5"),
         ("{perception: {camera: ceiling}}", "'ceiling', but cameras has wrist_camera"),
         ("{perception: {preset: magic}}", "perception.preset is 'magic'; .* default, paper"),
-        ("{reachability: {method: magic}}", "reachability.method is 'magic'; .* ik, rmm, both"),
+        (
+            "{reachability: {method: magic}}",
+            "reachability.method is 'magic'; .* ik, both, none",
+        ),
         ("{simulation_duration: .nan}", "simulation_duration is nan"),
         ("{random_seed: -1}", "random_seed is -1"),
         ("{random_seed: many}", "many"),

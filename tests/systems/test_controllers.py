@@ -5,7 +5,6 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from feasigrasp.errors import ControlError
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -13,19 +12,13 @@ from feasigrasp.models.robot.self_collision import min_distance
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
-from tests.controller_bench import FAR, HOME, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
+from tests.controller_bench import FAR, NEAR, REACH, STILL, UNKNOWN, Bench, every, ring
 
 
 @every
 def test_ports_are_those_of_the_docstring(make, ports, documented_ports):
     inputs, outputs = ports(make(REACH))
     assert (list(inputs), list(outputs)) == documented_ports(GraspController)
-
-
-@every
-def test_a_mode_that_there_is_not_is_refused(make):
-    with pytest.raises(ControlError, match="mode is 'Paper'; choose one of safe, corrected, paper"):
-        make(REACH, mode="Paper")
 
 
 def test_either_controller_can_replace_the_other(ports):
@@ -125,29 +118,3 @@ def test_commands_are_finite_and_inside_every_bound_in_random_states(make, seed)
         assert np.all((lower - 1e-9 <= qd) & (qd <= upper + 1e-9))
         moved += bool(np.any(qd))
     assert moved > 0
-
-
-@every
-@pytest.mark.parametrize("free", ["corrected", "paper"])
-def test_other_modes_enforce_nothing(make, free):
-    """The same state near a limit: the paper's law goes on, the safe one does not."""
-    q = HOME.copy()
-    q[5] = IIWA_7.position_limits[5] - 0.011
-    spin = SpatialVelocity([0.0, -6.0, 0.0], [0.0, 0.0, 0.0])
-    commands = {
-        mode: Bench(make, q=q, velocity=spin, mode=mode).command() for mode in ("safe", free)
-    }
-    lower, upper = SafetyFilter().problem(q, np.zeros(7))[1][:2, :7]
-    assert np.all((lower - 1e-9 <= commands["safe"]) & (commands["safe"] <= upper + 1e-9))
-    assert np.isfinite(commands[free]).all()
-    assert np.any((commands[free] > upper) | (commands[free] < lower))
-
-
-@every
-@pytest.mark.parametrize(
-    "lost",
-    [{"pose": UNKNOWN}, {"velocity": SpatialVelocity(np.full(6, np.nan))}],
-    ids=["pose unknown", "twist unknown"],
-)
-def test_paper_mode_stops_too_when_the_object_is_unknown(make, lost):
-    np.testing.assert_array_equal(Bench(make, mode="paper", **lost).command(), np.zeros(7))

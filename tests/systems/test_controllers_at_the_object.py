@@ -181,15 +181,6 @@ def test_the_open_hand_does_not_push_the_ball_that_is_in_its_way(make, ball, dir
 
 
 @every
-def test_paper_mode_looks_at_no_field(make, ball):
-    p_WO, grasps = in_the_way([0, 1, 0])
-    bench = Bench(make, q=BESIDE, grasps=grasps, pose=RigidTransform(p_WO), mode="paper")
-    qd = bench.command()
-    bench.fix(gpdf=Value[object](ball))
-    np.testing.assert_array_equal(bench.command(), qd)
-
-
-@every
 def test_a_field_of_an_object_that_is_lost_stops_the_arm_too(make, ball):
     p_WO, grasps = in_the_way([0, 1, 0])
     bench = Bench(make, q=BESIDE, grasps=grasps, pose=RigidTransform(p_WO))

@@ -24,6 +24,7 @@ from feasigrasp.systems.metrics import SAMPLE_NAMES
 from feasigrasp.systems.object_tracker import ObjectTracker
 from feasigrasp.systems.ports import declare_input
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
+from feasigrasp_lab.paper.controllers import Unenforced
 from tests.pipeline import scenario
 
 
@@ -118,7 +119,10 @@ def test_a_sampler_and_a_controller_of_one_s_own(mode):
         f"{{motion: {{rate: 0.05, spin: 0}}, control: {{mode: {mode}}}, grasp: {{close: false}},"
         " camera_noise: {}}",
     )
-    controller = own_controller()(Reachability(), mode=mode)
+    kind = own_controller()
+    if mode != "safe":
+        kind = type("Free", (Unenforced, kind), {})
+    controller = kind(Reachability())
     diagram = make_dynamic_grasp(config, sampler=sampler, controller=controller)
     simulator = Simulator(diagram)
     assert not sets

@@ -11,6 +11,7 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.systems.gp_joint_controller import GPJointController
+from feasigrasp_lab.paper.controllers import PaperJointController
 
 REACH = Reachability()
 HOME = np.deg2rad([0.0, -48.5, 0.0, -90.6, 0.0, 82.9, 0.0])
@@ -74,10 +75,10 @@ def test_before_its_first_update_it_stops():
     )
 
 
-@pytest.mark.parametrize("mode", ["safe", "paper"])
-def test_it_heads_for_the_only_grasp(mode):
+@pytest.mark.parametrize("make", [GPJointController, PaperJointController])
+def test_it_heads_for_the_only_grasp(make):
     """The hand moves straight ahead: the solution nearest to HOME is near the straight line."""
-    dut = GPJointController(REACH, mode=mode)
+    dut = make(REACH)
     simulator = Simulator(dut)
     context = fixed(
         dut,

@@ -11,12 +11,13 @@ from feasigrasp.errors import ReachabilityError, ScenarioError
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
+from feasigrasp_lab.paper.judge import PoseJudge
+from feasigrasp_lab.paper.reachable_space import ReachableSpace
 
 REACH = Reachability()
 #: In front of the arm.
@@ -48,8 +49,8 @@ def left_side():
 def evaluate(fixed_context):
     """``evaluate(grasps, pose, velocity, **settings)``: grasps and verdicts of the filter."""
 
-    def both(grasps, pose=NEAR, velocity=STILL, **settings):
-        dut = ReachabilityFilter(REACH, **settings)
+    def both(grasps, pose=NEAR, velocity=STILL, judge=REACH, **settings):
+        dut = ReachabilityFilter(judge, **settings)
         context = fixed_context(dut, grasps=grasps, object_pose=pose, object_velocity=velocity)
         return [dut.GetOutputPort(name).Eval(context) for name in ("grasps", "verdicts")]
 
@@ -86,8 +87,7 @@ def test_grasps_and_flips_are_either_kept_or_counted(evaluate, method):
         ring(),
         pose=RigidTransform([0.5, 0.1, 0.4]),
         velocity=velocity,
-        method=method,
-        reachable_space=left_side(),
+        judge=PoseJudge(REACH, method, left_side()),
     )
     assert len(verdicts) == 24
     dropped = {k: n for k, n in grasps.rejected.items() if k != "earlier"}
@@ -131,7 +131,7 @@ def test_an_object_that_runs_away_leaves_nothing_soon(filtered):
 
 @pytest.mark.parametrize("method", ["ik", "rmm", "both"])
 def test_no_grasps_in_no_grasps_out(evaluate, method):
-    settings = {"method": method, "reachable_space": left_side()}
+    settings = {"judge": PoseJudge(REACH, method, left_side())}
     grasps, verdicts = evaluate(GraspSet.empty({"object not seen": 1}), **settings)
     assert len(grasps) == 0 and verdicts == ()
     assert grasps.rejected == {"object not seen": 1}
@@ -139,7 +139,7 @@ def test_no_grasps_in_no_grasps_out(evaluate, method):
 
 @pytest.mark.parametrize("method", ["ik", "rmm", "both"])
 def test_an_unknown_pose_reaches_nothing(filtered, method):
-    settings = {"method": method, "reachable_space": left_side()}
+    settings = {"judge": PoseJudge(REACH, method, left_side())}
     nowhere = RigidTransform(np.full((4, 4), np.nan))
     assert len(filtered(ring(), pose=nowhere, **settings)) == 0
     unknown = SpatialVelocity(np.full(6, np.nan))
@@ -154,10 +154,10 @@ def test_a_pose_under_the_table_is_out_of_reach(evaluate):
 
 def test_the_mixture_alone_decides_with_rmm(evaluate):
     """It knows nothing of limits and collisions."""
-    space = left_side()
+    judge = PoseJudge(REACH, "rmm", left_side())
     for y, expected in ((0.3, {"kept", "better grasps in reach"}), (-0.6, {UNLIKELY})):
         pose = RigidTransform([0.5, y, 0.5])
-        _, verdicts = evaluate(ring(), pose=pose, method="rmm", reachable_space=space)
+        _, verdicts = evaluate(ring(), pose=pose, judge=judge)
         assert set(verdicts) == expected
 
 
@@ -167,7 +167,7 @@ def test_both_is_exact_on_what_the_mixture_lets_through(evaluate):
     settings = {"pose": RigidTransform([0.45, -0.03, 0.4]), "horizon": 0.0, "way_in": 0.0}
     methods = ("ik", "rmm", "both")
     ik, rmm, both = (
-        evaluate(grasps, method=method, reachable_space=left_side(), **settings)[1]
+        evaluate(grasps, judge=PoseJudge(REACH, method, left_side()), **settings)[1]
         for method in methods
     )
     expected = [e if likely == "kept" else likely for e, likely in zip(ik, rmm, strict=True)]
@@ -177,9 +177,11 @@ def test_both_is_exact_on_what_the_mixture_lets_through(evaluate):
 
 def test_the_packaged_space_is_the_default(evaluate):
     """It lets through what the arm reaches, and little that is far away."""
-    _, verdicts = evaluate(ring(), method="rmm")
+    _, verdicts = evaluate(ring(), judge=PoseJudge(REACH, "rmm"))
     assert verdicts.count("kept") > 0
-    _, verdicts = evaluate(ring(), pose=RigidTransform([2.0, 0.0, 0.5]), method="rmm")
+    _, verdicts = evaluate(
+        ring(), pose=RigidTransform([2.0, 0.0, 0.5]), judge=PoseJudge(REACH, "rmm")
+    )
     assert set(verdicts) == {UNLIKELY}
 
 
@@ -189,4 +191,4 @@ def test_an_unknown_method_is_refused():
         load_scenario(file, "ReachLinearMocap", "{reachability: {method: exact}}")
     assert load_scenario(file, "ReachLinearMocap").reachability.method == "ik"
     with pytest.raises(ReachabilityError, match="'exact'; choose one of ik, rmm, both"):
-        ReachabilityFilter(REACH, method="exact")
+        PoseJudge(REACH, "exact")

@@ -1,7 +1,6 @@
 """The mixture is fitted once per grasp set and goes on from the one before; commands are smooth."""
 
 import numpy as np
-import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
@@ -16,7 +15,6 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.grasps.sequence import Phase
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.systems.rmm_task_controller import RMMTaskController
 from feasigrasp.systems.velocity_drive import VelocityDrive
 
@@ -67,8 +65,7 @@ class Bench:
         return self.dut.GetOutputPort("commanded_velocity").Eval(self.context).copy()
 
 
-@pytest.mark.parametrize("mode", ["safe", "paper"])
-def test_the_mixture_is_fitted_once_per_grasp_set(monkeypatch, mode):
+def test_the_mixture_is_fitted_once_per_grasp_set(monkeypatch):
     fits, fit = [], task_memory.fit_grasp_mixture
 
     def counting(grasps, *args):
@@ -77,7 +74,7 @@ def test_the_mixture_is_fitted_once_per_grasp_set(monkeypatch, mode):
 
     monkeypatch.setattr(task_memory, "fit_grasp_mixture", counting)
     first, second = grasps_near(np.eye(4)), grasps_near(np.eye(4), seed=1)
-    bench = Bench(grasps=first, mode=mode)
+    bench = Bench(grasps=first)
     fits[:] = [grasps for grasps in fits if grasps is first]  # others: to compile the kernels
     for k in range(3):
         bench.fix(position=HOME + 0.01 * k)
@@ -93,7 +90,7 @@ def test_the_mixture_is_fitted_once_per_grasp_set(monkeypatch, mode):
 
 def test_components_keep_their_identity_when_grasps_go_and_come_back():
     everything = two_clusters()
-    bench = Bench(grasps=everything, mode="paper")
+    bench = Bench(grasps=everything)
     before = bench.mixture
     assert len(before.mixture) == 2
     ahead = np.argmin(np.abs(before.mixture.means - np.eye(4)).max(axis=(1, 2)))
@@ -128,9 +125,7 @@ def test_the_seed_decides_the_mixture():
     """Grasps without clusters: where the components come to lie depends on where they start."""
     spread = se3.exp(np.random.default_rng(0).normal(size=(60, 6)) * [0.5, 0.5, 0.5, 0.1, 0.1, 0.1])
     grasps = GraspSet(spread, np.full(60, 0.04), np.ones(60))
-    first, again, other = (
-        Bench(grasps=grasps, mode="paper", seed=seed).mixture.mixture for seed in (3, 3, 4)
-    )
+    first, again, other = (Bench(grasps=grasps, seed=seed).mixture.mixture for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.means, again.means)
     np.testing.assert_array_equal(first.covariances, again.covariances)
     assert len(other) != len(first) or np.abs(other.means - first.means).max() > 1e-3
@@ -152,29 +147,6 @@ def test_the_output_is_a_function_of_the_context():
             qd = bench.command()
             np.testing.assert_array_equal(commands.setdefault(angle, qd), qd)
     assert len({tuple(qd) for qd in commands.values()}) == 3
-
-
-def test_the_paper_law_moves_the_hand_with_the_commanded_twist():
-    """One grasp: the twist is that of the geodesic to it, plus the object's own, J qd = V."""
-    X_WH, J = pose_and_jacobian(HOME, REACH.gripper.X_FG)
-    # The grasp lies 1 cm ahead of the hand, along its approach direction, without rotation.
-    X_WG = X_WH @ RigidTransform([0.0, 0.0, 0.01]).GetAsMatrix4()
-    grasps = GraspSet((X_WO.inverse().GetAsMatrix4() @ X_WG)[None], np.array([0.04]), np.ones(1))
-    V_WO = np.array([0.1, -0.2, 0.15, 0.05, 0.02, -0.03])
-    bench = Bench(
-        grasps=grasps,
-        velocity=SpatialVelocity(V_WO),
-        mode="paper",
-        options=TaskControlOptions(gain=3.0, damping=0.0),
-    )
-    qd = bench.command()
-    lever = X_WH[:3, 3] - X_WO.translation()
-    expected = np.r_[V_WO[:3], V_WO[3:] + np.cross(V_WO[:3], lever) + 3.0 * 0.01 * X_WH[:3, 2]]
-    np.testing.assert_allclose(J @ qd, expected, atol=1e-9)
-    # Finite differences of the forward kinematics say the same.
-    step = 1e-6
-    moved = forward_kinematics(HOME + step * qd, REACH.gripper.X_FG)
-    np.testing.assert_allclose((moved - X_WH)[:3, 3] / step, expected[3:], atol=1e-5)
 
 
 def test_the_desired_velocity_limits_the_next_command():

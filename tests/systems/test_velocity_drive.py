@@ -133,15 +133,6 @@ def test_one_margin_keeps_drive_program_and_judge_off_the_limits():
     assert Reachability().limit_margin >= SafetyOptions().position_margin
 
 
-def test_without_limits_it_goes_on():
-    states = drive(
-        np.full(7, 5.0), 60, q=0.99 * IIWA_7.position_limits, enforce_limits=False, follow=False
-    )
-    # Neither velocity nor acceleration nor the arm that stays behind hold it back.
-    assert np.all(states[-1, :7] > IIWA_7.position_limits)
-    np.testing.assert_array_equal(states[:, 7:], 5.0)
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_command_that_is_not_finite_brakes_like_zero(bad):
     def command(stop):

@@ -1,8 +1,11 @@
-"""In which space the arm is controlled, by which law, and what is enforced."""
+"""The names of controllers and of their modes."""
 
 from enum import StrEnum
 
 from feasigrasp.plugins import plugins
+
+#: The mode of this package: limits and clearances are enforced.
+SAFE = "safe"
 
 
 class ControlSpace(StrEnum):
@@ -17,23 +20,6 @@ def controller_names() -> list[str]:
     return [*ControlSpace, *plugins("controllers")]
 
 
-class ControlMode(StrEnum):
-    """What a controller enforces, and which law it follows unless told otherwise."""
-
-    SAFE = "safe"  # ours; limits and clearances are enforced
-    CORRECTED = "corrected"  # the paper's law with our corrections; nothing is enforced
-    PAPER = "paper"  # the paper's law as printed; nothing is enforced
-
-
-class Law(StrEnum):
-    """How fast the arm goes up the density of the grasps, or down the distance to them."""
-
-    PRECONDITIONED = "preconditioned"  # at a rate: gain times the way that is left
-    GRADIENT = "gradient"  # gain times the gradient, as the paper has it
-
-
-class Targets(StrEnum):
-    """What stands for a component of a mixture of grasps."""
-
-    MEDOIDS = "medoids"  # its most plausible grasp
-    MEANS = "means"  # its mean, which need not be one
+def mode_names() -> list[str]:
+    """What ``control.mode`` may be: ours, and those that packages add."""
+    return [SAFE, *plugins("modes")]

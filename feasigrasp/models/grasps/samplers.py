@@ -14,7 +14,7 @@ from feasigrasp.models.arrays import Array
 from feasigrasp.models.choices import parse_word
 from feasigrasp.models.grasps.antipodal import AntipodalSampler
 from feasigrasp.models.grasps.grasp_set import GraspSamplerFn, GraspSet
-from feasigrasp.models.grasps.network.network import Preset, load_grasp_network
+from feasigrasp.models.grasps.network.network import load_grasp_network
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
 from feasigrasp.models.grasps.thinning import LIKELY, thin_grasps
 from feasigrasp.models.quantities import Count, Share, Whole
@@ -26,13 +26,11 @@ from feasigrasp.plugins import load_plugin, plugins
 class SamplerName(StrEnum):
     """Where grasps come from.
 
-    ``network`` is the learned `NetworkSampler`, ``paper`` the same with the paper's architecture
-    and nothing else to fall back on, ``antipodal`` the model-free `AntipodalSampler`. Packages
-    may add others (`feasigrasp.plugins`).
+    ``network`` is the learned `NetworkSampler`, ``antipodal`` the model-free `AntipodalSampler`.
+    Packages may add others (`feasigrasp.plugins`).
     """
 
     NETWORK = "network"
-    PAPER = "paper"
     ANTIPODAL = "antipodal"
 
 
@@ -96,25 +94,25 @@ def make_sampler(
         name: One of `SamplerName`.
         gripper: The hand; the default one unless given.
         filtered: Whether what is proposed is judged on the field; if not, it is taken as it comes.
-        n_candidates: Grasps that are filtered, at most; ``diffusion`` draws the 100 of the paper.
+        n_candidates: Grasps that are filtered, at most.
         n_grasps: Grasps that are returned, at most.
         least_score: Grasps that score less are left out, while there are enough; None for 0.9 of
             our network and 0.87 of the others, which are never so sure. Who judges grasps further,
             by reach above all, gives 0 and has the choice.
-        seed: Of the approach directions of ``antipodal`` and the samples of ``diffusion``; other
-            samplers draw nothing.
+        seed: Of the approach directions of ``antipodal``; the network draws nothing.
 
     Raises:
         GraspError: There is no such sampler.
         WeightsError: The network's weights are missing or broken.
-        MissingPackageError: ``paper`` or ``diffusion``, and there is no torch.
+        MissingPackageError: An added sampler needs a package that is not installed.
     """
     chosen = parse_word(sampler_names(), name, "sampler", GraspError)
     gripper = gripper or ParallelGripper()
     if chosen in plugins("samplers"):
         make = load_plugin("samplers", chosen)
         least = LIKELY if least_score is None else least_score
-        added: Proposer = make(gripper, n_grasps=n_grasps, least_score=least, seed=seed)
+        counts = {"n_candidates": n_candidates, "n_grasps": n_grasps}
+        added: Proposer = make(gripper, **counts, least_score=least, seed=seed)
         return added if filtered else Unfiltered(added)
     if chosen == SamplerName.ANTIPODAL:
         antipodal = AntipodalSampler(
@@ -125,15 +123,11 @@ def make_sampler(
             seed=seed,
         )
         return antipodal if filtered else Unfiltered(antipodal)
-    paper = chosen == SamplerName.PAPER
-    n_approaches = NetworkSampler.n_approaches
-    likely = LIKELY if paper else NetworkSampler.least_score
     network = NetworkSampler(
         gripper,
-        load_grasp_network(Preset.PAPER if paper else Preset.DEFAULT),
-        n_contacts=max(1, n_candidates // n_approaches),
+        load_grasp_network(),
+        n_contacts=max(1, n_candidates // NetworkSampler.n_approaches),
         n_grasps=n_grasps,
-        least_score=likely if least_score is None else least_score,
-        top_up=not paper,
+        least_score=NetworkSampler.least_score if least_score is None else least_score,
     )
     return network if filtered else Unfiltered(network)

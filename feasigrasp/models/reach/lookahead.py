@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.arguments import checked
@@ -15,15 +15,30 @@ from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
 from feasigrasp.models.grasps.matching import HYSTERESIS
 from feasigrasp.models.objects.prediction import Motion, future_poses
-from feasigrasp.models.quantities import TWIST, UNKNOWN_POSE, ArrayOf, Count, NotNegative, Share
-from feasigrasp.models.reach.judge import PoseJudge
+from feasigrasp.models.quantities import (
+    ANY_POSES,
+    TWIST,
+    UNKNOWN_POSE,
+    ArrayOf,
+    Count,
+    NotNegative,
+    Share,
+)
 from feasigrasp.models.reach.kernels import REACHABLE
-from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
+from feasigrasp.models.reach.reachability import VERDICTS, Verdict
 
 _CHUNK = 32  # hand poses judged at first, best scores first; twice as many each time after
 #: A hand that can stand back from a grasp so far can also come to it [m].
 WAY_IN = 0.05
 _INSTANTS = 4  # at which a grasp is judged over the horizon, the end included
+
+
+@runtime_checkable
+class Judge(Protocol):
+    """Decides which hand poses the arm reaches; `Reachability` is exact."""
+
+    def verdicts(self, X_WG: Annotated[ArrayLike, ANY_POSES]) -> NDArray[np.int8]:
+        """Verdicts on hand poses (n, 4, 4) in the base frame, places in `VERDICTS`, shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +61,7 @@ def judge_grasps(
     grasps: GraspSet,
     X_WO: Annotated[Array, UNKNOWN_POSE],
     V_WO: Annotated[Array, TWIST],
-    judge: PoseJudge | Reachability,
+    judge: Judge,
     horizon: NotNegative = 1.0,
     n_best: Count = 24,
     score_share: Share = 0.6,
@@ -62,7 +77,7 @@ def judge_grasps(
         grasps: Grasps in the object frame.
         X_WO: Object pose, shape (4, 4).
         V_WO: Object twist [angular; linear], shape (6,).
-        judge: Says which hand poses can be reached; `Reachability` itself is exact.
+        judge: Decides which hand poses can be reached.
         horizon: Look-ahead [s]; 0 for none. A grasp is judged after each quarter of it.
         n_best: How many are kept at most, the best scores first.
         score_share: Grasps that score less than this share of the best one in reach are left out.
@@ -115,7 +130,7 @@ def judge_grasps(
     return JudgedGrasps(replace(chosen, on_object=grasps.id), tuple(verdicts.tolist()))
 
 
-def _stays_in_reach(X_OG: Array, X_later: Array, judge: PoseJudge | Reachability) -> Mask:
+def _stays_in_reach(X_OG: Array, X_later: Array, judge: Judge) -> Mask:
     """Which grasps (n, 4, 4) can be reached at all of the object's later poses (t, 4, 4)."""
     if len(X_OG) == 0 or len(X_later) == 0:
         return np.ones(len(X_OG), dtype=bool)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
+from pydrake.systems.framework import LeafSystem
 
 from feasigrasp.errors import ScenarioError
+from feasigrasp.models.choices import parse_word
 from feasigrasp.models.control.joint.law import JointControlOptions
 from feasigrasp.models.control.joint.options import SolutionOptions
-from feasigrasp.models.control.mode import ControlSpace
+from feasigrasp.models.control.mode import ControlSpace, controller_names
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.planning.static_grid import static_grid
 from feasigrasp.models.control.safety.safe_velocity import SafetyOptions
@@ -18,17 +21,16 @@ from feasigrasp.models.control.task.pursuit import PursuitOptions
 from feasigrasp.models.control.task.safe_law import TaskControlOptions
 from feasigrasp.models.geometry.obstacle_grid import ObstacleGrid
 from feasigrasp.models.grasps.funnel import Funnel
-from feasigrasp.models.reach.lookahead import WAY_IN
+from feasigrasp.models.reach.lookahead import WAY_IN, Judge
 from feasigrasp.models.reach.reachability import Reachability
-from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.capsules import arm_balls, capsule_model
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.plugins import load_plugin
-from feasigrasp.scenario.presets import resolve
+from feasigrasp.scenario.modes import added_mode
 from feasigrasp.scenario.sampling import (
     make_static_obstacles,
 )
-from feasigrasp.scenario.schema import ControlConfig, Scenario
+from feasigrasp.scenario.schema import CLOSED_FORM, EXACT, ControlConfig, Scenario
 from feasigrasp.systems.gp_joint_controller import GPJointController
 from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp.systems.reachability_filter import ReachabilityFilter
@@ -70,11 +72,12 @@ def make_static_grid(scenario: Scenario) -> ObstacleGrid | None:
 
 def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> ReachabilityFilter:
     """The reachability filter of a scenario; the modes of the paper look at no way in."""
-    config = resolve(scenario).reachability
+    config = scenario.reachability
+    judge: Judge = reachability
+    if config.method != EXACT:
+        judge = load_plugin("judges", config.method)(scenario, reachability)
     return ReachabilityFilter(
-        reachability,
-        method=config.method,
-        reachable_space=ReachableSpace.load_named(config.space),
+        judge,
         horizon=config.horizon,
         twins=config.twins,
         way_in=WAY_IN if scenario.control.safe else 0.0,
@@ -84,7 +87,6 @@ def make_reachability_filter(scenario: Scenario, reachability: Reachability) -> 
 
 def make_controller(scenario: Scenario, reachability: Reachability) -> GraspController:
     """The controller of a scenario."""
-    scenario = resolve(scenario)
     config, period = scenario.control, scenario.reachability.period
     safety = SafetyOptions(
         period=config.period,
@@ -92,16 +94,19 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
         table_height=reachability.table_height,
         table_clearance=scenario.cell.table_clearance,
     )
+    name = parse_word(controller_names(), config.controller, "control.controller", ScenarioError)
+    if name not in [*ControlSpace]:
+        make = load_plugin("controllers", name)
+        return cast(GraspController, make(scenario, reachability, safety))
+    mode = added_mode(config.mode)
+    if mode is not None:
+        return cast(GraspController, mode.make_controller(scenario, reachability))
     if config.controller == ControlSpace.JOINT:
-        solutions = SolutionOptions(
-            source=config.source,
-            n_solutions=config.n_solutions,
-            resample=config.resample,
-            length_scale=config.length_scale,
-        )
+        solutions = SolutionOptions(n_solutions=config.n_solutions)
+        if config.source != CLOSED_FORM:
+            solutions = replace(solutions, find=load_plugin("ik_sources", config.source))
         joint_options = JointControlOptions(
-            law=config.law,
-            gain=config.gain,
+            gain=config.gain or JointControlOptions.gain,
             max_speed=config.speed * JointControlOptions.max_speed,
             feed_forward=config.feed_forward,
             solutions=solutions,
@@ -111,34 +116,20 @@ def make_controller(scenario: Scenario, reachability: Reachability) -> GraspCont
         )
         way_in = joint_options.funnel._replace(min_standoff=scenario.grasp.standoff)
         joint_options = replace(joint_options, funnel=way_in)
-        return GPJointController(reachability, joint_options, period=period, mode=config.mode)
-    if config.controller != ControlSpace.TASK:
-        controller: GraspController = load_plugin("controllers", config.controller)(
-            scenario, reachability, safety
-        )
-        return controller
+        return GPJointController(reachability, joint_options, period=period)
     prices = Prices.to_grasp_soon() if scenario.grasp.close else Prices()
     way_in = Funnel(min_standoff=scenario.grasp.standoff)
     choice = ChoiceOptions(_prices(config, prices), config.look_ahead, funnel=way_in)
     if not config.density:
         choice = replace(choice, neighbourhood=0.0)
     options = TaskControlOptions(
-        gain=config.gain,
-        law=config.law,
-        damping=config.damping,
+        gain=config.gain or TaskControlOptions.gain,
         feed_forward=config.feed_forward,
-        targets=config.targets,
         choice=choice,
         pursuit=PursuitOptions(speed_share=config.speed * PursuitOptions.speed_share),
         safety=safety,
     )
-    return RMMTaskController(
-        reachability,
-        options,
-        period=period,
-        mode=config.mode,
-        seed=scenario.random_seed,
-    )
+    return RMMTaskController(reachability, options, period=period, seed=scenario.random_seed)
 
 
 def _prices(config: ControlConfig, prices: Prices) -> Prices:
@@ -153,7 +144,10 @@ def _prices(config: ControlConfig, prices: Prices) -> Prices:
     )
 
 
-def make_drive(scenario: Scenario) -> VelocityDrive:
+def make_drive(scenario: Scenario) -> LeafSystem:
     """What the controller's velocity goes through to the arm."""
     config = scenario.control
-    return VelocityDrive(config.period, enforce_limits=config.safe, speed=config.speed)
+    mode = added_mode(config.mode)
+    if mode is not None:
+        return mode.make_drive(scenario)
+    return VelocityDrive(config.period, speed=config.speed)

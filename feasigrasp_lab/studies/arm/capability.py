@@ -14,9 +14,9 @@ import numpy as np
 from tqdm import tqdm
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.runs.results.arguments import add_common_arguments, positive
 from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.pictures.capability import Slice, plot_slices, write_scene
 from feasigrasp_lab.studies.arm.reachability import exact
 

@@ -20,7 +20,6 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array, Mask
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.network_sampler import NetworkSampler
-from feasigrasp.models.mixtures.ascent import ascent_direction
 from feasigrasp.models.mixtures.fit import fit_riemannian_mixture
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.objects.rigid_object import load_object
@@ -32,6 +31,7 @@ from feasigrasp.runs.pictures.perception import DOT, gripper_outline, outlines_a
 from feasigrasp.runs.pictures.splats import Viewer, draw_lines, draw_points, frame, scale_bar
 from feasigrasp.runs.results.arguments import add_common_arguments, select_objects
 from feasigrasp.runs.results.rows import Row, report_rows, write_csv
+from feasigrasp_lab.paper.ascent import ascent_direction
 from feasigrasp_lab.training.data.grasp_examples import fuse_and_complete
 from feasigrasp_lab.training.data.grasp_truth import TrueGrasps
 from feasigrasp_lab.training.data.views import ViewedObject, look_at

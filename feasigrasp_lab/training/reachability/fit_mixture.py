@@ -22,8 +22,8 @@ from feasigrasp.errors import GraspError
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.mixtures.fit import seed_means
-from feasigrasp.models.mixtures.float32_kernels import pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
+from feasigrasp_lab.paper.float32_kernels import pack
 from feasigrasp_lab.training.reachability.pose_blocks import PoseBlocks, moments_of_blocks
 
 #: Parts that a pass is dealt out in, whatever the number of threads.

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.mixtures.float32_kernels import (
+from feasigrasp.models.numerics.simd import wide_vectors
+from feasigrasp_lab.paper.float32_kernels import (
     BLOCK,
     FASTMATH,
     Float32Array,
@@ -18,7 +19,6 @@ from feasigrasp.models.mixtures.float32_kernels import (
     log2_density_kernel,
     tangents_kernel,
 )
-from feasigrasp.models.numerics.simd import wide_vectors
 
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
@@ -190,7 +190,7 @@ def moments_of_blocks(blocks, start, stop, n, packed, mass, first, second):
         start: First block.
         stop: Behind the last block.
         n: Number of poses in all blocks.
-        packed: The mixture, see `feasigrasp.models.mixtures.float32_kernels.pack`.
+        packed: The mixture, see `feasigrasp_lab.paper.float32_kernels.pack`.
         mass: Sum of the responsibilities, shape (K,), added to.
         first: Sum of r v, shape (K, 6), added to.
         second: Lower triangle of the sum of r v v^T, shape (K, 6, 6), added to.

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.mode import Law
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.geometry.points import sphere_points
 from feasigrasp.models.reach.reachability import Reachability
@@ -17,6 +16,7 @@ from feasigrasp_lab.baselines.diffusion_law import (
     diffusion_velocity,
 )
 from feasigrasp_lab.baselines.grasp_diffusion import LAST_TIME, load_grasp_diffusion
+from feasigrasp_lab.paper.options import Law
 
 X_FG = ParallelGripper().X_FG
 HOME = np.deg2rad([10.0, -40.0, 5.0, -95.0, 5.0, 75.0, 10.0])

@@ -10,9 +10,9 @@ import pytest
 from feasigrasp import cli
 from feasigrasp.errors import ReachabilityError
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.runs.results.statistics import area_under_curve, roc_curve
+from feasigrasp_lab.paper.reachable_space import ReachableSpace
 from feasigrasp_lab.studies.arm import reachability
 from feasigrasp_lab.studies.arm.reachability import FlatMixture, VoxelMap, flatten
 from feasigrasp_lab.training.fit_reachability import parse_components, parse_tool

@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from feasigrasp import cli
-from feasigrasp.models.ik.flow import IkFlow
-from feasigrasp.models.ik.flow_layers import FlowShape
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp_lab.paper.ik_flow import IkFlow
+from feasigrasp_lab.paper.ik_flow_layers import FlowShape
 from feasigrasp_lab.training import train_ik_flow
 from feasigrasp_lab.training.train_ik_flow import Training, training_batch
 

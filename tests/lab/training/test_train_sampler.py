@@ -13,7 +13,8 @@ import torch
 from feasigrasp import cli
 from feasigrasp.errors import InputError
 from feasigrasp.models.grasps.network.architectures import Heads
-from feasigrasp.models.grasps.network.network import GraspNetwork, Preset
+from feasigrasp.models.grasps.network.network import GraspNetwork
+from feasigrasp_lab.paper.grasp_network import NETWORKS
 from feasigrasp_lab.training import train_sampler
 from feasigrasp_lab.training.data.household_shapes import HELD_OUT
 from feasigrasp_lab.training.grasp_batches import load_examples
@@ -96,11 +97,11 @@ def curve(out):
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize("preset", Preset)
+@pytest.mark.parametrize("preset", NETWORKS)
 def test_two_steps_and_two_more(data, tmp_path, capsys, preset):
     assert train(data, tmp_path, "--steps", "2", "--preset", preset) == 0
     assert [float(row["step"]) for row in curve(tmp_path)] == [2]
-    assert GraspNetwork.load(tmp_path / "grasp_network.npz").preset == preset
+    assert NETWORKS[preset].load(tmp_path / "grasp_network.npz").preset == preset
     run = json.loads((tmp_path / "run.json").read_text())
     assert run["seed"] == 0
     assert (run["examples"], run["held_out"]) == (12, 4)
@@ -133,7 +134,7 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(data, tmp_path):
         assert all(torch.equal(a, b) for a, b in pairs)
 
 
-@pytest.mark.parametrize("preset", Preset)
+@pytest.mark.parametrize("preset", NETWORKS)
 def test_training_learns(data, tmp_path, preset):
     """Against the network before training, and against guessing the base rate."""
     rate = ["--learning-rate", "1e-2"]
@@ -249,7 +250,7 @@ def test_errors_are_measured():
 def test_no_contact_at_all_still_trains():
     heads, labels = perfect()
     nothing = Labels(torch.zeros_like(labels.contact), *labels[1:])
-    for preset in Preset:
+    for preset in NETWORKS:
         total, _ = loss(preset, heads._replace(contact=heads.contact.requires_grad_()), nothing)
         assert torch.isfinite(total)
 

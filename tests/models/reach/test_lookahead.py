@@ -7,9 +7,9 @@ import pytest
 
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import UNKNOWN, GraspSet
-from feasigrasp.models.reach.judge import PoseJudge
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability
+from feasigrasp_lab.paper.judge import PoseJudge
 
 REACHABILITY = Reachability()
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])

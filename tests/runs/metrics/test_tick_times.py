@@ -8,11 +8,11 @@ import pytest
 from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.runs.metrics.tick_times import TickTimes
-from feasigrasp.systems.grasp_controller import GraspController
 from feasigrasp_lab.bench.control import ControllerProbe
+from feasigrasp_lab.paper.controllers import Unenforced
 
 
-class Slow(GraspController):
+class Slow(Unenforced):
     """Takes 30 ms to plan, 5 ms for a command and 50 ms for the first one."""
 
     def update(self, memory, inputs):
@@ -26,7 +26,7 @@ class Slow(GraspController):
 
 
 def test_every_command_and_every_plan_is_timed():
-    controller = Slow(Reachability(), mode="paper")
+    controller = Slow(Reachability())
     times = TickTimes(controller)
     assert set(times.metrics().values()) == {None}
     probe = ControllerProbe(controller, GraspSet.empty(), np.random.default_rng(0))
@@ -42,7 +42,7 @@ def test_every_command_and_every_plan_is_timed():
 
 
 def test_a_tick_that_waits_takes_no_processor_time():
-    controller = Slow(Reachability(), mode="paper")
+    controller = Slow(Reachability())
     times = TickTimes(controller)
     controller.update(None, None)
     found = times.metrics()
@@ -50,7 +50,7 @@ def test_a_tick_that_waits_takes_no_processor_time():
 
 
 def test_another_controller_is_left_alone():
-    watched, other = Slow(Reachability(), mode="paper"), Slow(Reachability(), mode="paper")
+    watched, other = Slow(Reachability()), Slow(Reachability())
     times = TickTimes(watched)
     other.update(None, None)
     assert times.metrics()["planning_ms_worst"] is None

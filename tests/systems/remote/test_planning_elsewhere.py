@@ -12,7 +12,6 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.grippers import load_gripper
 from feasigrasp.models.robot.kinematics import pose_and_jacobian
 from feasigrasp.scenario.files import dump_scenario
-from feasigrasp.scenario.presets import resolve
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
 from feasigrasp.systems.from_scenario import make_controller
 from feasigrasp.systems.remote.remote_stage import end_processes
@@ -37,7 +36,7 @@ def fix(system, context, X_WH):
 
 @pytest.mark.parametrize("space", ["task", "joint"])
 def test_elsewhere_plans_as_here(space):
-    setting = resolve(scenario(text=f"{{control: {{controller: {space}}}}}"))
+    setting = scenario(text=f"{{control: {{controller: {space}}}}}")
     reachability = Reachability(load_gripper(setting.gripper))
     here = make_controller(setting, reachability)
     there = make_controller(setting, reachability)
@@ -83,7 +82,7 @@ def test_who_is_told_a_plan_makes_none():
 
 def test_a_controller_that_is_handed_over_plans_where_it_is():
     setting = scenario(text="{perception: {execution: processes}}")
-    own = make_controller(resolve(setting), Reachability(load_gripper(setting.gripper)))
+    own = make_controller(setting, Reachability(load_gripper(setting.gripper)))
     diagram = make_dynamic_grasp(setting, controller=own)
     end_processes(diagram)
     assert not diagram.HasSubsystemNamed("planner")

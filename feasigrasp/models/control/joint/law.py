@@ -9,7 +9,7 @@ their grasps; and a QP keeps limits and clearances, which the field alone does n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from feasigrasp.models.control.joint.field import (
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.search import SolutionSearch
 from feasigrasp.models.control.joint.solutions import Solutions, feed_forward_kernel, place_kernel
-from feasigrasp.models.control.mode import ControlMode, Law
 from feasigrasp.models.control.planning.outlook import LookAhead, poses_ahead
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.control.planning.reserve import kept_off, retreat_velocity
@@ -48,11 +47,9 @@ class JointControlOptions:
     """Gains of the joint-space controller.
 
     Attributes:
-        law: ``preconditioned``: the way that is left decreases at the rate k, within the speed
-            limits and so that it can be stopped in time; ``gradient``: ``-k d grad d`` as it is.
-        gain: k [1/s].
-        max_speed: Largest share of the velocity limits used for it; infinite: neither speed nor
-            braking is looked at.
+        gain: Rate k at which the way that is left decreases, within the speed limits and so that it
+            can be stopped in time [1/s].
+        max_speed: Largest share of the velocity limits used for it.
         feed_forward: Whether the solutions' own velocity is added; not in the paper.
         solutions: Which solutions the field is fitted to.
         prices: What they cost, and how far is looked ahead.
@@ -61,7 +58,6 @@ class JointControlOptions:
         safety: Margins of the QP.
     """
 
-    law: str = Law.PRECONDITIONED
     gain: Positive = 8.0
     max_speed: Bound = 0.8
     feed_forward: bool = True
@@ -72,35 +68,20 @@ class JointControlOptions:
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
     def __post_init__(self) -> None:
-        """Checks the words.
+        """Checks the values.
 
         Raises:
-            ControlError: There is no such law or look-ahead, or a number is out of range.
+            ControlError: There is no such look-ahead, or a number is out of range.
         """
         check_fields(self, ControlError)
-        parse_choice(Law, self.law, "law", ControlError)
         parse_choice(LookAhead, self.look_ahead, "look_ahead", ControlError)
-
-    def unplanned(self) -> JointControlOptions:
-        """All solutions are worth the same, go straight to the grasps, and do not glide.
-
-        Nor is any speed looked at: what is left for a controller that enforces nothing.
-        """
-        return replace(
-            self,
-            max_speed=np.inf,
-            solutions=replace(self.solutions, glide=0.0),
-            prices=Prices(times=(0.0,)),
-            funnel=self.funnel._replace(max_standoff=0.0),
-        )
 
 
 @compiled
 def _descent_kernel(left, gradient, gain, max_speed, qd):
     """Writes ``-k d grad d`` (7,), within the speed limits and so that it can be stopped in time.
 
-    Half of the acceleration limits is taken to suffice for the way left along every joint. An
-    infinite ``max_speed`` leaves both out.
+    Half of the acceleration limits is taken to suffice for the way left along every joint.
     """
     slope = 0.0
     for k in range(IIWA_7.joints):
@@ -110,21 +91,36 @@ def _descent_kernel(left, gradient, gain, max_speed, qd):
         qd[:] = 0.0
         return
     speed = gain * left
-    if max_speed < np.inf:
-        for k in range(IIWA_7.joints):
-            part = max(abs(gradient[k]) / slope, 1e-9)
-            speed = min(speed, max_speed * IIWA_7.velocity_limits[k] / part)
-            speed = min(speed, np.sqrt(IIWA_7.acceleration_limits[k] * left / part))
+    for k in range(IIWA_7.joints):
+        part = max(abs(gradient[k]) / slope, 1e-9)
+        speed = min(speed, max_speed * IIWA_7.velocity_limits[k] / part)
+        speed = min(speed, np.sqrt(IIWA_7.acceleration_limits[k] * left / part))
     for k in range(IIWA_7.joints):
         qd[k] = -speed * min(1.0, slope) * gradient[k] / slope
 
 
 @compiled
-def field_velocity_kernel(
-    q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, gains
+def field_kernel(
+    q,
+    X_FG,
+    X_WO,
+    V_WO,
+    elapsed,
+    X_OG,
+    branch,
+    arm_angle,
+    cost,
+    length_scale,
+    funnel,
+    most,
+    gradient,
+    forward,
 ):
-    """Joint velocity (7,) of the field: inverse kinematics of all solutions, fit, and gradient."""
-    as_printed, gain, max_speed, feed_forward = gains
+    """Distance d, and the way that is left, of the field at q: inverse kinematics, and its fit.
+
+    Writes the gradient (7,), and the mean velocity (7,) of the solutions, shortened to ``most``
+    times the joints' velocity limits; all are zero without solutions.
+    """
     n = len(branch)
     X_WH, J = np.empty((4, 4)), np.empty((6, IIWA_7.joints))
     pose_jacobian_kernel(q, X_FG, X_WH, J)
@@ -141,29 +137,40 @@ def field_velocity_kernel(
         np.empty(n, dtype=np.int64),
     )
     count = place_kernel(X_WO, X_OH, X_OG, branch, angles, funnel, X_GF, X_WF, q_i, index)
-    qd = np.zeros(IIWA_7.joints)
+    gradient[:] = 0.0
+    forward[:] = 0.0
     if count == 0:
-        return qd
+        return 0.0, 0.0
     q_i, index = q_i[:count], index[:count]
     costs, lowest, beta = np.empty(count), np.empty(count), np.empty(count)
     for k in range(count):
         costs[k] = cost[index[k], 0] + elapsed * cost[index[k], 1]
     scale = length_scale[0] + elapsed * length_scale[1]
-    r, gradient, weights = np.empty((count, count)), np.empty(IIWA_7.joints), np.empty(count)
+    r, weights = np.empty((count, count)), np.empty(count)
     distances_kernel(q_i, r)
     fit_kernel(r, costs, scale, NOISE_VARIANCE, lowest, beta)
     d, left = evaluate_kernel(q, q_i, lowest, beta, scale, gradient, weights)
-    if as_printed:
-        qd[:] = -gain * d * gradient
-    else:
-        _descent_kernel(left, gradient, gain, max_speed, qd)
+    feed_forward_kernel(
+        *(X_WF, V_WO, X_WO[:3, 3].copy(), branch, angles, index, weights, q_i),
+        *(most, forward),
+    )
+    return d, left
+
+
+@compiled
+def field_velocity_kernel(
+    q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel, gains
+):
+    """Joint velocity (7,) of the field: down its gradient, and along with the solutions."""
+    gain, max_speed, feed_forward = gains
+    gradient, forward = np.empty(IIWA_7.joints), np.empty(IIWA_7.joints)
+    _, left = field_kernel(
+        *(q, X_FG, X_WO, V_WO, elapsed, X_OG, branch, arm_angle, cost, length_scale, funnel),
+        *(1.0, gradient, forward),
+    )
+    qd = np.empty(IIWA_7.joints)
+    _descent_kernel(left, gradient, gain, max_speed, qd)
     if feed_forward:
-        forward = np.empty(IIWA_7.joints)
-        most = np.inf if max_speed == np.inf else 1.0
-        feed_forward_kernel(
-            *(X_WF, V_WO, X_WO[:3, 3].copy(), branch, angles, index, weights, q_i),
-            *(most, forward),
-        )
         qd += forward
     return qd
 
@@ -176,29 +183,22 @@ class JointSpaceControl:
         reachability: Limits, clearances, and the hand.
         options: Gains.
         period: Time between updates of the solutions [s].
-        mode: ``safe``; in the others all solutions are worth the same, and nothing is enforced.
     """
 
     reachability: Reachability
     options: JointControlOptions = field(default_factory=JointControlOptions)
     period: float = 0.05
-    mode: str = ControlMode.SAFE
     search: SolutionSearch = field(init=False, repr=False)
-    safety: SafetyFilter | None = field(init=False, repr=False)
+    safety: SafetyFilter = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Derives what every step needs."""
-        object.__setattr__(self, "mode", parse_choice(ControlMode, self.mode, "mode", ControlError))
-        safe = self.mode is ControlMode.SAFE
-        if not safe:
-            object.__setattr__(self, "options", self.options.unplanned())
         options, gripper = self.options, self.reachability.gripper
         search = SolutionSearch(
             self.reachability, options.funnel, options.prices, options.solutions, self.period
         )
         object.__setattr__(self, "search", search)
-        safety = SafetyFilter(options.safety, gripper) if safe else None
-        object.__setattr__(self, "safety", safety)
+        object.__setattr__(self, "safety", SafetyFilter(options.safety, gripper))
 
     def update(
         self,
@@ -253,12 +253,7 @@ class JointSpaceControl:
             solutions.cost,
             solutions.length_scale,
             options.funnel.parameters,
-            (
-                options.law == Law.GRADIENT,
-                options.gain,
-                options.max_speed,
-                options.feed_forward,
-            ),
+            (options.gain, options.max_speed, options.feed_forward),
         )
         return np.asarray(qd)
 
@@ -288,11 +283,9 @@ class JointSpaceControl:
 
         Returns:
             Joint velocity [rad/s], shape (7,). Without solutions, or if the object's pose or twist
-            is not finite, the arm stops, in ``safe`` mode within its acceleration limits.
+            is not finite, the arm stops, within its acceleration limits.
         """
         qd = self.requested_velocity(q, solutions, time, X_WO, V_WO)
-        if self.safety is None:
-            return qd
         X_FG, funnel = self.reachability.gripper.X_FG, self.options.funnel
         moving = kept_off(surface, q, X_WO, V_WO, X_FG, solutions.X_OG, funnel)
         if moving is not None and moving.astray:

@@ -4,8 +4,7 @@ Between two updates solutions move by themselves (`feasigrasp.models.control.joi
 update matches them with the grasps that are offered now, lets arm angles glide to where they cost
 less, looks for new ones, and drops those that do not count. Nothing that counts appears or vanishes
 at once: a new solution starts at a cost at which it has no influence, and costs change at a bounded
-rate; one whose grasp is gone rises in cost until it has none. The paper draws them all anew
-instead, from the same seed: `SolutionOptions.resample`.
+rate; one whose grasp is gone rises in cost until it has none.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from feasigrasp.models.control.joint.field import distances_kernel, length_scale
 from feasigrasp.models.control.joint.judged import JudgedSolutions, judge_kernel
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.joint.sources import drawn_configurations, new_configurations
 from feasigrasp.models.control.planning.continuation import branch_kernel, flange_pose_kernel
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.geometry import se3
@@ -29,51 +27,6 @@ from feasigrasp.models.ik.arm_circle import arm_angle_kernel
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
-
-
-def length_scale_of(q: Array, given: float) -> float:
-    """The length scale [rad] of a field over configurations (n, 7); that of their spacing if 0."""
-    if given > 0.0:
-        return given
-    r = np.empty((len(q), len(q)))
-    distances_kernel(q, r)
-    return float(length_scale_kernel(r))
-
-
-def resampled_solutions(
-    source: str, n: int, length_scale: float, time: float, X_OG: Array, X_WF: Array
-) -> Solutions:
-    """Solutions of all grasps, as many of each, from the same random numbers at every call.
-
-    Args:
-        source: ``flow`` or ``dls``.
-        n: How many are drawn; those that miss their grasp are left out.
-        length_scale: Of the field [rad]; 0 follows their spacing.
-        time: Now [s].
-        X_OG: Grasps in the object frame, shape (m, 4, 4).
-        X_WF: Flange poses at them now, shape (m, 4, 4).
-
-    Returns:
-        Solutions that cost nothing and whose arm angles stay.
-    """
-    if len(X_OG) == 0:
-        return Solutions.empty(time)
-    drawn = drawn_configurations(source, X_WF, -(-n // len(X_OG)))
-    # The first of every grasp, then the second, up to the number that is wanted.
-    found = drawn.swapaxes(0, 1).reshape(-1, IIWA_7.joints)[:n]
-    reached = np.isfinite(found).all(axis=1)
-    grasp = (np.arange(len(found)) % len(X_OG))[reached]
-    found = found[reached]
-    still = np.zeros((len(found), 2))
-    return Solutions(
-        X_OG[grasp],
-        np.array([branch_kernel(one) for one in found], dtype=np.int64),
-        np.column_stack([[arm_angle_kernel(one) for one in found], still]),
-        still,
-        np.array([length_scale_of(found, length_scale), 0.0]),
-        time,
-    )
-
 
 #: A solution counts nothing if going there is so many length scales longer than the best.
 IRRELEVANT = 12.0
@@ -121,11 +74,6 @@ class SolutionSearch:
             q: Joint positions [rad], shape (7,).
         """
         X_OG = grasps.X_OG
-        if self.options.resample:
-            most, X_WF = self.options, self._flange_poses(X_OG, X_WO[0], q)
-            return resampled_solutions(
-                most.source, most.n_solutions, most.length_scale, time, X_OG, X_WF
-            )
         angles, costs, scale = previous.at(min(max(time - previous.time, 0.0), self.period))
         grasp = matches(previous.X_OG, X_OG)
         rates = self.prices.grasp_rates(grasps)
@@ -154,7 +102,7 @@ class SolutionSearch:
         acceleration = np.clip(
             (glide - items.rate) / period, -most.glide_acceleration, most.glide_acceleration
         )
-        wanted = length_scale_of(items.q, self.options.length_scale)
+        wanted = self.length_scale(items.q)
         if len(old.q) == 0:
             scale = wanted
         scale_rate = np.clip((wanted - scale) / period, -_LENGTH_SCALE_RATE, _LENGTH_SCALE_RATE)
@@ -168,7 +116,13 @@ class SolutionSearch:
             int((previous.turn + len(looked_at)) % max(len(X_OG), 1)),
         )
 
-    def _flange_poses(self, X_OG: Array, X_WO: Array, q: Array) -> Array:
+    def length_scale(self, q: Array) -> float:
+        """The length scale of a field over configurations (n, 7), by their spacing [rad]."""
+        r = np.empty((len(q), len(q)))
+        distances_kernel(q, r)
+        return float(length_scale_kernel(r))
+
+    def flange_poses(self, X_OG: Array, X_WO: Array, q: Array) -> Array:
         """Flange poses (n, 4, 4) on the way into grasps, as far as the hand has lined up."""
         X_GF = se3.inverse(self.reachability.gripper.X_FG)
         X_WF, standoffs = np.empty((len(X_OG), 4, 4)), self._standoffs(X_OG, X_WO, q)
@@ -214,9 +168,8 @@ class SolutionSearch:
         q: Array,
     ) -> JudgedSolutions:
         """Solutions of some of the grasps that are apart from those there are."""
-        X_WF = self._flange_poses(X_OG[looked_at], X_WO[0], q)
-        found = new_configurations(
-            self.options.source,
+        X_WF = self.flange_poses(X_OG[looked_at], X_WO[0], q)
+        found = self.options.find(
             X_WF,
             q,
             [old.q[old.grasp == g] for g in looked_at],

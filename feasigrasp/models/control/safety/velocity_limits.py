@@ -141,13 +141,3 @@ def _bound(room, ahead, most, a, period, lead):
     if ahead > 0.5 * lead:
         speed = min(speed, most * max(0.0, 2.0 - 2.0 * ahead / lead))
     return speed
-
-
-@compiled
-def free_step_kernel(q, command, period, q_next, v_next):
-    """As `drive_step_kernel`, with nothing bounded; a command that is not finite counts as zero."""
-    finite = np.isfinite(command.sum())
-    for i in range(IIWA_7.joints):
-        v_next[i] = command[i] if finite else 0.0
-        q_next[i] = q[i] + period * v_next[i]
-    return is_fault_kernel(command)

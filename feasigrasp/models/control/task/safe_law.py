@@ -1,7 +1,7 @@
 """Task-space control over a Riemannian mixture of grasps (paper section IV-D.1).
 
-`feasigrasp.models.control.task.paper_law` follows the gradient of the mixture's log density.
-`task_space_velocity` adds what keeps the arm away from its limits:
+The paper follows the gradient of the mixture's log density. `task_space_velocity` adds what keeps
+the arm away from its limits:
 
 - one grasp is followed at a time, together with the configuration that holds it; they are chosen
   with the object's future in view (`feasigrasp.models.control.task.choice`);
@@ -28,9 +28,7 @@ import numpy as np
 from feasigrasp.errors import ControlError
 from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
-from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.planning.outlook import poses_ahead
 from feasigrasp.models.control.planning.reserve import is_close, kept_off, retreat_velocity
 from feasigrasp.models.control.safety.safe_velocity import SafetyFilter, SafetyOptions
@@ -117,16 +115,10 @@ class TaskControlOptions:
     """Gains of the task-space controller.
 
     Attributes:
-        gain: Rate at which the hand closes its distance to a grasp [1/s]; of the law ``gradient``
-            the velocity per gradient.
-        max_linear: Largest speed relative to the object [m/s]; only for `task_space_velocity`.
-        max_angular: Largest angular speed relative to the object [rad/s]; likewise.
-        law: Of `paper_task_space_velocity`, as are the next and ``targets``: which velocity leads
-            up the density.
-        damping: Of the pseudo-inverse; it matters where singular values of the Jacobian are not far
-            above it.
+        gain: Rate at which the hand closes its distance to a grasp [1/s].
+        max_linear: Largest speed relative to the object [m/s].
+        max_angular: Largest angular speed relative to the object [rad/s].
         feed_forward: Whether the object's twist is added.
-        targets: What the density is made of: components about their medoids, or their means.
         near: Travel time to the chosen configuration, or of the hand to its pose, up to which the
             hand follows the geodesic [s]; from twice as much on the joints go there, and from three
             times as much on to where it will be.
@@ -138,24 +130,19 @@ class TaskControlOptions:
     gain: Positive = 5.0
     max_linear: Bound = 0.4
     max_angular: Bound = 1.5
-    law: str = Law.PRECONDITIONED
-    damping: NotNegative = 0.02
     feed_forward: bool = True
-    targets: str = Targets.MEDOIDS
     near: NotNegative = 0.2
     choice: ChoiceOptions = field(default_factory=ChoiceOptions)
     pursuit: PursuitOptions = field(default_factory=PursuitOptions)
     safety: SafetyOptions = field(default_factory=SafetyOptions)
 
     def __post_init__(self) -> None:
-        """Checks the words.
+        """Checks the numbers.
 
         Raises:
-            ControlError: There is no such law or target, or a number is out of range.
+            ControlError: A number is out of range.
         """
         check_fields(self, ControlError)
-        parse_choice(Law, self.law, "law", ControlError)
-        parse_choice(Targets, self.targets, "targets", ControlError)
 
     @cached_property
     def gains(self) -> tuple[float, float, float]:

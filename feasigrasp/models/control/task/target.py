@@ -29,8 +29,9 @@ from feasigrasp.models.geometry.se3_kernels import (
     inverse_kernel,
     log_kernel,
 )
-from feasigrasp.models.mixtures.ascent import LENGTH_PER_RADIAN
 
+#: Metres that count as much as one radian in comparing poses.
+LENGTH_PER_RADIAN = 0.1
 #: Bandwidth of the density per error of the hand.
 SHARPNESS = 0.15
 

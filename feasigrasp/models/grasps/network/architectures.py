@@ -1,7 +1,7 @@
-"""The grasp networks in torch: what maps features of contacts to grasps.
+"""The grasp network in torch: what maps features of contacts to grasps.
 
-Both take a batch of B clouds of n points and give, for every point, how likely a grasp starts
-there and which. `ContactNetwork` is the default:
+It takes a batch of B clouds of n points and gives, for every point, how likely a grasp starts
+there and which:
 
 - vector neurons over position, normal, chord and neighbourhood vectors, with the mean over the
   cloud as context, give a correction of the closing direction, which starts out as the inward
@@ -12,10 +12,6 @@ there and which. `ContactNetwork` is the default:
 - a ring of approach directions round each contact shares one small perceptron; it sees the room
   that the hand has that way and in the ways beside it, the vectors' components in the ring's frame,
   and the invariants, and tells how likely the hand is free.
-
-`PaperNetwork` is the network of "Towards Feasible Dynamic Grasping" (arXiv 2311.02576) as its
-authors published it: two VN-PointNet encoders, an equivariant decoder for the directions b and a,
-and an invariant one for contact and width.
 """
 
 from __future__ import annotations
@@ -43,7 +39,6 @@ from feasigrasp.models.grasps.network.vector_neurons import (
     across,
     lengths,
     unit,
-    with_mean,
 )
 
 #: How far apart the default network starts the widths of a grasp [m].
@@ -72,7 +67,7 @@ class Contacts(NamedTuple):
         """The contacts of some rows (B, m)."""
         return Contacts(
             *(
-                _chosen(part, rows, -2 if name == "vectors" else 1)
+                chosen_points(part, rows, -2 if name == "vectors" else 1)
                 for name, part in zip(self._fields, self, strict=True)
             )
         )
@@ -106,7 +101,7 @@ class Heads(NamedTuple):
 
 
 class ContactNetwork(nn.Module):
-    """The default network, see the head of this module.
+    """The grasp network, see the head of this module.
 
     Args:
         vectors: Channels of the vector neurons.
@@ -154,7 +149,7 @@ class ContactNetwork(nn.Module):
         context = self.context(torch.cat((seen.mean(-2), seen.amax(-2)), -1)).unsqueeze(-2)
         mean = encoded.mean(-2, keepdim=True)
         if rows is not None:
-            x, encoded = x.chosen(rows), _chosen(encoded, rows, -2)
+            x, encoded = x.chosen(rows), chosen_points(encoded, rows, -2)
         vectors = self.refine(torch.cat((encoded, mean.expand_as(encoded)), -1))
         along = (vectors * x.axes.transpose(-1, -2).unsqueeze(-1)).sum(-3)
         h = torch.relu(self.first(torch.cat((x.numbers, along, lengths(vectors)), -1)))
@@ -187,61 +182,6 @@ class ContactNetwork(nn.Module):
         return torch.cat((cos * u + sin * v, torch.abs(sin * u - cos * v)), -1)
 
 
-class PaperNetwork(nn.Module):
-    """The paper's network; one approach direction, as likely free as the contact is a contact."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.sizes: dict[str, int] = {}
-        self.equivariant_encoder = _PaperEncoder()
-        self.invariant_encoder = _PaperEncoder()
-        self.directions = nn.Sequential(
-            VectorLinearReLU(128, 64), VectorLinearReLU(64, 32), VectorLinear(32, 2)
-        )
-        self.numbers = nn.Sequential(
-            nn.Linear(32 * 32, 256), nn.ReLU(), nn.Linear(256, 64), nn.ReLU(), nn.Linear(64, 2)
-        )
-
-    def forward(self, x: Contacts, rows: Tensor | None = None) -> Heads:
-        """What the network says of a batch of contacts, see `ContactNetwork.forward`."""
-        position, normal = x.vectors[..., 0], x.vectors[..., 1]
-        inputs = torch.stack((position * LENGTH_SCALE, -normal), -1)
-        a, b = self.equivariant_encoder(inputs), self.invariant_encoder(inputs)
-        both = with_mean(torch.cat((a, b), -1))
-        if rows is not None:
-            a, b, both = (_chosen(part, rows, -2) for part in (a, b, both))
-        closing, approach = self.directions(both).unbind(-1)
-        closing = unit(closing.transpose(-1, -2))
-        approach = unit(across(approach.transpose(-1, -2), closing))
-        a, b = a.transpose(-3, -2), b.transpose(-3, -2)  # (B, n, 3, 32)
-        contact, width = self.numbers((a.transpose(-1, -2) @ b).flatten(-2)).unbind(-1)
-        width, score = torch.exp(width).unsqueeze(-1), contact.unsqueeze(-1)
-        weight, approach = torch.zeros_like(width), approach.unsqueeze(-2)
-        return Heads(contact, closing, width, 0.3 * width, weight, approach, score)
-
-
-class _PaperEncoder(nn.Sequential):
-    def __init__(self) -> None:
-        super().__init__(
-            VectorLinearReLU(2, 32),
-            VectorLinear(32, 64),
-            _WithMean(),
-            VectorLinearReLU(128, 64),
-            VectorLinear(64, 32),
-        )
-
-
-class _WithMean(nn.Module):
-    def forward(self, vectors: Tensor) -> Tensor:
-        return with_mean(vectors)
-
-
-def heads(network: nn.Module, features: ContactFeatures) -> Heads:
-    """What a network says of contacts, all approaches, without the batch axis."""
-    with torch.inference_mode():
-        return Heads(*(head[0] for head in network(Contacts.of(features))))
-
-
 def ring_directions(axes: Tensor, reference: Tensor) -> Tensor:
     """Unit directions all round unit axes (..., 3), counted from unit references across them.
 
@@ -260,7 +200,7 @@ def _turns(like: Tensor) -> tuple[Tensor, Tensor]:
     return torch.cos(angle), torch.sin(angle)
 
 
-def _chosen(values: Tensor, rows: Tensor, dim: int) -> Tensor:
+def chosen_points(values: Tensor, rows: Tensor, dim: int) -> Tensor:
     """Some of the points, whose axis is ``dim``, of every cloud of a batch."""
     dim = dim % values.dim()
     shape = [1] * values.dim()

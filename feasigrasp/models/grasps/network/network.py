@@ -1,25 +1,20 @@
-"""The trained grasp networks: from the surface of an object to a grasp at every point.
+"""The trained grasp network: from the surface of an object to a grasp at every point.
 
-Two presets: ``default``, and ``paper``, the paper's own architecture with weights trained on the
-same data for the same time; see `feasigrasp.models.grasps.network.architectures` for what they
-compute. Both are exactly equivariant: grasps move with the object. The default one works without
-torch.
+See `feasigrasp.models.grasps.network.architectures` for what it computes. It is exactly
+equivariant: grasps move with the object. It works without torch.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from scipy.special import expit
 
-from feasigrasp.errors import GraspError, needed_by
+from feasigrasp.errors import needed_by
 from feasigrasp.models.arrays import Array, Floats, Frozen
-from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.grasps.network.contact_features import ContactFeatures, contact_features
 from feasigrasp.models.grasps.network.inference import FusedContactNetwork, array_shapes
 from feasigrasp.models.grasps.network.surface_input import GraspInput
@@ -35,16 +30,6 @@ from feasigrasp.models.weights_file import (
 
 if TYPE_CHECKING:
     from torch import nn
-
-    from feasigrasp.models.grasps.network.architectures import Heads
-
-
-class Preset(StrEnum):
-    """Which network."""
-
-    DEFAULT = "default"
-    PAPER = "paper"
-
 
 #: Approach directions that are handed on for each contact.
 MODES = 6
@@ -85,64 +70,77 @@ class GraspNetwork(Frozen):
     """A grasp network, ready to propose.
 
     Attributes:
-        preset: Which one.
         sizes: Of its layers.
         weights: Its arrays, by the names that torch gives them.
         gripper: The hand whose room is measured round each contact.
     """
 
-    preset: Preset
     sizes: dict[str, int]
     weights: dict[str, Floats]
     gripper: ParallelGripper = field(default_factory=ParallelGripper)
 
+    #: Name of the architecture in the headers of files.
+    preset: ClassVar[str] = "default"
+
     @classmethod
-    def untrained(cls, preset: str = Preset.DEFAULT, seed: int = 0) -> GraspNetwork:
+    def untrained(cls, seed: int = 0) -> Self:
         """A network with random weights, to train or to test.
 
         Raises:
-            GraspError: There is no such preset.
             MissingPackageError: There is no torch.
         """
-        preset = _parse(preset)
-        architecture = _architecture(preset)
+        architecture = cls.architecture()
         import torch
 
         state = torch.random.get_rng_state()
         torch.manual_seed(seed)
         network = architecture()
         torch.random.set_rng_state(state)
-        return cls.of(preset, network)
+        return cls.of(network)
 
     @classmethod
-    def of(cls, preset: Preset, network: nn.Module) -> GraspNetwork:
+    def of(cls, network: nn.Module) -> Self:
         """The network that a torch module is at present."""
         sizes: Any = network.sizes
-        made = cls(preset, sizes, network_arrays(network))
+        made = cls(sizes, network_arrays(network))
         vars(made)["network"] = network.eval().requires_grad_(False)
         return made
 
     @classmethod
-    def load(cls, path: str | Path) -> GraspNetwork:
+    def load(cls, path: str | Path) -> Self:
         """Loads a network that `save` wrote.
 
         Raises:
-            WeightsError: The file is missing, broken, or does not match its architecture.
-            MissingPackageError: It is the paper's network, and there is no torch.
+            WeightsError: The file is missing, broken, or does not match the architecture.
         """
         return _FILE.load(path, cls._of)
 
     @classmethod
-    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> GraspNetwork:
-        network = cls(_parse(header["preset"]), header["sizes"], dict(arrays))
-        if network.preset == Preset.DEFAULT:
-            check_arrays(arrays, array_shapes(**network.sizes))
-        else:
-            _ = network.network  # checks them
+    def _of(cls, header: dict[str, Any], arrays: WeightArrays) -> Self:
+        if header["preset"] != cls.preset:
+            raise ValueError(f"it holds preset {header['preset']}, not {cls.preset}")
+        network = cls(header["sizes"], dict(arrays))
+        network.check()
         return network
 
+    def check(self) -> None:
+        """Raises ValueError where arrays are missing, or not of the architecture."""
+        check_arrays(self.weights, array_shapes(**self.sizes))
+
+    @classmethod
+    def architecture(cls) -> type[nn.Module]:
+        """The class of its torch module.
+
+        Raises:
+            MissingPackageError: There is no torch.
+        """
+        with needed_by("the torch module of a grasp network"):
+            from feasigrasp.models.grasps.network.architectures import ContactNetwork
+
+        return ContactNetwork
+
     def save(self, path: str | Path) -> None:
-        """Writes preset, sizes and weights into one ``.npz`` file, whole or not at all."""
+        """Writes sizes and weights into one ``.npz`` file, whole or not at all."""
         _FILE.save(path, {"preset": self.preset, "sizes": self.sizes}, self.weights)
 
     @cached_property
@@ -152,19 +150,18 @@ class GraspNetwork(Frozen):
         Raises:
             MissingPackageError: There is no torch.
         """
-        network = _architecture(self.preset)(**self.sizes)
+        network = self.architecture()(**self.sizes)
         fill_network(network, self.weights)
         return network.eval().requires_grad_(False)
 
-    def with_gripper(self, gripper: ParallelGripper) -> GraspNetwork:
+    def with_gripper(self, gripper: ParallelGripper) -> Self:
         """The same network for another hand; no training is needed."""
         return replace(self, gripper=gripper)
 
     def propose(self, surface: GraspInput) -> GraspProposals:
         """Proposes a grasp at every point of a surface.
 
-        The default network runs on one thread (see `feasigrasp.models.grasps.network.inference`),
-        the paper's on those of torch; ``torch.set_num_threads(1)`` is best at control rate.
+        It runs on one thread (see `feasigrasp.models.grasps.network.inference`).
 
         Args:
             surface: Points, normals and invariants; n > 0.
@@ -177,26 +174,13 @@ class GraspNetwork(Frozen):
 
     def propose_at(self, features: ContactFeatures) -> GraspProposals:
         """As `propose`, from features in the precision of the network's weights."""
-        if self._fused is not None:
-            contact, closing, width, spread, approach, score = self._fused(features, MODES)
-            width = with_room(width, np.sqrt(2.0) * spread, self.gripper.max_opening)
-        else:
-            heads = self.heads(features)
-            contact, score = (expit(at.double().numpy()) for at in (heads.contact, heads.free))
-            width, spread = (of_mode.double().numpy() for of_mode in heads.likeliest_width())
-            closing, approach = (at.double().numpy() for at in (heads.closing, heads.approach))
+        contact, closing, width, spread, approach, score = self._fused(features, MODES)
+        width = with_room(width, np.sqrt(2.0) * spread, self.gripper.max_opening)
         return GraspProposals(contact, closing, width, np.sqrt(2.0) * spread, approach, score)
 
-    def heads(self, features: ContactFeatures) -> Heads:
-        """What the torch network says of contacts, see `architectures.heads`."""
-        network = self.network  # says so if there is no torch
-        from feasigrasp.models.grasps.network.architectures import heads
-
-        return heads(network, features)
-
     @cached_property
-    def _fused(self) -> FusedContactNetwork | None:
-        return FusedContactNetwork(self.weights) if self.preset == Preset.DEFAULT else None
+    def _fused(self) -> FusedContactNetwork:
+        return FusedContactNetwork(self.weights)
 
 
 def with_room(width: Array, deviation: Array, opening: float) -> Array:
@@ -219,33 +203,11 @@ def with_room(width: Array, deviation: Array, opening: float) -> Array:
     return np.asarray(width + 2.0 * more)
 
 
-def load_grasp_network(preset: str = Preset.DEFAULT) -> GraspNetwork:
+@lru_cache(maxsize=1)
+def load_grasp_network() -> GraspNetwork:
     """The trained network that comes with the package, loaded once.
 
     Raises:
-        GraspError: There is no such preset.
         WeightsError: See `GraspNetwork.load`.
     """
-    return _load(_parse(preset))
-
-
-def weights_file(preset: Preset) -> Path:
-    """Where the trained weights of a preset are."""
-    name = "grasp_network" if preset == Preset.DEFAULT else f"grasp_network_{preset}"
-    return WEIGHTS / f"{name}.npz"
-
-
-@lru_cache(maxsize=len(Preset))
-def _load(preset: Preset) -> GraspNetwork:
-    return GraspNetwork.load(weights_file(preset))
-
-
-def _parse(preset: str) -> Preset:
-    return parse_choice(Preset, preset, "the preset of a grasp network", GraspError)
-
-
-def _architecture(preset: Preset) -> type[nn.Module]:
-    with needed_by(f"the grasp network '{preset}'"):
-        from feasigrasp.models.grasps.network.architectures import ContactNetwork, PaperNetwork
-
-    return ContactNetwork if preset == Preset.DEFAULT else PaperNetwork
+    return GraspNetwork.load(WEIGHTS / "grasp_network.npz")

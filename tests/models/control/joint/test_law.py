@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feasigrasp.models.control.joint.field import NOISE_VARIANCE
 from feasigrasp.models.control.joint.law import (
     JointControlOptions,
     JointSpaceControl,
 )
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.control.planning.prices import Prices
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
@@ -55,8 +53,8 @@ def papers_line(t):
 class Controller:
     """Updates solutions at 20 Hz and follows them at 200 Hz, as the system does."""
 
-    def __init__(self, grasps, options=OPTIONS, mode="safe", limit_acceleration=True):
-        self.control = JointSpaceControl(REACHABILITY, options, PERIOD, mode)
+    def __init__(self, grasps, options=OPTIONS, limit_acceleration=True):
+        self.control = JointSpaceControl(REACHABILITY, options, PERIOD)
         self.grasps, self.limit_acceleration = grasps, limit_acceleration
         self.solutions, self.ticks, self.qd = Solutions.empty(), 0, np.zeros(7)
         self.requests = []
@@ -72,8 +70,8 @@ class Controller:
         return self.qd
 
 
-def solutions_of(grasps, options=OPTIONS, X_WO=X_WO, q=HOME, mode="safe"):
-    control = JointSpaceControl(REACHABILITY, options, PERIOD, mode)
+def solutions_of(grasps, options=OPTIONS, X_WO=X_WO, q=HOME):
+    control = JointSpaceControl(REACHABILITY, options, PERIOD)
     return control, control.update(Solutions.empty(), 0.0, grasps, X_WO, STILL, q)
 
 
@@ -123,11 +121,10 @@ def test_without_feed_forward_it_lags_by_speed_over_gain(ring_of_grasps, roll_ou
         assert lag == pytest.approx(1e3 * 0.1 / OPTIONS.gain, rel=0.1)
 
 
-@pytest.mark.parametrize("mode", ["safe", "corrected", "paper"])
-def test_without_grasps_in_reach_the_arm_stops(ring_of_grasps, mode):
+def test_without_grasps_in_reach_the_arm_stops(ring_of_grasps):
     far = se3.make_pose(np.eye(3), [2.0, 0.0, 0.5])
     for grasps, X in ((ring_of_grasps, far), (GraspSet.empty(), X_WO)):
-        control, solutions = solutions_of(grasps, X_WO=X, mode=mode)
+        control, solutions = solutions_of(grasps, X_WO=X)
         assert len(solutions) == 0
         qd = control.velocity(HOME, solutions, 0.0, X, np.full(6, 0.2))
         np.testing.assert_allclose(qd, 0.0, atol=1e-9)
@@ -240,71 +237,3 @@ def test_commands_keep_every_limit_whatever_comes(ring_of_grasps):
         assert (np.abs(q) < IIWA_7.position_limits).all()
         moved += bool(np.linalg.norm(qd) > 0.1)
     assert moved > 100
-
-
-@pytest.mark.parametrize("mode", ["corrected", "paper"])
-def test_without_limits_there_is_no_plan(ring_of_grasps, mode):
-    options = JointSpaceControl(REACHABILITY, OPTIONS, PERIOD, mode).options
-    assert options.funnel.max_standoff == 0.0 and options.solutions.glide == 0.0
-    assert options.prices.times == (0.0,)
-    _, solutions = solutions_of(in_reach(ring_of_grasps), mode=mode)
-    assert len(solutions) > 0
-    np.testing.assert_array_equal(solutions.cost, 0.0)
-
-
-PRINTED = JointControlOptions(
-    law="gradient",
-    gain=1.0,
-    feed_forward=False,
-    solutions=SolutionOptions(source="flow", n_solutions=100, resample=True, length_scale=0.3),
-)
-
-
-def field(solutions, X, length_scale):
-    """Configurations of all solutions, and the paper's d(q) of them, in plain array code."""
-    X_WF, X_GF = np.empty((4, 4)), np.linalg.inv(X_FG)
-    nodes = np.empty((len(solutions), 7))
-    for k, node in enumerate(nodes):
-        flange_pose_kernel(X, solutions.X_OG[k], 0.0, X_GF, X_WF)
-        assert solve_kernel(X_WF, solutions.branch[k], solutions.arm_angle[k, 0], node)
-    limits = IIWA_7.position_limits - IIWA_7.position_margin
-    nodes = nodes[(np.abs(nodes) <= limits).all(axis=1)]
-
-    def kernel(a, b):
-        return np.exp(-np.linalg.norm(a[:, None] - b[None], axis=2) / length_scale)
-
-    K = kernel(nodes, nodes) + NOISE_VARIANCE * np.eye(len(nodes))
-    alpha = np.linalg.solve(K, np.ones(len(nodes)))
-    return nodes, lambda q: -length_scale * np.log(kernel(q[None], nodes) @ alpha)[0]
-
-
-def test_the_printed_law_is_the_distance_times_its_gradient(ring_of_grasps):
-    """By finite differences of the field, at poses where it falls fast and where it is negative."""
-    control, solutions = solutions_of(in_reach(ring_of_grasps), PRINTED, mode="paper")
-    nodes, d = field(solutions, X_WO, 0.3)
-    rng, h = np.random.default_rng(2), 1e-6
-    signs = set()
-    for q in (HOME, nodes[0] + 0.02, nodes.mean(axis=0), *(HOME + rng.normal(0, 0.5, (5, 7)))):
-        gradient = np.array([(d(q + e) - d(q - e)) / (2 * h) for e in h * np.eye(7)])
-        qd = control.velocity(q, solutions, 0.0, X_WO, np.full(6, 0.3))
-        np.testing.assert_allclose(qd, -d(q) * gradient, atol=1e-4)
-        signs.add(np.sign(d(q)))
-    assert 1.0 in signs
-
-
-def test_solutions_are_drawn_anew_from_the_same_seed(ring_of_grasps):
-    """A little later they are about the same, and none of those before is kept."""
-    grasps = in_reach(ring_of_grasps)
-    control, first = solutions_of(grasps, PRINTED, mode="paper")
-    assert 50 < len(first) <= 100
-    assert first.length_scale[0] == 0.3
-    moved = X_WO.copy()
-    moved[1, 3] += 0.002
-    again = control.update(first, PERIOD, grasps, moved, STILL, HOME)
-    _, fresh = solutions_of(grasps, PRINTED, moved, mode="paper")
-    np.testing.assert_array_equal(again.arm_angle, fresh.arm_angle)
-    before, after = field(first, X_WO, 0.3)[0], field(again, moved, 0.3)[0]
-    nearest = np.linalg.norm(after[:, None] - before[None], axis=2).min(axis=1)
-    assert np.median(nearest) < 0.1
-    gone = control.update(first, PERIOD, GraspSet.empty(), X_WO, STILL, HOME)
-    assert len(gone) == 0

@@ -9,7 +9,7 @@ from feasigrasp.errors import ControlError
 from feasigrasp.models.control.joint.options import SolutionOptions
 from feasigrasp.models.control.joint.search import IRRELEVANT, SolutionSearch, matches
 from feasigrasp.models.control.joint.solutions import Solutions
-from feasigrasp.models.control.joint.sources import APART, Source
+from feasigrasp.models.control.joint.sources import APART, closed_form_configurations
 from feasigrasp.models.control.planning.continuation import (
     branch_kernel,
     flange_pose_kernel,
@@ -22,12 +22,16 @@ from feasigrasp.models.grasps.grasp_set import GraspSet
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp_lab.paper.sources import flow_configurations, least_squares_configurations
 
 REACHABILITY = Reachability()
 X_FG = REACHABILITY.gripper.X_FG
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 PERIOD, PRICES = 0.05, Prices.of_a_field()
 X_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5])
+
+
+SOURCES = [closed_form_configurations, flow_configurations, least_squares_configurations]
 
 
 def search(*, funnel=None, prices=PRICES, **options):
@@ -59,10 +63,10 @@ def configurations(solutions, X_WO, elapsed=0.0):
     return q
 
 
-@pytest.mark.parametrize("source", Source)
-def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, source):
+@pytest.mark.parametrize("find", SOURCES)
+def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, find):
     X_OG = reachable(ring_of_grasps)
-    found = search(source=source).update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
+    found = search(find=find).update(Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME)
     q = configurations(found, X_WO)
     assert len(found) > 10
     assert (matches(found.X_OG, X_OG) >= 0).all()
@@ -76,15 +80,15 @@ def test_solutions_reach_their_grasps_and_are_admissible(ring_of_grasps, source)
         assert (r > APART - 1e-6).all()
 
 
-@pytest.mark.parametrize("source", ["flow", "dls"])
-def test_what_other_sources_reach_the_closed_form_reaches(ring_of_grasps, source):
+@pytest.mark.parametrize("find", SOURCES[1:])
+def test_what_other_sources_reach_the_closed_form_reaches(ring_of_grasps, find):
     """Every grasp of theirs is one of its; and most of its are theirs, though they only draw."""
     X_OG = reachable(ring_of_grasps)
     whole, drawn = (
-        search(source=name, n_solutions=200).update(
+        search(find=each, n_solutions=200).update(
             Solutions.empty(), 0.0, offer(X_OG), ahead(X_WO), HOME
         )
-        for name in ("closed_form", source)
+        for each in (closed_form_configurations, find)
     )
     of_whole, of_drawn = (set(matches(found.X_OG, X_OG)) for found in (whole, drawn))
     assert of_drawn <= of_whole == set(range(len(X_OG)))
@@ -250,11 +254,8 @@ def test_random_configurations_and_objects_give_finite_solutions(ring_of_grasps)
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"source": "guess"},
         {"n_solutions": 0},
         {"per_grasp": 0},
-        {"length_scale": -0.1},
-        {"resample": True},
     ],
     ids=lambda w: next(iter(w)),
 )

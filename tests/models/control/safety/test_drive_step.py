@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from feasigrasp.models.control.safety.velocity_limits import (
     WILD,
     drive_step_kernel,
-    free_step_kernel,
     is_fault_kernel,
 )
 from feasigrasp.models.robot.iiwa import IIWA_7
@@ -131,14 +130,3 @@ def test_from_outside_the_limits_the_way_back_is_open():
     assert (path[-1] < LIMIT).all()
     stays, _ = sent(outside, np.full((400, 7), 0.5))
     np.testing.assert_array_equal(stays[-1], outside)
-
-
-def test_without_limits_a_command_is_integrated_as_it_comes():
-    q = np.full(7, 30.0)
-    q_next, v_next = np.empty(7), np.empty(7)
-    command = np.array([1e3, -50.0, 0.1, 0.0, 2.0, -3.0, 400.0])
-    assert free_step_kernel(q, command, 0.005, q_next, v_next)
-    np.testing.assert_array_equal(v_next, command)
-    np.testing.assert_array_equal(q_next, q + 0.005 * command)
-    assert free_step_kernel(q, np.r_[command[:6], np.nan], 0.005, q_next, v_next)
-    np.testing.assert_array_equal(q_next, q)

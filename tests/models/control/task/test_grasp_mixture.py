@@ -9,9 +9,9 @@ from feasigrasp.models.control.task.grasp_mixture import (
     MAX_ROTATION,
     fit_grasp_mixture,
 )
+from feasigrasp.models.control.task.target import LENGTH_PER_RADIAN
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.grasp_set import GraspSet
-from feasigrasp.models.mixtures.ascent import LENGTH_PER_RADIAN
 
 
 def clustered_grasps(n=60, k=3, seed=0):

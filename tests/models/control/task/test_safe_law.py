@@ -13,7 +13,6 @@ from feasigrasp.models.control.task import safe_law
 from feasigrasp.models.control.task.choice import ChoiceOptions, GraspChoice
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
 from feasigrasp.models.control.task.memory import TaskMemory
-from feasigrasp.models.control.task.paper_law import paper_task_space_velocity
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, task_space_velocity
 from feasigrasp.models.geometry import se3
 from feasigrasp.models.grasps.funnel import Funnel
@@ -26,6 +25,7 @@ from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics
 from feasigrasp.models.robot.self_collision import min_distance
+from feasigrasp_lab.paper.task_law import paper_task_space_velocity
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 REACHABILITY = Reachability()

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from feasigrasp.models.control.task.target import (
+    LENGTH_PER_RADIAN,
     SHARPNESS,
     neighbours,
     target_kernel,
 )
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.ascent import LENGTH_PER_RADIAN
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
 RNG = np.random.default_rng(0)

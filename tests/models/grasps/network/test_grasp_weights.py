@@ -6,16 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from feasigrasp.errors import GraspError
-from feasigrasp.models.grasps.network import network as grasp_network
-from feasigrasp.models.grasps.network.network import (
-    GraspNetwork,
-    Preset,
-    load_grasp_network,
-    weights_file,
-)
+from feasigrasp.models.grasps.network.network import GraspNetwork
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.weights_file import WeightsError
+from feasigrasp_lab.paper.grasp_network import NETWORKS, trained_network
 
 #: Semi-axes of an ellipsoid of 4 x 6 x 10 cm [m].
 RADII = np.array([0.02, 0.03, 0.05])
@@ -46,12 +40,12 @@ def graspable(surface):
     return (chord < 0.08) & (cosine < -np.cos(np.deg2rad(40.0)))
 
 
-@pytest.mark.parametrize("preset", Preset)
+@pytest.mark.parametrize("preset", NETWORKS)
 def test_loaded_is_what_was_saved(preset, tmp_path):
-    network = GraspNetwork.untrained(preset, seed=7)
+    network = NETWORKS[preset].untrained(seed=7)
     network.save(tmp_path / "weights.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["weights.npz"]
-    loaded = GraspNetwork.load(tmp_path / "weights.npz")
+    loaded = NETWORKS[preset].load(tmp_path / "weights.npz")
     assert loaded.preset == preset
     surface = ellipsoid(17)
     a, b = network.propose(surface), loaded.propose(surface)
@@ -59,15 +53,14 @@ def test_loaded_is_what_was_saved(preset, tmp_path):
     np.testing.assert_array_equal(a.approach, b.approach)
 
 
-@pytest.mark.parametrize("preset", Preset)
+@pytest.mark.parametrize("preset", NETWORKS)
 def test_the_trained_networks_are_there(preset):
-    network = load_grasp_network(preset)
-    assert load_grasp_network(preset) is network
+    network = trained_network(preset)
+    assert trained_network(preset) is network
     assert copy.deepcopy(network) is network
-    assert weights_file(preset).stat().st_size < 3e6
 
 
-@pytest.mark.parametrize("preset", Preset)
+@pytest.mark.parametrize("preset", NETWORKS)
 def test_the_weights_are_those_of_a_trained_network(preset):
     """It tells where the ellipsoid can be held; networks with random weights do not."""
     surface = ellipsoid(18, n=512)
@@ -77,19 +70,13 @@ def test_the_weights_are_those_of_a_trained_network(preset):
         contact = network.propose(surface).contact
         return contact[holds].mean() - contact[~holds].mean()
 
-    assert told_apart(load_grasp_network(preset)) > 0.15
-    assert max(told_apart(GraspNetwork.untrained(preset, seed)) for seed in range(3)) < 0.05
+    assert told_apart(trained_network(preset)) > 0.15
+    assert max(told_apart(NETWORKS[preset].untrained(seed)) for seed in range(3)) < 0.05
 
 
-def test_there_are_two_presets():
-    with pytest.raises(GraspError, match="is 'best'; choose one of default, paper"):
-        load_grasp_network("best")
-
-
-def test_missing_weights_are_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(grasp_network, "WEIGHTS", tmp_path)
+def test_missing_weights_are_named(tmp_path):
     with pytest.raises(WeightsError, match="no grasp network weights.*train sampler"):
-        GraspNetwork.load(weights_file(Preset.DEFAULT))
+        GraspNetwork.load(tmp_path / "grasp_network.npz")
 
 
 def broken_files():
@@ -103,8 +90,8 @@ def broken_files():
     return [
         ("no header", lambda arrays: arrays.pop("header"), "header"),
         ("another format", made(format="grasps 7"), "format is 'grasps 7'"),
-        ("another preset", made(preset="paper", sizes={}), "missing"),
-        ("unknown preset", made(preset="best"), "network is 'best'"),
+        ("another preset", made(preset="paper", sizes={}), "holds preset paper, not default"),
+        ("unknown preset", made(preset="best"), "holds preset best"),
         ("other sizes", made(sizes={**sizes, "hidden": 8}), "not float32"),
         ("unknown sizes", made(sizes={"depth": 3}), "depth"),
         ("array missing", lambda arrays: arrays.pop(name), f"missing: .*{name}"),
@@ -120,7 +107,7 @@ def broken_files():
     [pytest.param(change, message, id=name) for name, change, message in broken_files()],
 )
 def test_broken_weights_are_named(tmp_path, change, message):
-    GraspNetwork.untrained("default").save(tmp_path / "good.npz")
+    GraspNetwork.untrained().save(tmp_path / "good.npz")
     with np.load(tmp_path / "good.npz") as file:
         arrays = dict(file)
     if callable(change):

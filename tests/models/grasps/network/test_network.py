@@ -17,12 +17,12 @@ from feasigrasp.models.grasps.network.network import (
     ROOM_BESIDE,
     ROOM_DEVIATIONS,
     GraspNetwork,
-    Preset,
     with_room,
 )
 from feasigrasp.models.grasps.network.surface_input import GraspInput
 from feasigrasp.models.grasps.network.surroundings import hand_room, neighbourhoods
 from feasigrasp.models.robot.gripper import ParallelGripper
+from feasigrasp_lab.paper.grasp_network import NETWORKS
 
 HAND = ParallelGripper()
 
@@ -49,16 +49,16 @@ def blob(seed, n=120):
     return points, normals, scalars
 
 
-@pytest.fixture(scope="module", params=list(Preset))
+@pytest.fixture(scope="module", params=list(NETWORKS.values()))
 def network(request):
     """Float64, and far from the initial weights: every path carries something."""
-    module = GraspNetwork.untrained(request.param, seed=2).network
+    module = request.param.untrained(seed=2).network
     state = copy.deepcopy(module.state_dict())
     rng = torch.Generator().manual_seed(5)
     for tensor in state.values():
         tensor.add_(0.1 * torch.randn(tensor.shape, generator=rng))
     module.load_state_dict(state)
-    return GraspNetwork.of(request.param, module.double())
+    return request.param.of(module.double())
 
 
 def rotation(seed):
@@ -105,8 +105,8 @@ def test_a_mirrored_object_has_mirrored_proposals(network):
 @pytest.mark.parametrize("what", ["vectors", "numbers", "room", "axes", "across"])
 def test_features_that_do_not_turn_would_be_noticed(what):
     """The tests above rest on every input: each of them matters, and a wrong one breaks them."""
-    module = GraspNetwork.untrained("default", seed=3).network
-    network = GraspNetwork.of(Preset.DEFAULT, module.double())
+    module = GraspNetwork.untrained(seed=3).network
+    network = GraspNetwork.of(module.double())
     points, normals, scalars = blob(9)
     features = contact_features(points, normals, scalars)
     R = rotation(9)
@@ -136,14 +136,14 @@ def test_proposals_are_grasps(network):
 
 
 def test_modes_are_apart():
-    a = proposed(GraspNetwork.untrained("default", seed=4), *(x.astype("f") for x in blob(11)))
+    a = proposed(GraspNetwork.untrained(seed=4), *(x.astype("f") for x in blob(11)))
     cosine = np.einsum("nki,nli->nkl", a.approach, a.approach)
     cosine[:, np.arange(MODES), np.arange(MODES)] = -1.0
     assert cosine.max() < np.cos(1.5 * 2.0 * np.pi / DIRECTIONS)
 
 
 def test_untrained_grasps_close_along_the_normal_over_the_chord():
-    network = GraspNetwork.untrained("default", seed=0)
+    network = GraspNetwork.untrained(seed=0)
     points, normals, scalars = (x.astype(np.float32) for x in blob(12))
     a = network.propose(GraspInput(points, normals, scalars))
     assert np.einsum("ni,ni->n", a.closing, -normals).min() > 0.99
@@ -168,7 +168,7 @@ def test_a_hand_makes_room_for_a_far_contact_that_is_uncertain():
 
 
 def test_the_fused_network_is_the_torch_one():
-    module = GraspNetwork.untrained("default", seed=8).network.double()
+    module = GraspNetwork.untrained(seed=8).network.double()
     with torch.no_grad():
         for parameter in module.parameters():
             noise = torch.randn(parameter.shape, generator=torch.Generator())
@@ -178,7 +178,7 @@ def test_the_fused_network_is_the_torch_one():
         weight = module(Contacts.of(features)).weight
         lead = (weight[..., 0] - weight[..., 1]).flatten().sort().values
         module.last.bias[-1] += lead[66:68].mean()  # of none: rounding would decide it
-    a = GraspNetwork.of(Preset.DEFAULT, module).propose_at(features)
+    a = GraspNetwork.of(module).propose_at(features)
     heads = module(Contacts.of(features))
     np.testing.assert_allclose(a.contact, torch.sigmoid(heads.contact[0]), atol=1e-12)
     width, spread = heads.likeliest_width()
@@ -197,8 +197,8 @@ def test_the_fused_network_is_the_torch_one():
 
 
 def test_torch_gives_chosen_contacts_as_it_gives_all():
-    for preset in Preset:
-        network = GraspNetwork.untrained(preset, seed=9).network.double()
+    for kind in NETWORKS.values():
+        network = kind.untrained(seed=9).network.double()
         x = Contacts.of(contact_features(*blob(20)))
         rows = torch.tensor([[3, 100, 7]])
         for all_of, chosen in zip(network(x), network(x, rows), strict=True):
@@ -253,7 +253,7 @@ def test_the_hand_has_room_where_nothing_is_in_its_way():
 
 
 def test_another_hand_sees_other_room():
-    network = GraspNetwork.untrained("default", seed=6)
+    network = GraspNetwork.untrained(seed=6)
     surface = GraspInput(*(x.astype(np.float32) for x in blob(14)))
     wide = network.with_gripper(ParallelGripper(max_opening=0.11, finger_width=0.02))
     a, b = network.propose(surface), wide.propose(surface)

@@ -6,15 +6,15 @@ from pydrake.systems.analysis import Simulator
 
 from feasigrasp.models.control.planning.continuation import flange_pose_kernel, solve_kernel
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.ascent import ascent_direction
 from feasigrasp.models.objects.rigid_object import load_object
-from feasigrasp.models.reach.reachable_space import ReachableSpace
 from feasigrasp.models.robot.gripper import ParallelGripper
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
 from feasigrasp.resources import diagram_path
 from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.dynamic_grasp import make_dynamic_grasp
+from feasigrasp_lab.paper.ascent import ascent_direction
+from feasigrasp_lab.paper.reachable_space import ReachableSpace
 
 FILE = diagram_path("dynamic.scenarios.yaml")
 X_FG = ParallelGripper().X_FG
@@ -98,18 +98,18 @@ def test_paper_in_task_space_is_the_gradient_through_the_pseudo_inverse():
         X_OH @ se3.exp(-steps)
     )
     turned = (gradient.reshape(2, 3) / (2 * h)) @ X_WH[:3, :3].T
-    expected = run.config.control.gain * (np.linalg.pinv(J) @ turned.ravel())
+    expected = 0.0005 * (np.linalg.pinv(J) @ turned.ravel())
     np.testing.assert_allclose(run.command, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
     assert np.abs(run.command).max() > 1e-3
     assert_nothing_is_clipped(run)
 
 
 def test_corrected_in_task_space_feeds_forward_and_follows_medoids():
-    run = Run("{control: {controller: task, mode: corrected, damping: 0.0}}", 2.0)
+    run = Run("{control: {controller: task, mode: corrected, options: {damping: 0.0}}}", 2.0)
     X_WH, J = pose_and_jacobian(run.q, X_FG)
     memory, X_WO, V_WO = run.memory, run.X_WO, run.V_WO
     direction = ascent_direction(memory.mixture.targets, se3.inverse(X_WO) @ X_WH)
-    turned = run.config.control.gain * (direction.reshape(2, 3) @ X_WH[:3, :3].T)
+    turned = 5.0 * (direction.reshape(2, 3) @ X_WH[:3, :3].T)
     turned[0] += V_WO[:3]
     turned[1] += V_WO[3:] + np.cross(V_WO[:3], X_WH[:3, 3] - X_WO[:3, 3])
     np.testing.assert_allclose(J @ run.command, turned.ravel(), atol=1e-5)
@@ -157,7 +157,7 @@ def test_the_density_of_reachable_poses_decides(space):
     """Whatever the controller is given is likely enough, and does not count its flip."""
     text = "{motion: {amplitude: [0, 0, 0], spin: 0}, control: {controller: joint, source: flow},"
     run = Run(
-        f"{text} reachability: {{method: rmm, space: {space}, twins: false}},"
+        f"{text} reachability: {{method: rmm, options: {{space: {space}}}, twins: false}},"
         " perception: {sampler: antipodal}, grasp: {close: false}}",
         1.0,
         "ReachLinearMocap",

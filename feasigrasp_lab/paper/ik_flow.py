@@ -30,7 +30,12 @@ from threadpoolctl import ThreadpoolController
 from feasigrasp.errors import ArgumentError
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen
-from feasigrasp.models.ik.flow_layers import (
+from feasigrasp.models.ik.least_squares import refine
+from feasigrasp.models.quantities import POSES, ArrayOf, Count, Whole
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.weights_file import WeightArrays, WeightsFormat, check_arrays
+from feasigrasp_lab import WEIGHTS
+from feasigrasp_lab.paper.ik_flow_layers import (
     FEATURES,
     FlowShape,
     features_kernel,
@@ -38,10 +43,6 @@ from feasigrasp.models.ik.flow_layers import (
     quantile_kernel,
     turn_kernel,
 )
-from feasigrasp.models.ik.least_squares import refine
-from feasigrasp.models.quantities import POSES, ArrayOf, Count, Whole
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.weights_file import WEIGHTS, WeightArrays, WeightsFormat, check_arrays
 
 WeightArray = NDArray[np.float32]
 

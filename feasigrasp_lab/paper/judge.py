@@ -1,4 +1,4 @@
-"""Judging hand poses: the paper's density, exact inverse kinematics, or one after the other.
+"""Judging hand poses by the paper's density, or by it and exact inverse kinematics.
 
 The paper calls a pose reachable if its density under a mixture of reachable poses exceeds a
 threshold (section IV-B). That is quick and soft: it lets poses through that no configuration
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -21,7 +22,8 @@ from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.quantities import ANY_POSES
 from feasigrasp.models.reach.kernels import REACHABLE
 from feasigrasp.models.reach.reachability import VERDICTS, Reachability, Verdict
-from feasigrasp.models.reach.reachable_space import ReachableSpace
+from feasigrasp.scenario.schema import Scenario
+from feasigrasp_lab.paper.reachable_space import ReachableSpace, SpaceName
 
 _UNLIKELY = VERDICTS.index(Verdict.UNLIKELY)
 
@@ -76,3 +78,14 @@ class PoseJudge(Frozen):
         if self.method == JudgeMethod.BOTH and likely.any():
             verdicts[likely] = self.reachability.flange_verdicts(X_WF[likely])
         return verdicts
+
+
+def _judge(method: JudgeMethod, scenario: Scenario, reachability: Reachability) -> PoseJudge:
+    space = str(scenario.reachability.options.get("space", SpaceName.DEFAULT))
+    return PoseJudge(reachability, method, ReachableSpace.load_named(space))
+
+
+#: The values ``rmm``, ``both`` and ``none`` of ``reachability.method``.
+density_judge = partial(_judge, JudgeMethod.RMM)
+density_and_exact_judge = partial(_judge, JudgeMethod.BOTH)
+no_judge = partial(_judge, JudgeMethod.NONE)

@@ -7,18 +7,22 @@ import pytest
 
 from feasigrasp.errors import ControlError
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture, fit_grasp_mixture
-from feasigrasp.models.control.task.paper_law import least_norm_kernel, paper_task_space_velocity
 from feasigrasp.models.control.task.safe_law import TaskControlOptions, hand_twist_kernel
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.mixtures.ascent import ascent_direction
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.reach.lookahead import judge_grasps
 from feasigrasp.models.reach.reachability import Reachability
 from feasigrasp.models.robot.kinematics import forward_kinematics, pose_and_jacobian
+from feasigrasp_lab.paper.ascent import ascent_direction
+from feasigrasp_lab.paper.task_law import (
+    PaperTaskOptions,
+    least_norm_kernel,
+    paper_task_space_velocity,
+)
 
 HOME = np.deg2rad([0, -48.5, 0, -90.6, 0, 82.9, 0])
 X_FG = Reachability().gripper.X_FG
-OPTIONS = TaskControlOptions()
+OPTIONS = PaperTaskOptions()
 STILL = np.zeros(6)
 
 
@@ -44,7 +48,7 @@ def test_the_papers_law_follows_the_mixture(ring_of_grasps):
     direction = ascent_direction(mixture.targets, se3.inverse(X_WO) @ X_WH)
     # Nothing is cut: with this gain it is faster than `safe` mode would let it be.
     np.testing.assert_allclose(body, OPTIONS.gain * direction, atol=1e-9)
-    assert np.linalg.norm(body[3:]) > OPTIONS.max_linear
+    assert np.linalg.norm(body[3:]) > TaskControlOptions().max_linear
 
     q = HOME
     for _ in range(800):
@@ -57,7 +61,7 @@ def test_the_printed_law_is_the_gradient_through_the_pseudo_inverse(ring_of_gras
     """Finite differences of the log density along the body axes, about means, without the twist."""
     X_WO, V_WO = se3.make_pose(np.eye(3), [0.5, 0.0, 0.5]), np.full(6, 0.2)
     mixture = fit_grasp_mixture(ring_of_grasps, 10, np.random.default_rng(0))
-    printed = TaskControlOptions(
+    printed = PaperTaskOptions(
         law="gradient", gain=0.01, damping=0.0, feed_forward=False, targets="means"
     )
     X_WH, J = pose_and_jacobian(HOME, X_FG)
@@ -85,7 +89,7 @@ def test_the_printed_law_is_the_gradient_through_the_pseudo_inverse(ring_of_gras
 @pytest.mark.parametrize("word", [{"law": "newton"}, {"targets": "modes"}])
 def test_other_words_are_refused(word):
     with pytest.raises(ControlError, match="choose one of"):
-        TaskControlOptions(**word)
+        PaperTaskOptions(**word)
 
 
 def test_the_papers_law_leaves_the_middle_between_a_grasp_and_its_twin():

@@ -9,22 +9,59 @@ gain.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from feasigrasp.errors import ControlError
+from feasigrasp.models.arguments import check_fields
 from feasigrasp.models.arrays import Array
+from feasigrasp.models.choices import parse_choice
 from feasigrasp.models.compiled import compiled
-from feasigrasp.models.control.mode import Law, Targets
 from feasigrasp.models.control.task.grasp_mixture import GraspMixture
-from feasigrasp.models.control.task.safe_law import TaskControlOptions, hand_twist_kernel
+from feasigrasp.models.control.task.safe_law import hand_twist_kernel
 from feasigrasp.models.geometry.se3_kernels import compose_kernel, inverse_kernel
-from feasigrasp.models.mixtures.ascent import ascent_kernel, gradient_kernel
+from feasigrasp.models.quantities import NotNegative, Positive
 from feasigrasp.models.robot.iiwa import IIWA_7
 from feasigrasp.models.robot.kinematics import pose_jacobian_kernel
+from feasigrasp_lab.paper.ascent import ascent_kernel, gradient_kernel
+from feasigrasp_lab.paper.options import Law, Targets
 
 #: Least damping: no singular value is taken for smaller.
 _LEAST_DAMPING = 1e-6
 #: Least pivot of the factorisation, in case rounding eats up even that.
 _LEAST_PIVOT = 1e-14
+
+
+@dataclass(frozen=True)
+class PaperTaskOptions:
+    """Gains of the law.
+
+    Attributes:
+        law: Which velocity leads up the density.
+        gain: Rate at which the hand closes its distance to a grasp [1/s]; of the law ``gradient``
+            the velocity per gradient, which is in 1/rad and 1/m.
+        damping: Of the pseudo-inverse; it matters where singular values of the Jacobian are not far
+            above it.
+        feed_forward: Whether the object's twist is added.
+        targets: What the density is made of: components about their medoids, or their means.
+    """
+
+    law: str = Law.PRECONDITIONED
+    gain: Positive = 5.0
+    damping: NotNegative = 0.02
+    feed_forward: bool = True
+    targets: str = Targets.MEDOIDS
+
+    def __post_init__(self) -> None:
+        """Checks the values.
+
+        Raises:
+            ControlError: There is no such law or target, or a number is out of range.
+        """
+        check_fields(self, ControlError)
+        parse_choice(Law, self.law, "law", ControlError)
+        parse_choice(Targets, self.targets, "targets", ControlError)
 
 
 @compiled
@@ -80,14 +117,14 @@ def paper_task_space_velocity(
     X_WO: Array,
     V_WO: Array,
     X_FG: Array,
-    options: TaskControlOptions,
+    options: PaperTaskOptions,
 ) -> Array:
     """The paper's law, printed or corrected as the options say: ``qd = J^+ V``, nothing enforced.
 
     The twist V is ``gain`` times the gradient of the log density of the grasps, or the
     preconditioned direction, plus the object's own twist if it is fed forward. Neither is cut
     anywhere. Where the pulls of components cancel, surrounding points decide
-    (`feasigrasp.models.mixtures.ascent`).
+    (`feasigrasp_lab.paper.ascent`).
 
     Args:
         q: Joint positions [rad], shape (7,).

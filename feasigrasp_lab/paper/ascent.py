@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from feasigrasp.models.arrays import Array
 from feasigrasp.models.compiled import compiled
+from feasigrasp.models.control.task.target import LENGTH_PER_RADIAN
 from feasigrasp.models.geometry.se3_kernels import (
     compose_kernel,
     exp_kernel,
@@ -23,8 +24,6 @@ from feasigrasp.models.geometry.se3_kernels import (
 from feasigrasp.models.mixtures.kernels import Parameters, evaluate_kernel, posterior_kernel
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 
-#: Metres that count as much as one radian in comparing poses and pulls.
-LENGTH_PER_RADIAN = 0.1
 #: Pulls cancel where their sum is shorter than this share of their lengths ...
 CANCEL = 0.2
 #: ... and surrounding points are this share of the mean pull away.

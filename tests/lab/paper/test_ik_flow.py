@@ -11,17 +11,17 @@ import torch
 from scipy.stats import kstest
 
 from feasigrasp.models.geometry import se3
-from feasigrasp.models.ik.flow import DEFAULT_WEIGHTS, IkFlow
-from feasigrasp.models.ik.flow_layers import (
+from feasigrasp.models.robot.iiwa import IIWA_7
+from feasigrasp.models.robot.kinematics import forward_kinematics
+from feasigrasp.models.robot.self_collision import in_collision
+from feasigrasp.models.weights_file import WeightsError
+from feasigrasp_lab.paper.ik_flow import DEFAULT_WEIGHTS, IkFlow
+from feasigrasp_lab.paper.ik_flow_layers import (
     FEATURES,
     FlowShape,
     features_kernel,
     turn_kernel,
 )
-from feasigrasp.models.robot.iiwa import IIWA_7
-from feasigrasp.models.robot.kinematics import forward_kinematics
-from feasigrasp.models.robot.self_collision import in_collision
-from feasigrasp.models.weights_file import WeightsError
 from feasigrasp_lab.training.train_ik_flow import IkFlowNetwork
 
 SMALL = FlowShape(components=(6, 3, 2, 1, 2, 3, 2), hidden=((16, 16),) * 7, narrowest=0.01)
@@ -279,7 +279,7 @@ def test_half_a_file_is_named(small_flow, tmp_path):
 
 def test_sampling_needs_no_torch():
     program = (
-        "import sys, numpy as np; from feasigrasp.models.ik.flow import IkFlow;"
+        "import sys, numpy as np; from feasigrasp_lab.paper.ik_flow import IkFlow;"
         "IkFlow.load_default().solve(np.eye(4)[None]); sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], capture_output=True).returncode == 0

@@ -23,16 +23,16 @@ from feasigrasp.inputs import read_arrays
 from feasigrasp.models.arguments import check_fields, checked
 from feasigrasp.models.arrays import Array, Frozen, Mask
 from feasigrasp.models.choices import parse_choice
-from feasigrasp.models.mixtures.float32_kernels import Float32Array, log_densities, pack
 from feasigrasp.models.mixtures.mixture import RiemannianMixture
 from feasigrasp.models.quantities import UNKNOWN_POSES
 from feasigrasp.outputs import replacing
-from feasigrasp.resources import model_path
+from feasigrasp_lab import WEIGHTS
+from feasigrasp_lab.paper.float32_kernels import Float32Array, log_densities, pack
 
-#: The file that is part of the project: flange poses of the iiwa 7 with its hand.
-DEFAULT_FILE = ("iiwa", "reachable_space.npz")
+#: The file of flange poses of the iiwa 7 with its hand.
+DEFAULT_FILE = WEIGHTS / "reachable_space.npz"
 #: With as many components as the paper's, 64, fitted to poses of uniform joint samples as there.
-PAPER_FILE = ("iiwa", "reachable_space_paper.npz")
+PAPER_FILE = WEIGHTS / "reachable_space_paper.npz"
 _ARRAYS = ("weights", "means", "covariances", "threshold")
 
 
@@ -129,8 +129,7 @@ class ReachableSpace(Frozen):
         """The packaged reachable space of the iiwa 7's flange.
 
         Raises:
-            ResourceError: The installation lacks the file.
-            ReachabilityError: The file is malformed.
+            ReachabilityError: The file is missing or malformed.
         """
         return cls.load_named(SpaceName.DEFAULT)
 
@@ -140,8 +139,7 @@ class ReachableSpace(Frozen):
         """A packaged reachable space of the iiwa 7's flange, by its `SpaceName`.
 
         Raises:
-            ReachabilityError: There is no such space, or its file is malformed.
-            ResourceError: The installation lacks the file.
+            ReachabilityError: There is no such space, or its file is missing or malformed.
         """
         name = parse_choice(SpaceName, name, "reachable space", ReachabilityError)
-        return cls.load(model_path(*(PAPER_FILE if name is SpaceName.PAPER else DEFAULT_FILE)))
+        return cls.load(PAPER_FILE if name is SpaceName.PAPER else DEFAULT_FILE)
