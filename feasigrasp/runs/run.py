@@ -202,14 +202,22 @@ def run(
     status = [[s.time, str(s.code), s.detail] for s in history]
     record |= {"timings": timings, "metrics": metrics, "error": error, "status": status}
     keep(record)
+    if meshcat is not None:
+        pictures = diagram.GetSubsystemByName("camera_pictures").pictures
+        # From the last picture of the recording on.
+        over = context.get_time() - 1.0 / FRAMES_PER_SECOND
+        outcome = Status(over, StatusCode.DONE, verdict(record))
+    if live is not None:
+        live.server.show(context.get_time(), outcome, pictures[-1] if pictures else None)
     if meshcat is not None and replay is not None:
         if ghost is not None:
             say(f"simulating mode {ghost} beside it")
             way = ghost_of(scenario, ghost, context.get_time())
             show_ghost(meshcat, scenario, way, FRAMES_PER_SECOND)
         say(f"writing {replay}")
-        camera = diagram.GetSubsystemByName("camera_pictures")
-        write_replay(meshcat, replay, history, camera.pictures, ghost or "")
+        monitor = diagram.GetSubsystemByName("status")
+        looks = monitor.looks(monitor.GetMyContextFromRoot(context))
+        write_replay(meshcat, replay, (*looks, outcome), pictures, ghost or "")
     return Result(record, read_run_log(diagram, context) if log else {}, times, samples)
 
 

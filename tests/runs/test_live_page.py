@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import re
 import socket
 import sys
 import threading
@@ -13,8 +14,11 @@ import pytest
 
 from feasigrasp import cli
 from feasigrasp.models.control.status import Status, StatusCode
+from feasigrasp.runs.console import verdict
 from feasigrasp.runs.live import LiveView
-from feasigrasp.runs.replay import quiet_meshcat
+from feasigrasp.runs.replay import FRAMES_PER_SECOND, quiet_meshcat
+from feasigrasp.runs.run import run
+from feasigrasp.scenario.files import load_scenario
 from feasigrasp.systems.monitoring.camera_pictures import Picture
 from tests.browser import visit
 
@@ -111,6 +115,21 @@ def test_the_server_has_the_page_and_the_latest_state(live):
         fetch(live, "pyproject.toml")
 
 
+def test_page_and_replay_say_in_the_end_what_came_out(live, keyboard, tmp_path):
+    keyboard.close()  # nobody waits for a browser
+    scenario = load_scenario("Static", "{random_seed: 3, simulation_duration: 0.8}")
+    result = run(scenario, live=live, replay=tmp_path / "replay.html")
+    words = verdict(result.record)
+    assert words.startswith("not held: ")
+    assert json.loads(fetch(live, "state"))["status"] == ["done", words]
+    page = (tmp_path / "replay.html").read_text()
+    (line,) = re.findall(r"const statuses = (.*);", page)
+    *before, (last, *said) = json.loads(line)
+    assert said == ["done", words]
+    # While the last picture is shown: what is recorded ends with it.
+    assert before[-1][0] <= last <= 0.8 - 1.0 / FRAMES_PER_SECOND + 1e-9
+
+
 def test_a_browser_shows_legend_status_and_picture(live, tmp_path):
     live.server.show(2.0, SLIPS, Picture(1.75, b"jpeg"))
     _, page = visit(live.server.url, tmp_path, seconds=3.0)
@@ -123,7 +142,7 @@ def test_a_browser_shows_legend_status_and_picture(live, tmp_path):
 def test_a_run_without_keyboard_or_browser_comes_to_its_end(monkeypatch, capsys):
     shown = []
     monkeypatch.setattr(
-        "feasigrasp.runs.live_server.LiveServer.show",
+        "feasigrasp.runs.live.LiveServer.show",
         lambda server, time, status, picture: shown.append((time, status, picture)),
     )
     with open(os.devnull) as nothing:

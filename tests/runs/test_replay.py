@@ -118,6 +118,8 @@ USE = """
     await note("scrubbed");
     await note("stands");
     space();
+    while (timeShown() < 2) await wait(0.05);
+    await note("rests at the end");
     while (timeShown() >= 1.8) await wait(0.05);
     await note("begins anew");
     button.click();
@@ -143,11 +145,12 @@ def test_bar_plays_pauses_scrubs_and_loops_all_bodies_together(tmp_path):
     times = {what: sorted(at) for what, at, *_ in notes}
     offers = {what: offer for what, _, offer, _ in notes}
     assert times["scrubbed"] == times["stands"] == [1.0, 1.8]
+    assert times["rests at the end"] == [1.0, 2.0]
     short, long = times["begins anew"]
     assert short == long < 1.0
     assert times["paused"] == times["still"]
     assert offers == {
-        **dict.fromkeys(("plays", "begins anew"), "pause"),
+        **dict.fromkeys(("plays", "rests at the end", "begins anew"), "pause"),
         **dict.fromkeys(("scrubbed", "stands", "paused", "still"), "play"),
     }
     said = {what: words for what, *_, words in notes}

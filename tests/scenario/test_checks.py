@@ -332,3 +332,10 @@ def test_every_choice_is_one_of_the_schema():
     for key, allowed in CHOICES.items():
         section, name = key.split(".")
         assert getattr(getattr(scenario, section), name) in allowed
+
+
+@pytest.mark.parametrize("text", ["010", "1:30", "0x10"])
+def test_a_number_that_yaml_reads_as_another_one_is_refused(text):
+    """YAML 1.1 reads 010 as 8 and 1:30 as 90."""
+    with pytest.raises(ScenarioError, match=f"is {text}, which YAML reads as"):
+        load_scenario("ReachLinear", f"{{object: {{mass: {text}}}}}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -59,6 +59,7 @@ class _Said(Frozen):
         touches: How often the arm had been touched by now.
         X_OH: Pose of the hand in the object, shape (4, 4), when that was let go, or now; None while
             the object's pose is not known.
+        looks: What went on, each time that code or detail changed, oldest first.
     """
 
     history: tuple[Status, ...] = ()
@@ -67,6 +68,7 @@ class _Said(Frozen):
     command_faults: int = 0
     touches: int = 0
     X_OH: Array | None = None
+    looks: tuple[Status, ...] = ()
 
     def heard(self, time: float, code: StatusCode, detail: str, *known: Any) -> _Said:
         """With what is judged now, the two counts and X_OH; what passes at once is not said.
@@ -85,6 +87,13 @@ class _Said(Frozen):
         if time - now.time >= LASTS.get(code, PERIOD) - 1e-9:
             return _Said((*self.history, now), None, now, *known)
         return _Said(self.history, now, self.now, *known)
+
+    def looked(self, time: float, before: tuple[Status, ...]) -> _Said:
+        """With what goes on now added to ``before``, if it is another or has another detail."""
+        now, last = self.now, before[-1] if before else None
+        if now is None or (last and (now.code, now.detail) == (last.code, last.detail)):
+            return replace(self, looks=before)
+        return replace(self, looks=(*before, Status(time, now.code, now.detail)))
 
 
 def _least_error(X_OG: Array, X_OH: Array | None) -> tuple[float, float]:
@@ -172,6 +181,11 @@ class StatusMonitor(LeafSystem):
         history: tuple[Status, ...] = self._said.Eval(context).history
         return history
 
+    def looks(self, context: Context) -> tuple[Status, ...]:
+        """Every status until now with all its details, for a replay: up to ten a second."""
+        looks: tuple[Status, ...] = self._said.Eval(context).looks
+        return looks
+
     def status(self, context: Context) -> Status:
         """The present status."""
         now: Status | None = self._said.Eval(context).now
@@ -228,7 +242,9 @@ class StatusMonitor(LeafSystem):
             )
         )
         held = X_OH if held is None else held
-        return said.heard(context.get_time(), code, detail, command_faults, touches, held)
+        time = context.get_time()
+        now = said.heard(time, code, detail, command_faults, touches, held)
+        return now.looked(time, said.looks)
 
     def _hand(self, context: Context) -> Array | None:
         """Pose of the hand in the object, shape (4, 4); None while that is nowhere."""

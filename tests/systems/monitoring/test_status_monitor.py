@@ -156,3 +156,17 @@ def test_of_a_hand_that_follows_it_is_said_again_and_again_what_keeps_it_from_cl
     ]
     history = monitored.dut.GetOutputPort("history").Eval(monitored.context)
     assert "at a grasp" in history[0].detail and "50 mm" in history[-1].detail
+
+
+def test_a_replay_shows_each_change_of_a_detail_when_it_came():
+    monitored = Monitored()
+    poses = RigidTransform(forward_kinematics(np.full(7, 0.5), ParallelGripper().X_FG))
+    for step in range(3):
+        away = RigidTransform([0.0, 0.0, 0.1 * (3 - step)])
+        monitored.fix(object_pose=poses @ away)
+        monitored.said(0.5 * step + 0.45)
+    looks = monitored.dut.looks(monitored.context)
+    assert [look.time for look in looks] == pytest.approx([0.1, 0.5, 1.0])
+    for look, distance in zip(looks, (300, 200, 100), strict=True):
+        assert f"{distance} mm from the nearest grasp" in look.detail
+    assert len(monitored.said(1.45)) == 1  # the record has one line of it
