@@ -216,7 +216,7 @@ def _is_success(name: str, other: str, preset: str) -> bool:
 
 #: Columns that are no rows of summaries.
 VIRTUAL: dict[str, Callable[[Stored, str, int], str]] = {
-    "grasp success": _success,
+    "grasp success [%]": _success,
     "runs": _runs,
     "failures": _failures,
     "failed objects": _lost,
